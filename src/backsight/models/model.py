@@ -1,0 +1,182 @@
+"""The model: named signals, state equation and output equation."""
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+
+from backsight.errors import ModelError, nearest
+from backsight.models.signals import Named, Signal, signals
+from backsight.types import Array
+
+Equations = Callable[..., object] | ca.Function
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    r"""A dynamic system :math:`\dot x = f(x, u, p),\; y = h(x, u, p)`, or :math:`x^+ = f(x, u, p)`.
+
+    Parameters
+    ----------
+    f, h : callable (x, u, p) -> list or dict of expressions, or casadi.Function
+        State equation and output equation. The arguments give access by name: ``x.v``, ``u.V``,
+        ``p.k``; the result is a list in the order of the states (outputs) or a dict by name.
+        Ordinary arithmetic and the functions of `casadi` (``ca.tanh``...) may be used.
+    states, inputs, outputs, parameters : dict
+        Name to unit, value, ``(value, unit)`` or `Signal`, in order.
+    dt : float, optional
+        Sampling period of a discrete-time model [s]; None for a continuous-time model.
+    name : str
+        Shown in results.
+
+    Raises
+    ------
+    ModelError
+        If a name is used twice or unknown, or an equation has the wrong size or is not finite.
+
+    Examples
+    --------
+    >>> stage = Model(
+    ...     f=lambda x, u, p: [x.v, -p.k * x.q - p.b * x.v + p.c * u.V],
+    ...     h=lambda x, u, p: [x.q],
+    ...     states={"q": "um", "v": "um/s"}, inputs={"V": "V"}, outputs={"y": "um"},
+    ...     parameters={"k": 7e6, "b": 77.0, "c": 5.4e5},
+    ... )
+    >>> print(stage)
+    model (continuous)
+    ├── states      q [um], v [um/s]
+    ├── inputs      V [V]
+    ├── outputs     y [um]
+    └── parameters  k = 7e+06, b = 77, c = 540000
+    """
+
+    f: Equations
+    h: Equations
+    states: Mapping[str, object] | Sequence[Signal]
+    outputs: Mapping[str, object] | Sequence[Signal]
+    inputs: Mapping[str, object] | Sequence[Signal] = ()
+    parameters: Mapping[str, object] | Sequence[Signal] = ()
+    dt: float | None = None
+    name: str = "model"
+
+    def __post_init__(self) -> None:
+        for kind in ("states", "inputs", "outputs", "parameters"):
+            object.__setattr__(self, kind, signals(getattr(self, kind), kind[:-1]))
+        problems = [p for s in self.signals for p in s.problems()]
+        problems += [
+            f"the name '{name}' is used twice"
+            for name, count in Counter(s.name for s in self.signals).items()
+            if count > 1 and name not in {s.name for s in self.outputs}
+        ]
+        if not self.states:
+            problems.append("a model needs at least one state")
+        if not self.outputs:
+            problems.append("a model needs at least one output")
+        if self.dt is not None and not self.dt > 0:
+            problems.append(f"the sampling period dt is {self.dt}; it must be positive")
+        if problems:
+            raise ModelError(f"model '{self.name}': " + "; ".join(problems))
+        object.__setattr__(self, "f", self._trace(self.f, "f", self.states))
+        object.__setattr__(self, "h", self._trace(self.h, "h", self.outputs))
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """All signals: states, inputs, outputs, parameters."""
+        return (*self.states, *self.inputs, *self.outputs, *self.parameters)
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return len(self.inputs)
+
+    @property
+    def ny(self) -> int:
+        """Number of outputs."""
+        return len(self.outputs)
+
+    @property
+    def continuous(self) -> bool:
+        """Whether `f` is a time derivative."""
+        return self.dt is None
+
+    @property
+    def theta(self) -> Array:
+        """Values of the parameters, (np,)."""
+        return np.array([s.value for s in self.parameters])
+
+    def rhs(self, x: ca.SX, u: ca.SX) -> ca.SX:
+        """State equation with the parameters at their values."""
+        return self.f(x, u, self.theta)
+
+    def output(self, x: ca.SX, u: ca.SX) -> ca.SX:
+        """Output equation with the parameters at their values."""
+        return self.h(x, u, self.theta)
+
+    def index(self, state: str) -> int:
+        """Position of a state; raises `ModelError` if there is none of that name."""
+        names = [s.name for s in self.states]
+        if state not in names:
+            raise ModelError(f"the model has no state '{state}': {nearest(state, names)}")
+        return names.index(state)
+
+    def __str__(self) -> str:
+        kind = "continuous" if self.continuous else f"discrete, dt = {self.dt:g} s"
+        rows = [
+            ("states", ", ".join(map(_label, self.states))),
+            ("inputs", ", ".join(map(_label, self.inputs))),
+            ("outputs", ", ".join(map(_label, self.outputs))),
+            ("parameters", ", ".join(f"{s.name} = {s.value:g}" for s in self.parameters)),
+        ]
+        rows = [row for row in rows if row[1]]
+        lines = [f"{'└' if row is rows[-1] else '├'}── {row[0]:<10}  {row[1]}" for row in rows]
+        return "\n".join([f"{self.name} ({kind})", *lines])
+
+    def _trace(self, given: Equations, name: str, of: tuple[Signal, ...]) -> ca.Function:
+        x, u, p = (
+            ca.SX.sym(n, len(s))
+            for n, s in (("x", self.states), ("u", self.inputs), ("p", self.parameters))
+        )
+        what = {"f": "state equation f", "h": "output equation h"}[name]
+        where = f"model '{self.name}': {what}"
+        if isinstance(given, ca.Function):
+            rows = [given(x, u, p)]
+        else:
+            returned = given(
+                Named("state", [s.name for s in self.states], x),
+                Named("input", [s.name for s in self.inputs], u),
+                Named("parameter", [s.name for s in self.parameters], p),
+            )
+            rows = _rows(returned, of, where)
+        expression = ca.densify(ca.vertcat(*rows))
+        if expression.shape != (len(of), 1):
+            raise ModelError(
+                f"{where} returns {expression.shape[0]} values for "
+                f"{len(of)}: {', '.join(s.name for s in of)}"
+            )
+        return ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
+
+
+def _rows(returned: object, of: tuple[Signal, ...], where: str) -> list[object]:
+    if isinstance(returned, Mapping):
+        names = [s.name for s in of]
+        for name in returned:
+            if name not in names:
+                raise ModelError(f"{where} has an entry '{name}': {nearest(name, names)}")
+        missing = [n for n in names if n not in returned]
+        if missing:
+            raise ModelError(f"{where} has no entry for {', '.join(missing)}")
+        return [returned[n] for n in names]
+    if isinstance(returned, list | tuple):
+        return list(returned)
+    return [returned]
+
+
+def _label(s: Signal) -> str:
+    return f"{s.name} [{s.unit}]" if s.unit else s.name

@@ -1,0 +1,47 @@
+"""The same model in scaled variables (eq. 37)."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from backsight.models.model import Model
+from backsight.models.signals import Signal
+
+
+def scale(model: Model) -> Model:
+    r"""Divide every state, input and output by its `Signal.scale` (eq. 37).
+
+    With :math:`x = S_x x_s`, :math:`u = S_u u_s`, :math:`y = S_y y_s` the model becomes
+    :math:`\dot x_s = S_x^{-1} f(S_x x_s, S_u u_s, p)`. Signals without a scale keep theirs (1).
+    Values and bounds are scaled too; units become "1" where a scale was applied.
+
+    Source: Polóni et al., ACC 2012, eq. 37.
+    """
+    sx, su, sy = (
+        np.array([s.scale or 1.0 for s in group])
+        for group in (model.states, model.inputs, model.outputs)
+    )
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    p = ca.SX.sym("p", len(model.parameters))
+    return dataclasses.replace(
+        model,
+        f=ca.Function("f", [x, u, p], [model.f(sx * x, su * u, p) / sx]),
+        h=ca.Function("h", [x, u, p], [model.h(sx * x, su * u, p) / sy]),
+        states=tuple(map(_scaled, model.states)),
+        inputs=tuple(map(_scaled, model.inputs)),
+        outputs=tuple(map(_scaled, model.outputs)),
+    )
+
+
+def _scaled(s: Signal) -> Signal:
+    if s.scale is None:
+        return s
+    return dataclasses.replace(
+        s,
+        unit="1",
+        value=s.value / s.scale,
+        lower=s.lower / s.scale,
+        upper=s.upper / s.scale,
+        scale=None,
+    )

@@ -1,0 +1,124 @@
+"""Named signals with unit, scale and bounds, and access to expressions by name."""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import casadi as ca
+
+from backsight.errors import ModelError, nearest
+from backsight.types import Array, ByName
+import numpy as np
+
+
+@dataclasses.dataclass(frozen=True)
+class Signal:
+    """A state, input, output or parameter.
+
+    Parameters
+    ----------
+    unit : str
+        Physical unit, for labels.
+    value : float
+        Initial value of a state, value of a parameter [unit].
+    scale : float, optional
+        Typical size [unit], used inside for conditioning; found from the prior if not given.
+    lower, upper : float
+        Bounds [unit].
+    name : str
+        Set by the model.
+    """
+
+    unit: str = ""
+    value: float = 0.0
+    scale: float | None = None
+    lower: float = -math.inf
+    upper: float = math.inf
+    name: str = ""
+
+    def problems(self) -> list[str]:
+        """What is wrong with this signal, one message each."""
+        found = []
+        if not self.name.isidentifier():
+            found.append(f"'{self.name}' is not a name: use letters, digits and underscores")
+        if self.scale is not None and not (math.isfinite(self.scale) and self.scale > 0):
+            found.append(f"scale of '{self.name}' is {self.scale}; it must be positive")
+        if not self.lower < self.upper:
+            found.append(f"bounds of '{self.name}' are contradictory: {self.lower} to {self.upper}")
+        elif not self.lower <= self.value <= self.upper:
+            found.append(
+                f"value of '{self.name}' is {self.value}, outside its bounds "
+                f"{self.lower} to {self.upper}"
+            )
+        return found
+
+
+def signals(given: Mapping[str, object] | Sequence[Signal], kind: str) -> tuple[Signal, ...]:
+    """Read ``{name: unit}``, ``{name: value}``, ``{name: (value, unit)}`` or ``{name: Signal}``."""
+    if not isinstance(given, Mapping):
+        return tuple(given)
+    return tuple(dataclasses.replace(_signal(n, v, kind), name=n) for n, v in given.items())
+
+
+def _signal(name: str, value: object, kind: str) -> Signal:
+    match value:
+        case Signal():
+            return value
+        case str():
+            return Signal(unit=value)
+        case int() | float() | np.number():
+            return Signal(value=float(value))
+        case (number, str() as unit):
+            return Signal(unit=unit, value=float(number))
+        case Mapping():
+            known = [f.name for f in dataclasses.fields(Signal) if f.name != "name"]
+            for key in value:
+                if key not in known:
+                    raise ModelError(f"{kind} '{name}' has no field '{key}': {nearest(key, known)}")
+            return Signal(**value)
+    raise ModelError(
+        f"{kind} '{name}': give a unit, a value, (value, unit) or a Signal, not {value!r}"
+    )
+
+
+def vector(given: ByName, of: Sequence[Signal], *, what: str, default: Array) -> Array:
+    """One number per signal, from a mapping by name, a sequence, or one number for all.
+
+    Names that a mapping leaves out take their `default`. Raises `ModelError` on unknown names and
+    wrong lengths.
+    """
+    names = [s.name for s in of]
+    if isinstance(given, Mapping):
+        for name in given:
+            if name not in names:
+                raise ModelError(f"{what} names '{name}': {nearest(name, names)}")
+        return np.array([float(given.get(n, d)) for n, d in zip(names, default, strict=True)])
+    values = np.asarray(given, float)
+    if values.ndim == 0:
+        return np.full(len(of), float(values))
+    if values.shape != (len(of),):
+        raise ModelError(
+            f"{what} has the shape {values.shape}; one number is needed for each of "
+            f"{', '.join(names)}"
+        )
+    return values
+
+
+class Named:
+    """Read-only access to the elements of a vector expression by attribute: ``x.v``, ``p.k``."""
+
+    def __init__(self, kind: str, names: Iterable[str], vector: ca.SX) -> None:
+        self._kind = kind
+        self._entries = {n: vector[i] for i, n in enumerate(names)}
+
+    def __getattr__(self, name: str) -> ca.SX:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return self[name]
+
+    def __getitem__(self, name: str) -> ca.SX:
+        try:
+            return self._entries[name]
+        except KeyError:
+            hint = nearest(name, self._entries)
+            raise ModelError(f"the model has no {self._kind} '{name}': {hint}") from None

@@ -1,0 +1,113 @@
+"""Names, dimensions and status codes of every dataset: the only place where they are spelled.
+
+A *recording* has ``u (time, input)`` and ``y (time, output)``; ``NaN`` in ``y`` is "not measured".
+A *result* has, beside the recording's ``u`` and ``y``, the variables of `RESULT_VARIABLES`.
+Units are coordinates: ``input_unit``, ``output_unit``, ``state_unit``.
+"""
+
+import enum
+
+import numpy as np
+import xarray as xr
+
+from backsight.errors import DataError
+
+SCHEMA_VERSION = 1
+
+RESULT_VARIABLES = {
+    "x_hat": (("time", "state"), "estimate after the sample's measurement"),
+    "x_std": (("time", "state"), "standard deviation of x_hat"),
+    "P": (("time", "state", "state_"), "covariance of x_hat"),
+    "y_hat": (("time", "output"), "output computed from x_hat"),
+    "e": (("time", "output"), "innovation: measurement minus its one-step prediction"),
+    "S": (("time", "output", "output_"), "covariance of the innovation"),
+    "status": (("time",), "bits of Status"),
+}
+
+
+class Status(enum.IntFlag):
+    """What happened at a sample; zero is "nothing to report"."""
+
+    OK = 0
+    CLIPPED = 1
+    ITERATION_LIMIT = 2
+    STEP_REJECTED = 4
+    NOT_POSITIVE_DEFINITE = 8
+    NOT_FINITE = 16
+
+
+STATUS_TEXT = {
+    Status.CLIPPED: (
+        "an estimate was set to its bound; if this happens often, the bound or the model is wrong"
+    ),
+    Status.ITERATION_LIMIT: (
+        "the optimiser reached its iteration limit; raise max_iterations or check the start values"
+    ),
+    Status.STEP_REJECTED: (
+        "the optimiser found no step that lowers the cost; check the start values and the scales"
+    ),
+    Status.NOT_POSITIVE_DEFINITE: (
+        "a covariance lost positive definiteness; use the default covariance propagation "
+        "or more sub-steps"
+    ),
+    Status.NOT_FINITE: (
+        "the estimate is no longer finite: the filter diverged; use more sub-steps, a better "
+        "start value, or a smaller initial covariance"
+    ),
+}
+"""Cause and remedy of every status bit."""
+
+FAILURES = Status.NOT_FINITE
+"""The bits after which the estimates are worthless; the driver raises on them."""
+
+
+def recording(
+    time: np.ndarray,
+    *,
+    u: np.ndarray,
+    y: np.ndarray,
+    inputs: dict[str, str],
+    outputs: dict[str, str],
+    dt: float,
+) -> xr.Dataset:
+    """Assemble a recording.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Time of every sample [s], increasing.
+    u : (n, nu) array
+        Inputs.
+    y : (n, ny) array
+        Outputs; ``NaN`` means "not measured".
+    inputs, outputs : dict
+        Name to unit of every column.
+    dt : float
+        Sampling period [s].
+    """
+    n = len(time)
+    return xr.Dataset(
+        {
+            "u": (("time", "input"), np.asarray(u, float).reshape(n, len(inputs))),
+            "y": (("time", "output"), np.asarray(y, float).reshape(n, len(outputs))),
+        },
+        coords={
+            "time": ("time", np.asarray(time, float), {"units": "s"}),
+            "input": list(inputs),
+            "output": list(outputs),
+            "input_unit": ("input", list(inputs.values())),
+            "output_unit": ("output", list(outputs.values())),
+        },
+        attrs={"dt": float(dt), "schema": SCHEMA_VERSION},
+    )
+
+
+def check_result(result: xr.Dataset) -> None:
+    """Raise `DataError` unless the dataset has the variables and dimensions of a result."""
+    for name, (dims, _) in RESULT_VARIABLES.items():
+        if name not in result:
+            raise DataError(f"the dataset has no variable '{name}': it is not a result")
+        if result[name].dims != dims:
+            raise DataError(
+                f"variable '{name}' has the dimensions {result[name].dims}, not {dims}"
+            )
