@@ -108,6 +108,4 @@ def check_result(result: xr.Dataset) -> None:
         if name not in result:
             raise DataError(f"the dataset has no variable '{name}': it is not a result")
         if result[name].dims != dims:
-            raise DataError(
-                f"variable '{name}' has the dimensions {result[name].dims}, not {dims}"
-            )
+            raise DataError(f"variable '{name}' has the dimensions {result[name].dims}, not {dims}")

@@ -53,9 +53,7 @@ def augment(
     targets = {name: model.index(str(target)) for name, target in disturbances.items()}
 
     moved = [known[n] for n in parameters]
-    added = [
-        Signal(name=n, unit=_rate_unit(model, model.states[i])) for n, i in targets.items()
-    ]
+    added = [Signal(name=n, unit=_rate_unit(model, model.states[i])) for n, i in targets.items()]
     kept = [s for s in model.parameters if s.name not in parameters]
     nx, nd = model.nx, len(added)
 

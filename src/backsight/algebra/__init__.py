@@ -1,0 +1,1 @@
+"""Formulas on CasADi expressions."""

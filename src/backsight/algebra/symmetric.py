@@ -1,0 +1,29 @@
+"""Symmetric matrices as their lower triangle, column by column (vech)."""
+
+import casadi as ca
+
+from backsight.types import Expression
+
+
+def vech(A: Expression) -> Expression:
+    """Stack the lower triangle of a symmetric matrix: (n, n) to (n (n + 1) / 2,)."""
+    n = A.shape[0]
+    return ca.vertcat(*(A[j:, j] for j in range(n)))
+
+
+def unvech(v: Expression) -> Expression:
+    """Fill a symmetric matrix from its lower triangle: (n (n + 1) / 2,) to (n, n)."""
+    n = side(v.shape[0])
+    A = type(v)(n, n)
+    k = 0
+    for j in range(n):
+        for i in range(j, n):
+            A[i, j] = v[k]
+            A[j, i] = v[k]
+            k += 1
+    return A
+
+
+def side(length: int) -> int:
+    """Number of rows of the matrix whose lower triangle has the given length."""
+    return int((8 * length + 1) ** 0.5 - 1) // 2

@@ -1,0 +1,150 @@
+r"""Agreement of an estimator's covariance with the errors it makes.
+
+The normalised innovation squared :math:`e_k^T S_k^{-1} e_k` of a consistent estimator is chi-square
+distributed, with as many degrees of freedom as channels were measured at that sample. Larger means
+over-confident (the bands are too narrow), smaller means too cautious.
+
+Source: Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation",
+Wiley 2001, section 5.4, https://doi.org/10.1002/0471221279.
+"""
+
+import math
+
+import numpy as np
+import xarray as xr
+from scipy.stats import chi2
+
+from backsight.errors import DataError
+from backsight.types import Array
+
+
+def measured_channels(result: xr.Dataset) -> xr.DataArray:
+    """Return the number of outputs measured at every sample, (time,)."""
+    return result["y"].notnull().sum("output")
+
+
+def nis(result: xr.Dataset) -> xr.DataArray:
+    r"""Normalised innovation squared :math:`e^T S^{-1} e` of the measured channels, (time,).
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        A result; ``NaN`` in ``y`` takes the channel out.
+
+    Returns
+    -------
+    xarray.DataArray
+        ``NaN`` where nothing was measured, or where `S` is not finite and positive definite.
+    """
+    squares, _ = _whitened(result)
+    return _over_time(result, squares, "nis")
+
+
+def log_likelihood(result: xr.Dataset) -> xr.DataArray:
+    r"""Logarithm of the normal density of the innovation of every sample, (time,).
+
+    :math:`-\tfrac12 (e^T S^{-1} e + \ln\det S + m \ln 2\pi)` over the `m` measured channels;
+    ``NaN`` in the same places as `nis`. It depends on the units of the outputs: compare estimators
+    on one recording, not recordings with each other.
+    """
+    squares, log_det = _whitened(result)
+    channels = measured_channels(result).values
+    value = -0.5 * (squares + log_det + channels * math.log(2.0 * math.pi))
+    return _over_time(result, value, "log_likelihood")
+
+
+def mean_nis(result: xr.Dataset) -> float:
+    """Mean of `nis`; its expectation is the (mean) number of measured channels."""
+    return float(nis(result).mean("time"))
+
+
+def nis_band(result: xr.Dataset, level: float = 0.95) -> tuple[float, float]:
+    """Interval in which `mean_nis` of a consistent estimator lies with probability `level`.
+
+    The sum of the NIS of white innovations is chi-square with the total number of measured
+    channels as degrees of freedom. ``(NaN, NaN)`` if no sample has a NIS.
+    """
+    valid = np.isfinite(nis(result).values)
+    channels = measured_channels(result).values[valid]
+    low, high = _mean_band(np.array([channels.sum()]), np.array([valid.sum()]), level)
+    return float(low[0]), float(high[0])
+
+
+def windowed_nis(result: xr.Dataset, window: int, *, level: float = 0.95) -> xr.Dataset:
+    """Mean NIS of successive windows, with the interval for each.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        A result.
+    window : int
+        Samples per window; the last one may be shorter. Windows do not overlap, so that their
+        means are independent: one in twenty lies outside its 95 % interval by chance.
+    level : float
+        Probability of the interval.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``nis``, ``lower``, ``upper``, each (time,), at the middle of every window; ``NaN`` in
+        windows without measurements.
+    """
+    if window < 1:
+        raise DataError(f"the window has {window} samples; it needs at least one")
+    values, channels = nis(result).values, measured_channels(result).values
+    valid = np.isfinite(values)
+    starts = np.arange(0, len(values), window)
+    total, samples, freedom = (
+        np.add.reduceat(v, starts)
+        for v in (np.where(valid, values, 0.0), valid.astype(int), np.where(valid, channels, 0))
+    )
+    mean = np.where(samples > 0, total / np.maximum(samples, 1), np.nan)
+    low, high = _mean_band(freedom, samples, level)
+    time = result["time"].values
+    ends = np.minimum(starts + window, len(time)) - 1
+    return xr.Dataset(
+        {"nis": ("time", mean), "lower": ("time", low), "upper": ("time", high)},
+        coords={"time": 0.5 * (time[starts] + time[ends])},
+    )
+
+
+def _mean_band(freedom: Array, samples: Array, level: float) -> tuple[Array, Array]:
+    tail = 0.5 * (1.0 - level)
+    known = np.where(samples > 0, samples, np.nan)
+    low, high = (chi2.ppf(q, np.maximum(freedom, 1)) / known for q in (tail, 1.0 - tail))
+    return low, high
+
+
+def _whitened(result: xr.Dataset) -> tuple[Array, Array]:
+    """Return e' S^-1 e and ln det S over the measured channels, each (n,).
+
+    A channel that was not measured becomes an independent one with unit variance and zero
+    innovation, which adds nothing to either. `S` is brought to unit diagonal first: outputs may
+    differ by ten orders of magnitude, their variances by twenty.
+    """
+    measured = result["y"].notnull().values
+    e = np.where(measured, result["e"].values, 0.0)
+    pairs = measured[:, :, None] & measured[:, None, :]
+    unit = np.eye(measured.shape[1])
+    S = np.where(pairs, result["S"].values, unit)
+    variance = np.einsum("kii->ki", S)
+    usable = (
+        measured.any(axis=1)
+        & np.isfinite(e).all(axis=1)
+        & np.isfinite(S).all(axis=(1, 2))
+        & (variance > 0).all(axis=1)
+    )
+    scale = np.where(usable[:, None], np.sqrt(np.where(variance > 0, variance, 1.0)), 1.0)
+    C = np.where(usable[:, None, None], S, unit) / (scale[:, :, None] * scale[:, None, :])
+    eigenvalues = np.linalg.eigvalsh(C)
+    usable &= eigenvalues[:, 0] > 0
+
+    C = np.where(usable[:, None, None], C, unit)
+    z = np.where(usable[:, None], e, 0.0)[:, :, None] / scale[:, :, None]
+    squares = np.sum(z * np.linalg.solve(C, z), axis=(1, 2))
+    log_det = np.sum(np.log(np.where(usable[:, None], eigenvalues, 1.0) * scale**2), axis=1)
+    return np.where(usable, squares, np.nan), np.where(usable, log_det, np.nan)
+
+
+def _over_time(result: xr.Dataset, values: Array, name: str) -> xr.DataArray:
+    return xr.DataArray(values, dims="time", coords={"time": result["time"]}, name=name)

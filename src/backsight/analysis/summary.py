@@ -1,0 +1,240 @@
+"""The numbers that sum up a result, and the ranking of several."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from backsight.analysis.consistency import (
+    log_likelihood,
+    mean_nis,
+    measured_channels,
+    nis,
+    nis_band,
+)
+from backsight.analysis.errors import rms_innovation, rmse
+from backsight.errors import DataError, nearest
+from backsight.schema import FAILURES, Status, check_result
+
+
+@dataclasses.dataclass(frozen=True)
+class Final:
+    """Last estimate of one state [unit], and the reference value it is held against, if any."""
+
+    value: float
+    std: float
+    unit: str
+    reference: float | None = None
+
+    @property
+    def error(self) -> float:
+        """Value minus reference; ``NaN`` without a reference."""
+        return math.nan if self.reference is None else self.value - self.reference
+
+    @property
+    def relative_error(self) -> float:
+        """Error per magnitude of the reference; ``NaN`` if that is zero or unknown."""
+        return self.error / abs(self.reference) if self.reference else math.nan
+
+    @property
+    def deviations(self) -> float:
+        """Error in standard deviations of the estimate, not negative."""
+        return abs(self.error) / self.std if self.std > 0 else math.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """What the comparison table says of one estimator.
+
+    Parameters
+    ----------
+    estimator : str
+        Its name in the comparison.
+    log_likelihood : float
+        Mean logarithm of the density of the innovations, per measured sample.
+    mean_nis, nis_expected : float
+        Mean normalised innovation squared and its expectation.
+    nis_band : (float, float)
+        95 % interval of the mean NIS of a consistent estimator.
+    rms_innovation, rms_error : dict
+        Per output [its unit]; per state against the truth [its unit], empty if that is unknown.
+    final : dict
+        Last estimate per state.
+    us_per_sample : float
+        Computing time [us]; ``NaN`` if it was not measured.
+    status : dict
+        Number of samples for every `Status` that occurs, "OK" included.
+    failed : bool
+        Whether the estimates are worthless: the filter diverged.
+    """
+
+    estimator: str
+    log_likelihood: float
+    mean_nis: float
+    nis_expected: float
+    nis_band: tuple[float, float]
+    rms_innovation: dict[str, float]
+    rms_error: dict[str, float]
+    final: dict[str, Final]
+    us_per_sample: float
+    status: dict[str, int]
+    failed: bool
+
+
+def assess(
+    result: xr.Dataset,
+    reference: Mapping[str, float] | None = None,
+    *,
+    burn_in: float = 0.0,
+    name: str | None = None,
+) -> Row:
+    """Sum up one result.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        A result.
+    reference : dict, optional
+        Known value per state; states of other estimators may be among them.
+    burn_in : float
+        Time at the start that the averages leave out [s].
+    name : str, optional
+        Name of the estimator; the result's own if not given.
+
+    Raises
+    ------
+    DataError
+        If the dataset is not a result, or `burn_in` leaves no sample.
+    """
+    check_result(result)
+    time = result["time"].values
+    settled = result.isel(time=time >= time[:1] + burn_in)
+    if settled.sizes["time"] == 0:
+        raise DataError(f"a burn-in of {burn_in:g} s leaves none of the {len(time)} samples")
+    valid = np.isfinite(nis(settled))
+    return Row(
+        estimator=name or str(result.attrs.get("estimator", "estimator")),
+        log_likelihood=float(log_likelihood(settled).mean("time")),
+        mean_nis=mean_nis(settled),
+        nis_expected=float(measured_channels(settled).where(valid).mean("time")),
+        nis_band=nis_band(settled),
+        rms_innovation=_by_name(rms_innovation(settled), "output"),
+        rms_error=_rms_error(settled),
+        final=_final(result, reference or {}),
+        us_per_sample=float(result.attrs.get("us_per_sample", math.nan)),
+        status=_status_counts(result),
+        failed=_failed(result),
+    )
+
+
+def summary(
+    result: xr.Dataset, reference: Mapping[str, float] | None = None, *, burn_in: float = 0.0
+) -> dict[str, object]:
+    """One estimator's entry of ``summary.json``: plain numbers and text, None for "unknown".
+
+    Keys: ``final`` (per state: value, std, unit; with a reference also reference, error,
+    relative_error), ``mean_nis``, ``nis_expected``, ``nis_band``, ``mean_log_likelihood``,
+    ``rms_innovation``, ``rms_error``, ``us_per_sample``, ``status`` (samples per kind), ``failed``.
+    Arguments and errors as in `assess`.
+    """
+    row = assess(result, reference, burn_in=burn_in)
+    return {
+        "final": {state: _final_entry(final) for state, final in row.final.items()},
+        "mean_nis": _known(row.mean_nis),
+        "nis_expected": _known(row.nis_expected),
+        "nis_band": [_known(limit) for limit in row.nis_band],
+        "mean_log_likelihood": _known(row.log_likelihood),
+        "rms_innovation": {k: _known(v) for k, v in row.rms_innovation.items()},
+        "rms_error": {k: _known(v) for k, v in row.rms_error.items()},
+        "us_per_sample": _known(row.us_per_sample),
+        "status": row.status,
+        "failed": row.failed,
+    }
+
+
+def ranked_table(
+    results: Mapping[str, xr.Dataset],
+    reference: Mapping[str, float] | None = None,
+    *,
+    burn_in: float = 0.0,
+) -> list[Row]:
+    """One row per estimator, best first.
+
+    By the mean log-likelihood of the innovations: it rewards small innovations and an honest
+    covariance, and needs no truth. Estimators without a covariance follow, by the size of their
+    innovations; diverged ones come last.
+
+    Raises
+    ------
+    DataError
+        If a dataset is not a result, or `reference` names a state that no result has.
+    """
+    rows = [assess(r, reference, burn_in=burn_in, name=name) for name, r in results.items()]
+    known = {state for row in rows for state in row.final}
+    for state in reference or {}:
+        if state not in known:
+            raise DataError(f"the reference names a state '{state}': {nearest(state, known)}")
+    return sorted(rows, key=_rank)
+
+
+def units(result: xr.Dataset, dim: str) -> dict[str, str]:
+    """Return the unit of every input, output or state (`dim`), by name; "" where the dataset has none."""
+    names = [str(n) for n in result[dim].values]
+    if f"{dim}_unit" not in result.coords:
+        return dict.fromkeys(names, "")
+    return dict(zip(names, map(str, result[f"{dim}_unit"].values), strict=True))
+
+
+def _rank(row: Row) -> tuple[bool, float, float]:
+    unlikely, size = -row.log_likelihood, sum(row.rms_innovation.values())
+    return row.failed, *(math.inf if math.isnan(v) else v for v in (unlikely, size))
+
+
+def _final(result: xr.Dataset, reference: Mapping[str, float]) -> dict[str, Final]:
+    value, std = (_by_name(result[v].isel(time=-1), "state") for v in ("x_hat", "x_std"))
+    return {
+        state: Final(value[state], std[state], unit, reference.get(state))
+        for state, unit in units(result, "state").items()
+    }
+
+
+def _final_entry(final: Final) -> dict[str, object]:
+    entry = {"value": _known(final.value), "std": _known(final.std), "unit": final.unit}
+    if final.reference is None:
+        return entry
+    return entry | {
+        "reference": final.reference,
+        "error": _known(final.error),
+        "relative_error": _known(final.relative_error),
+    }
+
+
+def _rms_error(result: xr.Dataset) -> dict[str, float]:
+    if "x_true" not in result:
+        return {}
+    errors = rmse(result["x_hat"].values, result["x_true"].values)
+    return dict(zip(map(str, result["state"].values), map(float, errors), strict=True))
+
+
+def _status_counts(result: xr.Dataset) -> dict[str, int]:
+    code = result["status"].values.astype(int)
+    counts = {"OK": int(np.sum(code == 0))}
+    counts |= {str(bit.name): int(np.sum(code & bit.value != 0)) for bit in Status}
+    return {kind: count for kind, count in counts.items() if count}
+
+
+def _failed(result: xr.Dataset) -> bool:
+    code = result["status"].values.astype(int)
+    return bool(np.any(code & FAILURES.value)) or not bool(
+        np.isfinite(result["x_hat"].isel(time=-1)).all()
+    )
+
+
+def _by_name(values: xr.DataArray, dim: str) -> dict[str, float]:
+    return dict(zip(map(str, values[dim].values), map(float, values.values), strict=True))
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

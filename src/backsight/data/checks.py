@@ -1,0 +1,95 @@
+"""What a recording must fulfil before the first sample is used; each check names the place."""
+
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from backsight.errors import DataError
+from backsight.types import Array
+
+IRREGULARITY = 0.01
+"""Largest deviation of a sampling interval, relative to the sampling period."""
+
+
+def check_lengths(lengths: Mapping[str, int], where: str) -> int:
+    """Number of samples; raises `DataError` unless all columns have the same and at least two."""
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"'{name}' {n}" for name, n in lengths.items())
+        raise DataError(
+            f"{where}: the numbers of samples differ (time is the first axis): {listed}"
+        )
+    n = next(iter(lengths.values()), 0)
+    if n < 2:
+        raise DataError(f"{where}: the recording has {n} samples; at least 2 are needed")
+    return n
+
+
+def check_time(time: Array, where: str) -> None:
+    """Raise `DataError` unless the time stamps are finite and increase."""
+    wrong = ~np.isfinite(time)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise DataError(f"{where}: time is {time[k]} at sample {k}; every sample needs a time")
+    wrong = np.diff(time) <= 0
+    if wrong.any():
+        k = int(np.argmax(wrong)) + 1
+        raise DataError(
+            f"{where}: time does not increase at sample {k}: {time[k]:.9g} s follows "
+            f"{time[k - 1]:.9g} s; sort the samples or remove those that are double"
+        )
+
+
+def check_period(dt: float, what: str, where: str) -> None:
+    """Raise `DataError` unless a sampling period is a positive number."""
+    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0 < dt < math.inf:
+        raise DataError(f"{where}: {what} is {dt!r}; it must be a positive number of seconds")
+
+
+def check_regular(time: Array, dt: float | None, where: str) -> None:
+    """Raise `DataError` unless the samples are evenly spaced, and as `dt` says if it is given."""
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    if dt is not None and abs(dt - period) > IRREGULARITY * period:
+        raise DataError(
+            f"{where}: dt is {dt:.6g} s, but by their time the samples are {period:.6g} s apart; "
+            f"give one of the two, or mend the unit of time"
+        )
+    k = int(np.argmax(np.abs(steps - period)))
+    if abs(steps[k] - period) > IRREGULARITY * period:
+        raise DataError(
+            f"{where}: time is irregular: samples {k} and {k + 1} (t = {time[k]:.9g} s) are "
+            f"{steps[k]:.6g} s apart, the others {period:.6g} s; interpolate with "
+            f"resample = {period:.6g}, or give dt instead of time if the stamps are only rounded"
+        )
+
+
+def check_inputs(
+    values: Array, names: Iterable[str], time: Array, *, first: int, where: str
+) -> None:
+    """Raise `DataError` if an input, (n, nu), is NaN or infinite; `first` is the first sample."""
+    _check(values, ~np.isfinite(values), names, time, first, f"{where}: input", "must be known")
+
+
+def check_measured(
+    values: Array, names: Iterable[str], time: Array, *, first: int, where: str
+) -> None:
+    """Raise `DataError` if an output, (n, ny), is infinite; NaN is "not measured"."""
+    _check(values, np.isinf(values), names, time, first, f"{where}: output", "may be NaN at most")
+
+
+def _check(
+    values: Array,
+    wrong: np.ndarray,
+    names: Iterable[str],
+    time: Array,
+    first: int,
+    what: str,
+    rule: str,
+) -> None:
+    if wrong.any():
+        k, j = np.argwhere(wrong)[0]
+        raise DataError(
+            f"{what} '{list(names)[j]}' is {values[k, j]} at sample {k + first} "
+            f"(t = {time[k]:.9g} s), {wrong.sum()} times in all; it {rule} at every sample"
+        )

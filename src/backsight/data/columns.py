@@ -1,0 +1,86 @@
+"""Which column of a file a signal comes from, and how it becomes physical."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import numpy as np
+
+from backsight.errors import DataError, nearest
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A column of a file: the signal is ``factor * column + offset``.
+
+    Parameters
+    ----------
+    name : str
+        Name in the file; ``group/name`` inside a structure or group, ``acc[2]`` for the third
+        column of a matrix.
+    unit : str
+        Unit of the signal, after `factor`.
+    factor : float
+        From the file's unit to `unit`.
+    offset : float
+        Added after `factor` [unit].
+    remove_mean : bool
+        Subtract the mean over the samples that are kept.
+
+    Raises
+    ------
+    DataError
+        If the name is empty or a number is not finite.
+    """
+
+    name: str
+    unit: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+    remove_mean: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise DataError(f"a column is given by its name in the file, not by {self.name!r}")
+        for field in ("factor", "offset"):
+            value = getattr(self, field)
+            if not isinstance(value, int | float) or not math.isfinite(value):
+                raise DataError(f"column '{self.name}': {field} is {value!r}, not a finite number")
+
+    def physical(self, raw: Array) -> Array:
+        """Values of the signal [unit] from those in the file, (n,)."""
+        values = self.factor * raw + self.offset
+        known = values[np.isfinite(values)]
+        return values - known.mean() if self.remove_mean and known.size else values
+
+
+ColumnLike: TypeAlias = str | Column | Mapping[str, object]
+"""A column name, a `Column`, or a mapping with the fields of one."""
+
+
+def columns(given: Mapping[str, ColumnLike], kind: str) -> dict[str, Column]:
+    """Read ``{signal: column name}``, ``{signal: Column}`` or ``{signal: {field: value}}``.
+
+    Raises `DataError` naming the signal and the unknown or missing field.
+    """
+    return {signal: column(entry, f"{kind} '{signal}'") for signal, entry in given.items()}
+
+
+def column(given: ColumnLike, where: str) -> Column:
+    """Read one column; `where` says in messages whose it is."""
+    match given:
+        case Column():
+            return given
+        case str():
+            return Column(given)
+        case Mapping():
+            known = [f.name for f in dataclasses.fields(Column)]
+            for key in given:
+                if key not in known:
+                    raise DataError(f"{where} has no field '{key}': {nearest(key, known)}")
+            if "name" not in given:
+                raise DataError(f"{where} has no field 'name': give the column's name in the file")
+            return Column(**given)  # pyright: ignore[reportArgumentType]  # checked when built
+    raise DataError(f"{where}: give a column name, a Column or a mapping, not {given!r}")

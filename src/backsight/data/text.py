@@ -1,0 +1,192 @@
+"""Columns of a text file: CSV, TSV and what loggers and NumPy write."""
+
+import csv
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import pandas as pd
+
+from backsight.data.pick import missing
+from backsight.errors import DataError
+from backsight.types import Array
+
+DELIMITERS = ";\t,"
+"""Tried in this order; without any of them, cells are separated by blanks."""
+
+MISSING = ("", "nan", "NaN", "NAN", "NA")
+"""Cells that mean "not measured"."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """How a text file is laid out: column names, delimiter (None: blanks), lines before the data."""
+
+    names: tuple[str, ...]
+    delimiter: str | None
+    lines_before: int
+
+
+def read_text(path: Path, wanted: Sequence[str], skip_lines: int) -> dict[str, Array]:
+    """Read columns by name.
+
+    The first line that is neither blank nor a comment (``#``) names the columns; if it begins
+    with a number, the last comment before it does, as NumPy writes it; if that has another number
+    of cells, the columns are called "0", "1", ... Cells are separated by semicolons, tabs, commas
+    or blanks, numbers have a decimal point, and an empty cell is NaN.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    wanted : sequence of str
+        Columns to read; the others may hold anything.
+    skip_lines : int
+        Lines at the top to pass over.
+
+    Returns
+    -------
+    dict of (n,) arrays
+
+    Raises
+    ------
+    DataError
+        If a column is missing or not unique, or a cell is not a number (names line and column).
+    """
+    layout = _layout(path, skip_lines)
+    absent = [missing(name, layout.names) for name in wanted if name not in layout.names]
+    if absent:
+        raise DataError(f"{path}: {'; '.join(absent)}")
+    for name in wanted:
+        if layout.names.count(name) > 1:
+            raise DataError(f"{path}: {layout.names.count(name)} columns are called '{name}'")
+    positions = [layout.names.index(name) for name in wanted]
+    try:
+        table = _fast(path, layout, positions)
+    except ValueError:
+        # The fast parser cannot say where it stumbled.
+        table = _careful(path, layout, positions)
+    return dict(zip(wanted, table, strict=True))
+
+
+def _layout(path: Path, skip_lines: int) -> Layout:
+    lines = itertools.islice(_lines(path), skip_lines, None)
+    comment, first, before = "", "", skip_lines
+    for number, line in lines:
+        if "\0" in line:
+            raise DataError(f"{path} is not plain text in UTF-8: export it again as such")
+        if _is_content(line):
+            first, before = line, number - 1
+            break
+        comment = line.strip(" #") if line.strip() else comment
+    second = next((line for _, line in lines if _is_content(line)), "")
+    delimiter = next((d for d in DELIMITERS if d in (second or first)), None)
+    cells = _cells(first, delimiter)
+    if _is_header(cells):
+        width = len(_trimmed(_cells(second, delimiter)))
+        if width > len(cells):
+            raise DataError(
+                f"{path}: the header has {len(cells)} cells, the first row of numbers {width}"
+            )
+        return Layout(tuple(cells), delimiter, before + 1)
+    names = _cells(comment, delimiter)
+    if len(names) != len(cells):
+        names = [str(k) for k in range(len(cells))]
+    return Layout(tuple(names), delimiter, before)
+
+
+def _fast(path: Path, layout: Layout, positions: list[int]) -> list[Array]:
+    table = pd.read_csv(
+        path,
+        sep=layout.delimiter or r"\s+",
+        header=None,
+        names=list(range(len(layout.names))),
+        index_col=False,
+        dtype=dict.fromkeys(positions, float),
+        skiprows=layout.lines_before,
+        comment="#",
+        skipinitialspace=True,
+        keep_default_na=False,
+        na_values=list(MISSING),
+        low_memory=False,
+        encoding="utf-8-sig",
+        encoding_errors="replace",
+    )
+    return [table[k].to_numpy(float) for k in positions]
+
+
+def _careful(path: Path, layout: Layout, positions: list[int]) -> list[Array]:
+    rows = []
+    for number, line in itertools.islice(_lines(path), layout.lines_before, None):
+        if not _is_content(line):
+            continue
+        cells = _trimmed(_cells(line.partition("#")[0], layout.delimiter))
+        if len(cells) > len(layout.names):
+            raise DataError(
+                f"{path}: line {number} has {len(cells)} cells, but there are "
+                f"{len(layout.names)} columns"
+            )
+        cells += [""] * (len(layout.names) - len(cells))
+        for k in positions:
+            if not _is_number(cells[k]):
+                _not_a_number(path, layout, number, layout.names[k], cells[k])
+        rows.append([float(cells[k]) if cells[k] not in MISSING else np.nan for k in positions])
+    return list(np.array(rows, float).reshape(len(rows), len(positions)).T)
+
+
+def _not_a_number(path: Path, layout: Layout, number: int, name: str, cell: str) -> NoReturn:
+    hint = ""
+    if _is_number(cell.replace(",", ".")):
+        hint = "; numbers need a decimal point"
+    elif number == layout.lines_before + 1:
+        hint = "; if the line gives units, begin it with '#'"
+    raise DataError(f"{path}: line {number}, column '{name}': '{cell}' is not a number{hint}")
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    with path.open(encoding="utf-8-sig", errors="surrogateescape") as file:
+        for number, line in enumerate(file, 1):
+            yield number, _readable(line)
+
+
+def _readable(line: str) -> str:
+    """Take a line that is not UTF-8 as Latin-1: the µ and ° of older loggers."""
+    try:
+        line.encode()
+    except UnicodeEncodeError:
+        return line.encode("utf-8", "surrogateescape").decode("latin-1")
+    return line
+
+
+def _is_content(line: str) -> bool:
+    return bool(line.partition("#")[0].strip())
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
+    rows = csv.reader([line.strip("\r\n")], delimiter=delimiter, skipinitialspace=True)
+    return [cell.strip() for cell in next(rows, [])]
+
+
+def _trimmed(cells: list[str]) -> list[str]:
+    """Without the blank cell that a delimiter at the end of the line makes."""
+    return cells[:-1] if cells and not cells[-1] else cells
+
+
+def _is_header(cells: list[str]) -> bool:
+    starts_with_number = bool(cells) and bool(cells[0]) and _is_number(cells[0])
+    return not starts_with_number and not all(map(_is_number, cells))
+
+
+def _is_number(cell: str) -> bool:
+    if cell in MISSING:
+        return True
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell

@@ -1,0 +1,1 @@
+"""From continuous to discrete time: Runge-Kutta steps, exact linear steps, noise."""

@@ -1,0 +1,111 @@
+"""Explicit Runge-Kutta methods as Butcher tableaus, with sub-steps and held or ramped input."""
+
+import dataclasses
+from collections.abc import Callable
+
+import casadi as ca
+
+from backsight.errors import TuningError, nearest
+from backsight.types import Expression
+
+
+@dataclasses.dataclass(frozen=True)
+class Tableau:
+    """Coefficients of an explicit Runge-Kutta method.
+
+    Parameters
+    ----------
+    a : rows of the strictly lower triangular stage matrix
+    b : weights
+    order : order of convergence
+    """
+
+    a: tuple[tuple[float, ...], ...]
+    b: tuple[float, ...]
+    order: int
+
+    @property
+    def c(self) -> tuple[float, ...]:
+        """Stage times as fractions of the step."""
+        return tuple(sum(row) for row in self.a)
+
+
+TABLEAUS = {
+    "euler": Tableau(a=((),), b=(1.0,), order=1),
+    "heun": Tableau(a=((), (1.0,)), b=(0.5, 0.5), order=2),
+    "rk4": Tableau(
+        a=((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), b=(1 / 6, 1 / 3, 1 / 3, 1 / 6), order=4
+    ),
+    # The fifth-order solution of Dormand and Prince (1980), doi:10.1016/0771-050X(80)90013-3.
+    "dopri5": Tableau(
+        a=(
+            (),
+            (1 / 5,),
+            (3 / 40, 9 / 40),
+            (44 / 45, -56 / 15, 32 / 9),
+            (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+            (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+        ),
+        b=(35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+        order=5,
+    ),
+}
+"""Heun is eq. 33-34 of Polóni et al. (2012)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Integrator:
+    """How a continuous-time model is carried over one sampling period.
+
+    Parameters
+    ----------
+    scheme : {"euler", "heun", "rk4", "dopri5"}
+        Runge-Kutta method.
+    substeps : int
+        Equal steps per sampling period.
+    hold : {"zoh", "foh"}
+        Input between samples: held, or interpolated linearly to the next sample.
+
+    Raises
+    ------
+    TuningError
+        If the scheme or hold is unknown or `substeps` is not a positive whole number.
+    """
+
+    scheme: str = "rk4"
+    substeps: int = 1
+    hold: str = "zoh"
+
+    def __post_init__(self) -> None:
+        if self.scheme not in TABLEAUS:
+            raise TuningError(f"unknown scheme '{self.scheme}': {nearest(self.scheme, TABLEAUS)}")
+        if self.hold not in ("zoh", "foh"):
+            raise TuningError(f"unknown hold '{self.hold}': use 'zoh' (held) or 'foh' (ramp)")
+        if not isinstance(self.substeps, int) or self.substeps < 1:
+            raise TuningError(f"substeps is {self.substeps}; it must be a whole number from 1 on")
+
+    def substep(
+        self,
+        rhs: Callable[[Expression, Expression], Expression],
+        x: Expression,
+        *,
+        ua: Expression,
+        ub: Expression,
+        h: float | Expression,
+    ) -> Expression:
+        """Advance x' = rhs(x, u) by one sub-step of length h; u goes from `ua` to `ub`."""
+        tableau = TABLEAUS[self.scheme]
+        slopes: list[Expression] = []
+        for row, c in zip(tableau.a, tableau.c, strict=True):
+            stage = x + h * weighted(row, slopes) if any(row) else x
+            slopes.append(rhs(stage, ua if self.hold == "zoh" else ua + c * (ub - ua)))
+        return x + h * weighted(tableau.b, slopes)
+
+
+def weighted(weights: tuple[float, ...], terms: list[Expression]) -> Expression:
+    """Sum of the terms with their weights, zero weights left out."""
+    products = [w * t for w, t in zip(weights, terms, strict=False) if w]
+    total = products[0]
+    for product in products[1:]:
+        total = total + product
+    return total

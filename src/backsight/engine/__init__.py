@@ -1,0 +1,1 @@
+"""How a recursion is described and executed."""

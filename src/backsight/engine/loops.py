@@ -1,0 +1,136 @@
+"""Counted loops inside a CasADi function.
+
+`scan` and `iterate` wrap a loop body in a function whose *name* says what loop it is. CasADi's
+virtual machine runs the wrapper as it stands; other back ends recognise the name (`loop_of`), take
+the body out and write a real loop, so that nothing is ever unrolled. The name is used because it
+is the only thing that survives pickling.
+"""
+
+import dataclasses
+import re
+from collections.abc import Sequence
+
+import casadi as ca
+
+
+@dataclasses.dataclass(frozen=True)
+class Loop:
+    """What a loop function stands for.
+
+    Parameters
+    ----------
+    kind : {"scan", "iterate"}
+    length : int
+        Number of passes, for ``iterate`` the largest number.
+    n_carry, n_xs, n_constants : int
+        Groups of inputs of the body, in this order.
+    body : casadi.Function
+        ``(carry, xs, constants) -> (carry, ys)``.
+    """
+
+    kind: str
+    length: int
+    n_carry: int
+    n_xs: int
+    n_constants: int
+    body: ca.Function
+
+
+_NAME = re.compile(r"(scan|iterate)_(\d+)_(\d+)_(\d+)_(\d+)_of_(\w+)")
+
+
+def scan(
+    body: ca.Function,
+    length: int,
+    *,
+    carry: Sequence[ca.MX],
+    xs: Sequence[ca.MX] = (),
+    constants: Sequence[ca.MX] = (),
+) -> tuple[list[ca.MX], list[ca.MX]]:
+    """Run ``carry, y = body(carry, x_k, constants)`` for k = 0 ... length - 1.
+
+    Parameters
+    ----------
+    body : casadi.Function
+        ``(*carry, *xs, *constants) -> (*carry, *ys)``.
+    length : int
+        Number of passes.
+    carry : sequence of MX
+        Start values.
+    xs : sequence of MX
+        The inputs of all passes, side by side in the columns.
+    constants : sequence of MX
+        The same in every pass.
+
+    Returns
+    -------
+    carry : list of MX
+        After the last pass.
+    ys : list of MX
+        Outputs of all passes, side by side in the columns.
+    """
+    n_carry = len(carry)
+    inputs = [*carry, *xs, *constants]
+    symbols = [ca.MX.sym(f"i{k}", *i.shape) for k, i in enumerate(inputs)]
+    mapped = [ca.repmat(s, 1, length) for s in symbols[n_carry + len(xs) :]]
+    accumulate = body.mapaccum(
+        f"{body.name()}_times_{length}", length, list(range(n_carry)), list(range(n_carry))
+    )
+    results = accumulate.call([*symbols[: n_carry + len(xs)], *mapped])
+    final = [
+        r[:, (length - 1) * c.shape[1] :] for r, c in zip(results[:n_carry], carry, strict=True)
+    ]
+    loop = ca.Function(
+        f"scan_{length}_{n_carry}_{len(xs)}_{len(constants)}_of_{body.name()}",
+        symbols,
+        [*final, *results[n_carry:]],
+    )
+    outputs = loop.call(inputs)
+    return outputs[:n_carry], outputs[n_carry:]
+
+
+def iterate(
+    body: ca.Function, limit: int, *, carry: Sequence[ca.MX], constants: Sequence[ca.MX] = ()
+) -> list[ca.MX]:
+    """Run ``carry = body(carry, constants)`` while the first element of the carry is not zero.
+
+    Parameters
+    ----------
+    body : casadi.Function
+        ``(go, *carry, *constants) -> (go, *carry)``.
+    limit : int
+        Largest number of passes.
+    carry, constants : sequence of MX
+        As in `scan`; ``carry[0]`` is the scalar `go`.
+
+    Returns
+    -------
+    list of MX
+        The carry after the last pass.
+    """
+    n_carry = len(carry)
+    inputs = [*carry, *constants]
+    symbols = [ca.MX.sym(f"i{k}", *i.shape) for k, i in enumerate(inputs)]
+    skip = ca.Function(f"{body.name()}_skip", symbols, symbols[:n_carry])
+    guarded = ca.Function.if_else(f"{body.name()}_or_skip", body, skip)
+    once = ca.Function(f"{body.name()}_guarded", symbols, guarded.call([symbols[0], *symbols]))
+    accumulate = once.mapaccum(
+        f"{body.name()}_upto_{limit}", limit, list(range(n_carry)), list(range(n_carry))
+    )
+    mapped = [ca.repmat(s, 1, limit) for s in symbols[n_carry:]]
+    results = accumulate.call([*symbols[:n_carry], *mapped])
+    final = [r[:, (limit - 1) * c.shape[1] :] for r, c in zip(results, carry, strict=True)]
+    loop = ca.Function(
+        f"iterate_{limit}_{n_carry}_0_{len(constants)}_of_{body.name()}", symbols, final
+    )
+    return loop.call(inputs)
+
+
+def loop_of(function: ca.Function) -> Loop | None:
+    """What loop a function stands for, or None if it is an ordinary function."""
+    match = _NAME.fullmatch(function.name())
+    if match is None:
+        return None
+    kind, *sizes, body = match.groups()
+    length, n_carry, n_xs, n_constants = map(int, sizes)
+    return Loop(kind, length, n_carry, n_xs, n_constants, function.find_function(body))

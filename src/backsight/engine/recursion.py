@@ -1,0 +1,77 @@
+"""A recursion: one pure function of fixed size that is applied to sample after sample."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra.symmetric import side
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Channel:
+    """One output of a recursion.
+
+    Parameters
+    ----------
+    name : str
+    dims : tuple of str
+        Dimensions of one sample's value, () for a number.
+    symmetric : bool
+        The value is the lower triangle of a symmetric matrix with dimensions `dims`.
+    """
+
+    name: str
+    dims: tuple[str, ...] = ()
+    symmetric: bool = False
+
+    def unpack(self, values: Array) -> Array:
+        """Values of all samples (n, length) in the shape of `dims`."""
+        if not self.dims:
+            return values[:, 0]
+        if not self.symmetric:
+            return values
+        m = side(values.shape[1])
+        rows, columns = np.triu_indices(m)
+        full = np.empty((len(values), m, m))
+        full[:, rows, columns] = values
+        full[:, columns, rows] = values
+        return full
+
+
+@dataclasses.dataclass(frozen=True)
+class Recursion:
+    """A step function with its memory.
+
+    Parameters
+    ----------
+    step : casadi.Function
+        ``(carry, *data) -> (carry, *outputs)``, all of them dense column vectors.
+    carry0 : (nc,) array
+        The memory before the first sample.
+    channels : tuple of Channel
+        What the outputs are, in order.
+    dt : float
+        Sampling period [s].
+    """
+
+    step: ca.Function
+    carry0: Array
+    channels: tuple[Channel, ...]
+    dt: float
+
+    @property
+    def name(self) -> str:
+        """Name of the step function."""
+        return self.step.name()
+
+    @property
+    def input_sizes(self) -> tuple[int, ...]:
+        """Lengths of the data vectors of one sample."""
+        return tuple(self.step.numel_in(i) for i in range(1, self.step.n_in()))
+
+    @property
+    def output_sizes(self) -> tuple[int, ...]:
+        """Lengths of the output vectors of one sample."""
+        return tuple(self.step.numel_out(i) for i in range(1, self.step.n_out()))

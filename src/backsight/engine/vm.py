@@ -1,0 +1,53 @@
+"""Run a recursion in CasADi's virtual machine: needs no compiler; the reference for all others."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from backsight.engine.recursion import Recursion
+from backsight.types import Array
+
+BLOCK = 1000
+"""Samples per call. One call for a whole recording takes long to build; one per sample is slow."""
+
+
+def run(
+    recursion: Recursion,
+    data: Sequence[Array],
+    *,
+    carry: Array,
+    progress: Callable[[int], None] = lambda samples: None,
+    block: int = BLOCK,
+) -> tuple[Array, list[Array]]:
+    """Apply the step to every sample.
+
+    Parameters
+    ----------
+    recursion : Recursion
+    data : sequence of (n, m_i) arrays
+        One row per sample.
+    carry : (nc,) array
+        The memory before the first of these samples.
+    progress : callable
+        Told the number of samples done.
+    block : int
+        Samples per call of the virtual machine; does not change the result.
+
+    Returns
+    -------
+    carry : (nc,) array
+        The memory after the last sample.
+    outputs : list of (n, l_j) arrays
+    """
+    n = len(data[0])
+    outputs = [np.empty((n, size)) for size in recursion.output_sizes]
+    steps = {size: recursion.step.mapaccum(size) for size in {min(block, n), n % block} - {0}}
+    for start in range(0, n, block):
+        part = slice(start, min(start + block, n))
+        size = part.stop - part.start
+        results = steps[size].call([carry, *(d[part].T for d in data)])
+        carry = np.asarray(results[0])[:, -1]
+        for output, result in zip(outputs, results[1:], strict=True):
+            output[part] = np.asarray(result).T
+        progress(part.stop)
+    return carry, outputs

@@ -1,0 +1,179 @@
+"""What every estimator is: a frozen description that compiles to a recursion."""
+
+import abc
+import dataclasses
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from backsight.engine.recursion import Channel, Recursion
+from backsight.errors import BacksightError, TuningError
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.model import Model
+from backsight.models.scale import scale
+from backsight.models.signals import Signal
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class AbstractEstimator(abc.ABC):
+    """A method with its settings; knows no model and no data.
+
+    Parameters
+    ----------
+    noise : Noise
+    prior : Prior
+    """
+
+    key: ClassVar[str]
+    title: ClassVar[str]
+
+    noise: Noise
+    prior: Prior
+
+    @abc.abstractmethod
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """Turn the description into ``(carry, u, y, mask) -> (carry, outputs)``.
+
+        Parameters
+        ----------
+        model : Model
+        dt : float
+            Sampling period [s].
+
+        Returns
+        -------
+        Recursion
+            Takes u (nu,), y (ny,) and mask (ny,), 1 where y was measured; physical units.
+
+        Raises
+        ------
+        TuningError, ModelError
+            If the description does not fit the model.
+        """
+
+
+WALK_SAMPLES = 100
+"""Samples of random walk that count for the size of a state without a scale."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """A model with its noise and prior in scaled variables.
+
+    Parameters
+    ----------
+    model : Model
+        Scaled.
+    dt : float
+        Sampling period [s].
+    x0, P0, Q, R : arrays
+        Scaled; `Q` is a spectral density if the model is continuous, else per sample.
+    sx, su, sy : arrays
+        Scales of states, inputs, outputs.
+    """
+
+    model: Model
+    dt: float
+    x0: Array
+    P0: Array
+    Q: Array
+    R: Array
+    sx: Array
+    su: Array
+    sy: Array
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds of the scaled states, (nx,)."""
+        return np.array([s.lower for s in self.model.states])
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds of the scaled states, (nx,)."""
+        return np.array([s.upper for s in self.model.states])
+
+    def enter(self) -> ca.Function:
+        """Physical to scaled data: (u, y, mask) -> (u, y, mask)."""
+        u, y, mask = data_symbols(self.model)
+        return ca.Function("enter", [u, y, mask], [u / self.su, y / self.sy, mask])
+
+    def leave(self, x: Array | ca.SX, P: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Physical state (nx,) and covariance (nx, nx) of scaled ones."""
+        return self.sx * x, np.outer(self.sx, self.sx) * P
+
+
+def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
+    """Check noise and prior against the model, all messages at once, and scale everything.
+
+    A state without a `Signal.scale` is scaled by the size of its prior and of its random walk, an
+    output by its noise.
+
+    Raises
+    ------
+    TuningError
+        If anything does not fit.
+    """
+    if not model.continuous and not np.isclose(model.dt or 0.0, dt, rtol=1e-2):
+        raise TuningError(f"the model has dt = {model.dt:g} s but the recording {dt:g} s")
+    found: dict[str, Array] = {}
+    problems = []
+    for name, read in {
+        "x0": lambda: prior.mean(model),
+        "P0": lambda: prior.covariance(model),
+        "Q": lambda: noise.process(model, dt),
+        "R": lambda: noise.measurement(model),
+    }.items():
+        try:
+            found[name] = read()
+        except BacksightError as error:
+            problems.append(str(error))
+    if problems:
+        raise TuningError("; ".join(problems))
+    walk = np.diag(found["Q"]) * (dt if model.continuous else 1.0)
+    spread = np.sqrt(np.diag(found["P0"]) + WALK_SAMPLES * walk)
+    typical = np.maximum(np.abs(found["x0"]), spread)
+    sized = dataclasses.replace(
+        model,
+        states=_with_scales(model.states, typical),
+        outputs=_with_scales(model.outputs, np.sqrt(np.diag(found["R"]))),
+    )
+    sx, su, sy = (
+        np.array([s.scale or 1.0 for s in group])
+        for group in (sized.states, sized.inputs, sized.outputs)
+    )
+    return Setting(
+        model=scale(sized),
+        dt=dt,
+        x0=found["x0"] / sx,
+        P0=found["P0"] / np.outer(sx, sx),
+        Q=found["Q"] / np.outer(sx, sx),
+        R=found["R"] / np.outer(sy, sy),
+        sx=sx,
+        su=su,
+        sy=sy,
+    )
+
+
+def data_symbols(model: Model) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """u (nu,), y (ny,), mask (ny,)."""
+    return ca.SX.sym("u", model.nu), ca.SX.sym("y", model.ny), ca.SX.sym("mask", model.ny)
+
+
+ESTIMATE_CHANNELS = (
+    Channel("x_hat", ("state",)),
+    Channel("P", ("state", "state_"), symmetric=True),
+    Channel("y_hat", ("output",)),
+    Channel("e", ("output",)),
+    Channel("S", ("output", "output_"), symmetric=True),
+    Channel("status"),
+)
+"""Outputs that every estimator has, in this order."""
+
+
+def _with_scales(group: tuple[Signal, ...], typical: Array) -> tuple[Signal, ...]:
+    return tuple(
+        s if s.scale is not None or t == 0 else dataclasses.replace(s, scale=float(t))
+        for s, t in zip(group, typical, strict=True)
+    )

@@ -1,0 +1,62 @@
+"""Extended Kalman filter, discrete or continuous-discrete."""
+
+import dataclasses
+from typing import ClassVar
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.recursion import Recursion
+from backsight.estimators.base import AbstractEstimator, setting
+from backsight.estimators.filtering import assemble
+from backsight.estimators.gaussian import correct, predict
+from backsight.models.model import Model
+
+
+@dataclasses.dataclass(frozen=True)
+class EKF(AbstractEstimator):
+    r"""Extended Kalman filter.
+
+    At every sample k it first corrects the prior with the measurement (eq. 17-20),
+
+    .. math::
+        e_k = y_k - h(\hat x_k^-, u_k), \quad S_k = H_k P_k^- H_k' + R, \quad
+        K_k = P_k^- H_k' S_k^{-1}, \quad \hat x_k^+ = \hat x_k^- + K_k e_k,
+
+        P_k^+ = (I - K_k H_k) P_k^- (I - K_k H_k)' + K_k R K_k',
+
+    sets states outside their bounds to them, and then carries the estimate to the next sample by
+    the model (eq. 13) and the covariance by one of three ways.
+
+    Parameters
+    ----------
+    noise : Noise
+    prior : Prior
+    integrator : Integrator
+        For continuous-time models.
+    covariance : {"transition", "ode", "discrete"}
+        ``transition`` (default) keeps P positive semidefinite at every step size; ``ode`` is the
+        paper's (eq. 14-16), which may not; ``discrete`` adds Q once per sample. See
+        `backsight.estimators.gaussian.predict`.
+
+    References
+    ----------
+    Polóni, Eielsen, Rohaľ-Ilkiv, Johansen, "Moving horizon observer for vibration dynamics with
+    plant uncertainties in nanopositioning system estimation", ACC 2012, section III.
+    Simon, "Optimal State Estimation", 2006, doi:10.1002/0470045345, section 13.2.
+    """
+
+    key: ClassVar[str] = "ekf"
+    title: ClassVar[str] = "Extended Kalman filter"
+
+    integrator: Integrator = dataclasses.field(default_factory=Integrator)
+    covariance: str = "transition"
+
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.compile`."""
+        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        return assemble(
+            self.key,
+            s,
+            correct=correct(s),
+            predict=predict(s, self.integrator, self.covariance),
+            ramp=self.integrator.hold == "foh",
+        )

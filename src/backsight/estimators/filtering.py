@@ -1,0 +1,100 @@
+"""Put a measurement update and a time update together to a recursion."""
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra.symmetric import unvech, vech
+from backsight.engine.recursion import Recursion
+from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
+from backsight.estimators.gaussian import FLAGS, innovation
+from backsight.types import Array
+
+
+def assemble(
+    name: str, s: Setting, *, correct: ca.Function, predict: ca.Function, ramp: bool
+) -> Recursion:
+    """Recursion of a filter that consists of two halves.
+
+    With held inputs the carry is the prior of the coming sample: correct, then predict. With
+    ramped inputs the prediction needs the input of the coming sample: the carry is then the
+    posterior of the last sample and its input, and prediction comes first (except at the start).
+
+    Parameters
+    ----------
+    name : str
+    s : Setting
+    correct : casadi.Function
+        ``(x, P, u, y, mask) -> (x, P, flags)``.
+    predict : casadi.Function
+        ``(x, P, u, u_next) -> (x, P)``.
+    ramp : bool
+        Whether the input is interpolated between samples.
+    """
+    data = data_inputs(s)
+    u, y, mask = s.enter()(*data)
+    memory = {"x": s.x0, "P": packed(s.P0)}
+    if ramp:
+        memory |= {"u_last": np.zeros(s.model.nu), "started": np.zeros(1)}
+    symbol, (x, P, *last) = carry_inputs(list(memory.values()))
+    if ramp:
+        u_last, started = last
+        x, P = choose(started, predict(x, P, u_last, u), [x, P])
+    e, S = innovation(s)(x, P, u, y, mask)
+    x, P, flags = correct(x, P, u, y, mask)
+    outputs = physical(s)(x, P, u, e, S, flags)
+    carry = [x, P, u, 1] if ramp else predict(x, P, u, u)
+    return Recursion(
+        step=ca.Function(name, [symbol, *data], [ca.vertcat(*carry), *outputs]),
+        carry0=np.concatenate(list(memory.values())),
+        channels=ESTIMATE_CHANNELS,
+        dt=s.dt,
+    )
+
+
+def data_inputs(s: Setting) -> list[ca.MX]:
+    """Symbols of one sample's data: u, y, mask."""
+    return [ca.MX.sym(n, k) for n, k in (("u", s.model.nu), ("y", s.model.ny), ("m", s.model.ny))]
+
+
+def carry_inputs(memory: Sequence[Array]) -> tuple[ca.MX, list[ca.MX]]:
+    """Symbol of the whole carry and its parts, one for each (flat) array of the memory."""
+    ends = np.cumsum([0, *(len(part) for part in memory)])
+    symbol = ca.MX.sym("carry", int(ends[-1]))
+    return symbol, ca.vertsplit(symbol, [int(e) for e in ends])
+
+
+def packed(P: Array) -> Array:
+    """Lower triangle of a symmetric matrix, (n (n + 1) / 2,)."""
+    return np.asarray(vech(ca.DM(P))).ravel()
+
+
+def choose(flag: ca.MX, then: Sequence[ca.MX], otherwise: Sequence[ca.MX]) -> list[ca.MX]:
+    """Elementwise `then` where the scalar flag is not zero, else `otherwise`."""
+    sizes = [t.numel() for t in then]
+    c = ca.SX.sym("c")
+    a, b = ([ca.SX.sym("v", n) for n in sizes] for _ in range(2))
+    selected = [ca.if_else(c, i, j) for i, j in zip(a, b, strict=True)]
+    name = "choose_" + "_".join(map(str, sizes))
+    return ca.Function(name, [c, *a, *b], selected).call([flag, *then, *otherwise])
+
+
+def physical(s: Setting) -> ca.Function:
+    """Scaled posterior to the outputs of `ESTIMATE_CHANNELS`.
+
+    ``(x, P, u, e, S, flags) -> (x_hat, P, y_hat, e, S, status)``.
+    """
+    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
+    x, u, e = ca.SX.sym("x", nx), ca.SX.sym("u", nu), ca.SX.sym("e", ny)
+    vP, vS = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("S", ny * (ny + 1) // 2)
+    flags = ca.SX.sym("flags", len(FLAGS))
+    outputs = [
+        s.sx * x,
+        vech(np.outer(s.sx, s.sx) * unvech(vP)),
+        s.sy * s.model.output(x, u),
+        s.sy * e,
+        vech(np.outer(s.sy, s.sy) * unvech(vS)),
+        ca.dot(flags, ca.DM([int(f) for f in FLAGS])),
+    ]
+    return ca.Function("physical", [x, vP, u, e, vS, flags], outputs)

@@ -1,0 +1,189 @@
+"""The two halves of an extended Kalman filter, as functions that estimators put together.
+
+Numbers are the equations of Polóni, Eielsen, Rohaľ-Ilkiv, Johansen (2012), "Moving horizon observer
+for vibration dynamics with plant uncertainties in nanopositioning system estimation", ACC 2012.
+"""
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra.symmetric import unvech, vech
+from backsight.algebra.update import gain, joseph, masked
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.loops import scan
+from backsight.errors import TuningError, nearest
+from backsight.estimators.base import Setting
+from backsight.schema import Status
+
+FLAGS = (
+    Status.CLIPPED,
+    Status.ITERATION_LIMIT,
+    Status.STEP_REJECTED,
+    Status.NOT_POSITIVE_DEFINITE,
+)
+"""Meaning of the flags (each 0 or 1) that functions of estimators hand on."""
+
+COVARIANCES = ("transition", "ode", "discrete")
+"""How the covariance goes from sample to sample, see `predict`."""
+
+
+def innovation(s: Setting) -> ca.Function:
+    """Innovation and its covariance, ``(x, P, u, y, mask) -> (e, S)``; e is 0 where not measured."""
+    x, vP, u, y, mask = _update_symbols(s)
+    y_prior = s.model.output(x, u)
+    H = ca.jacobian(y_prior, x)
+    S = H @ unvech(vP) @ H.T + s.R
+    return ca.Function("innovation", [x, vP, u, y, mask], [mask * (y - y_prior), vech(S)])
+
+
+def correct(s: Setting) -> ca.Function:
+    r"""Measurement update with clipping, eq. 17-21: ``(x, P, u, y, mask) -> (x, P, flags)``.
+
+    P is stored as its lower triangle. Only measured rows are used. States outside their bounds are
+    set to them and P stays as it is (section VI.C). The flags are those of `FLAGS`.
+    """
+    x, vP, u, y, mask = _update_symbols(s)
+    P = unvech(vP)
+    y_prior = s.model.output(x, u)
+    H, e, R = masked(ca.jacobian(y_prior, x), y - y_prior, ca.SX(s.R), mask)
+    K, S = gain(P, H, R)
+    free = x + K @ e
+    P_post = joseph(P, K, H, R)
+    x_post = clip(s, free)
+    clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, 0)
+    definite = ca.mmin(ca.vertcat(ca.diag(P_post), ca.diag(S))) >= 0
+    flags = ca.vertcat(clipped, 0, 0, ca.if_else(definite, 0, 1))
+    return ca.Function("correct", [x, vP, u, y, mask], [x_post, vech(P_post), flags])
+
+
+def _update_symbols(s: Setting) -> tuple[ca.SX, ...]:
+    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
+    sizes = {"x": nx, "P": nx * (nx + 1) // 2, "u": nu, "y": ny, "mask": ny}
+    return tuple(ca.SX.sym(name, size) for name, size in sizes.items())
+
+
+def clip(s: Setting, x: ca.SX) -> ca.SX:
+    """Set states outside their bounds to the bounds."""
+    bounded = ca.SX(x)
+    for i, (low, high) in enumerate(zip(s.lower, s.upper, strict=True)):
+        if np.isfinite(low):
+            bounded[i] = ca.fmax(bounded[i], low)
+        if np.isfinite(high):
+            bounded[i] = ca.fmin(bounded[i], high)
+    return bounded
+
+
+def predict(s: Setting, integrator: Integrator, covariance: str) -> ca.Function:
+    r"""Time update over one sampling period: ``(x, P, u, u_next) -> (x, P)``.
+
+    ``transition``
+        After every sub-step of length h, with the exact Jacobian :math:`\Phi` of the sub-step,
+        :math:`P \leftarrow \Phi P \Phi' + \tfrac h2 (Q + \Phi Q \Phi')`: second-order accurate
+        (the trapezoidal rule on Van Loan's integral) and positive semidefinite for every h.
+    ``ode``
+        Eq. 14-16: :math:`\dot P = Z P + P Z' + Q` by the integrator's own method, with Z taken at
+        the estimate at the start of the period. Can lose positive definiteness.
+    ``discrete``
+        :math:`P \leftarrow F P F' + Q_d` with the Jacobian F of the whole period and
+        :math:`Q_d = Q\,\Delta t`. The only choice for discrete-time models.
+    """
+    if covariance not in COVARIANCES:
+        raise TuningError(f"unknown covariance '{covariance}': {nearest(covariance, COVARIANCES)}")
+    nx, nu = s.model.nx, s.model.nu
+    x, vP = ca.MX.sym("x", nx), ca.MX.sym("P", nx * (nx + 1) // 2)
+    u, u_next = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu)
+    if not s.model.continuous:
+        return _predict_discrete(s)
+    h = s.dt / integrator.substeps
+    leaf = {"transition": _transition, "ode": _ode, "discrete": _sensitivity}[covariance](
+        s, integrator, h
+    )
+    carry = [x, vP]
+    constants = []
+    if covariance == "ode":
+        constants = [x]
+    if covariance == "discrete":
+        carry = [x, ca.MX.eye(nx)]
+    inputs, held = substep_inputs(integrator, u, u_next)
+    final, _ = scan(
+        leaf, integrator.substeps, carry=carry, xs=inputs, constants=[*held, *constants]
+    )
+    if covariance == "discrete":
+        final = [final[0], _congruence(nx, s.Q * s.dt)(final[1], vP)]
+    return ca.Function("predict", [x, vP, u, u_next], final)
+
+
+def flow(s: Setting, integrator: Integrator, x: ca.SX, *, ua: ca.SX, ub: ca.SX, h: float) -> ca.SX:
+    """One sub-step of the state, eq. 33-34 for Heun's method."""
+    return integrator.substep(s.model.rhs, x, ua=ua, ub=ub, h=h)
+
+
+def substep_inputs(
+    integrator: Integrator, u: ca.MX, u_next: ca.MX
+) -> tuple[list[ca.MX], list[ca.MX]]:
+    """Inputs at both ends of the sub-steps: as columns (ramp), or once for all (held)."""
+    if integrator.hold == "zoh":
+        return [], [u, u]
+    a, b = ca.SX.sym("a", u.numel()), ca.SX.sym("b", u.numel())
+    n = integrator.substeps
+    grid = [a + (k / n) * (b - a) for k in range(n + 1)]
+    ramp = ca.Function(f"ramp_{n}", [a, b], [ca.horzcat(*grid[:-1]), ca.horzcat(*grid[1:])])
+    return list(ramp(u, u_next)), []
+
+
+Leaf = Callable[[Setting, Integrator, float], ca.Function]
+
+
+def _symbols(s: Setting) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    nx, nu = s.model.nx, s.model.nu
+    return (
+        ca.SX.sym("x", nx),
+        ca.SX.sym("P", nx * (nx + 1) // 2),
+        ca.SX.sym("ua", nu),
+        ca.SX.sym("ub", nu),
+    )
+
+
+def _transition(s: Setting, integrator: Integrator, h: float) -> ca.Function:
+    x, vP, ua, ub = _symbols(s)
+    x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h)
+    Phi = ca.jacobian(x_next, x)
+    half = ca.SX(ca.sparsify(ca.DM(h / 2 * s.Q)))
+    P_next = Phi @ (unvech(vP) + half) @ Phi.T + half
+    return ca.Function("transition", [x, vP, ua, ub], [x_next, vech(P_next)])
+
+
+def _ode(s: Setting, integrator: Integrator, h: float) -> ca.Function:
+    x, vP, ua, ub = _symbols(s)
+    frozen = ca.SX.sym("frozen", s.model.nx)
+    x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h)
+    Z = ca.substitute(ca.jacobian(s.model.rhs(x, ua), x), x, frozen)
+
+    def rhs(v: ca.SX, _: ca.SX) -> ca.SX:
+        ZP = Z @ unvech(v)
+        return vech(ZP + ZP.T + s.Q)
+
+    v_next = integrator.substep(rhs, vP, ua=ua, ub=ub, h=h)
+    return ca.Function("ode", [x, vP, ua, ub, frozen], [x_next, v_next])
+
+
+def _sensitivity(s: Setting, integrator: Integrator, h: float) -> ca.Function:
+    x, _, ua, ub = _symbols(s)
+    F = ca.SX.sym("F", s.model.nx, s.model.nx)
+    x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h)
+    return ca.Function("sensitivity", [x, F, ua, ub], [x_next, ca.jacobian(x_next, x) @ F])
+
+
+def _congruence(nx: int, Q: np.ndarray) -> ca.Function:
+    F, vP = ca.SX.sym("F", nx, nx), ca.SX.sym("P", nx * (nx + 1) // 2)
+    return ca.Function("congruence", [F, vP], [vech(F @ unvech(vP) @ F.T + Q)])
+
+
+def _predict_discrete(s: Setting) -> ca.Function:
+    x, vP, u, u_next = _symbols(s)
+    x_next = s.model.rhs(x, u)
+    F = ca.jacobian(x_next, x)
+    P_next = F @ unvech(vP) @ F.T + s.Q
+    return ca.Function("predict", [x, vP, u, u_next], [x_next, vech(P_next)])

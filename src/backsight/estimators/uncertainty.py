@@ -1,0 +1,154 @@
+"""What is known before the data: noise of the process and the sensors, and the prior."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from backsight.errors import ModelError, TuningError
+from backsight.models.model import Model
+from backsight.models.signals import Signal, vector
+from backsight.types import Array, ByName
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """Process noise and measurement noise, physical units.
+
+    Parameters
+    ----------
+    sigma_y : dict, sequence or number
+        Standard deviation of every output per sample. Or give `R`.
+    R : (ny, ny) array
+        Covariance of the measurement noise per sample.
+    sigma_w : dict, sequence or number
+        Standard deviation by which every state walks at random per sample; states that a dict
+        leaves out do not walk. Or give `Q` or `Qc`.
+    Q : (nx, nx) array
+        Covariance of the process noise per sample; may be singular, is never inverted.
+    Qc : (nx, nx) array
+        Spectral density of the process noise of a continuous-time model [unit^2/s].
+
+    Raises
+    ------
+    TuningError
+        If not exactly one of ``sigma_y, R`` is given or more than one of ``sigma_w, Q, Qc``.
+    """
+
+    sigma_y: ByName | None = None
+    sigma_w: ByName | None = None
+    R: Array | None = None
+    Q: Array | None = None
+    Qc: Array | None = None
+
+    def __post_init__(self) -> None:
+        if (self.sigma_y is None) == (self.R is None):
+            raise TuningError("measurement noise: give either sigma_y or R")
+        if sum(q is not None for q in (self.sigma_w, self.Q, self.Qc)) > 1:
+            raise TuningError("process noise: give only one of sigma_w, Q, Qc")
+
+    def measurement(self, model: Model) -> Array:
+        """R, (ny, ny), checked against the model."""
+        if self.R is None:
+            return _diagonal(self.sigma_y, model.outputs, what="sigma_y", missing=None)
+        return covariance(self.R, model.outputs, what="R", singular=False)
+
+    def process(self, model: Model, dt: float) -> Array:
+        """Spectral density of a continuous-time model, else covariance per sample, (nx, nx)."""
+        per_sample = dt if model.continuous else 1.0
+        if self.Qc is not None:
+            if not model.continuous:
+                raise TuningError("Qc is a spectral density; a discrete-time model needs Q")
+            return covariance(self.Qc, model.states, what="Qc", singular=True)
+        if self.Q is not None:
+            return covariance(self.Q, model.states, what="Q", singular=True) / per_sample
+        given = {} if self.sigma_w is None else self.sigma_w
+        return _diagonal(given, model.states, what="sigma_w", missing=0.0) / per_sample
+
+
+@dataclasses.dataclass(frozen=True)
+class Prior:
+    """What is known of the state before the first measurement, physical units.
+
+    Parameters
+    ----------
+    sigma_x0 : dict, sequence or number
+        Standard deviation of every state. Or give `P0`.
+    P0 : (nx, nx) array
+        Covariance of the state; may be singular.
+    x0 : dict, sequence or number, optional
+        Mean; states that a dict leaves out take the value in the model (0 for a state, the value
+        of the parameter for a parameter).
+    """
+
+    sigma_x0: ByName | None = None
+    x0: ByName | None = None
+    P0: Array | None = None
+
+    def __post_init__(self) -> None:
+        if (self.sigma_x0 is None) == (self.P0 is None):
+            raise TuningError("prior: give either sigma_x0 or P0")
+
+    def mean(self, model: Model) -> Array:
+        """x0, (nx,), checked against the model and its bounds."""
+        values = np.array([s.value for s in model.states])
+        x0 = _vector({} if self.x0 is None else self.x0, model.states, "x0", values)
+        outside = [
+            f"'{s.name}' starts at {v:g}, outside {s.lower:g} to {s.upper:g}"
+            for s, v in zip(model.states, x0, strict=True)
+            if not s.lower <= v <= s.upper
+        ]
+        if outside or not np.all(np.isfinite(x0)):
+            raise TuningError("x0: " + "; ".join(outside or ["has an entry that is not finite"]))
+        return x0
+
+    def covariance(self, model: Model) -> Array:
+        """P0, (nx, nx), checked against the model."""
+        if self.P0 is None:
+            return _diagonal(self.sigma_x0, model.states, what="sigma_x0", missing=None)
+        return covariance(self.P0, model.states, what="P0", singular=True)
+
+
+def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool) -> Array:
+    """Check size, symmetry and definiteness; raises `TuningError` with the smallest eigenvalue."""
+    matrix = np.asarray(given, float)
+    n = len(of)
+    if matrix.shape != (n, n):
+        names = ", ".join(s.name for s in of)
+        raise TuningError(f"{what} has the shape {matrix.shape}; it must be {(n, n)} for {names}")
+    if not np.all(np.isfinite(matrix)):
+        raise TuningError(f"{what} has an entry that is not finite")
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size[size == 0] = 1.0
+    relative = matrix / np.outer(size, size)
+    if not np.allclose(relative, relative.T, rtol=0, atol=1e-9):
+        raise TuningError(f"{what} is not symmetric")
+    smallest = float(np.linalg.eigvalsh((relative + relative.T) / 2)[0])
+    if smallest < -1e-12 or (smallest <= 1e-14 and not singular):
+        eigenvalue = float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[0])
+        wanted = "positive semidefinite" if singular else "positive definite"
+        raise TuningError(f"{what} is not {wanted}: its smallest eigenvalue is {eigenvalue:.3g}")
+    return (matrix + matrix.T) / 2
+
+
+def _diagonal(
+    given: ByName | None, of: Sequence[Signal], *, what: str, missing: float | None
+) -> Array:
+    default = np.full(len(of), np.nan if missing is None else missing)
+    sigma = _vector(given if given is not None else {}, of, what, default)
+    lacking = [s.name for s, v in zip(of, sigma, strict=True) if np.isnan(v)]
+    if lacking:
+        raise TuningError(f"{what} gives no standard deviation for {', '.join(lacking)}")
+    bad = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if not 0 <= v < np.inf]
+    if what == "sigma_y":
+        bad += [f"{s.name} = 0" for s, v in zip(of, sigma, strict=True) if v == 0]
+    if bad:
+        raise TuningError(f"{what} must be positive and finite, but {', '.join(bad)}")
+    return np.diag(sigma**2)
+
+
+def _vector(given: ByName, of: Sequence[Signal], what: str, default: Array) -> Array:
+    try:
+        return vector(given, of, what=what, default=default)
+    except ModelError as error:
+        raise TuningError(str(error)) from None

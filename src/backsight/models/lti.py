@@ -1,0 +1,149 @@
+"""Linear models: from matrices to a model, and back."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from backsight.errors import ModelError
+from backsight.models.model import Model
+from backsight.models.signals import Signal, signals
+from backsight.types import Array
+
+_LINEAR_OPERATIONS = {
+    ca.OP_INPUT,
+    ca.OP_OUTPUT,
+    ca.OP_CONST,
+    ca.OP_ADD,
+    ca.OP_SUB,
+    ca.OP_NEG,
+    ca.OP_TWICE,
+    ca.OP_MUL,
+    ca.OP_DIV,
+}
+
+
+def lti(
+    A: ArrayLike,
+    B: ArrayLike,
+    C: ArrayLike,
+    D: ArrayLike | None = None,
+    *,
+    states: Mapping[str, object] | Sequence[Signal],
+    inputs: Mapping[str, object] | Sequence[Signal],
+    outputs: Mapping[str, object] | Sequence[Signal],
+    dt: float | None = None,
+    name: str = "lti",
+) -> Model:
+    r"""Build a linear time-invariant model :math:`\dot x = A x + B u,\; y = C x + D u`.
+
+    Parameters
+    ----------
+    A : (nx, nx) array
+        State matrix.
+    B : (nx, nu) array
+        Input matrix; ``(nx, 0)`` for a model without inputs.
+    C : (ny, nx) array
+        Output matrix.
+    D : (ny, nu) array, optional
+        Feedthrough; zero if not given.
+    states, inputs, outputs : dict
+        Name to unit, ``(value, unit)`` or `Signal`, in the order of the rows and columns.
+    dt : float, optional
+        Sampling period [s]; the matrices are then those of :math:`x^+ = A x + B u`.
+    name : str
+        Shown in results.
+
+    Raises
+    ------
+    ModelError
+        If a matrix has the wrong size or an entry that is not a finite number.
+    """
+    x, u, y = signals(states, "state"), signals(inputs, "input"), signals(outputs, "output")
+    nx, nu, ny = len(x), len(u), len(y)
+    feedthrough = np.zeros((ny, nu)) if D is None else D
+    matrices, problems = {}, []
+    for what, given, shape, meaning in (
+        ("A", A, (nx, nx), "states x states"),
+        ("B", B, (nx, nu), "states x inputs"),
+        ("C", C, (ny, nx), "outputs x states"),
+        ("D", feedthrough, (ny, nu), "outputs x inputs"),
+    ):
+        try:
+            matrices[what] = finite_matrix(given, what, shape, meaning)
+        except ModelError as error:
+            problems.append(str(error))
+    if problems:
+        raise ModelError(f"model '{name}': " + "; ".join(problems))
+
+    z = ca.SX.sym("x", nx), ca.SX.sym("u", nu), ca.SX.sym("p", 0)
+    a, b, c, d = (ca.sparsify(ca.DM(matrices[n])) for n in "ABCD")
+    return Model(
+        f=ca.Function("f", z, [ca.mtimes(a, z[0]) + ca.mtimes(b, z[1])]),
+        h=ca.Function("h", z, [ca.mtimes(c, z[0]) + ca.mtimes(d, z[1])]),
+        states=x,
+        inputs=u,
+        outputs=y,
+        dt=dt,
+        name=name,
+    )
+
+
+def state_space(model: Model) -> tuple[Array, Array, Array, Array]:
+    """Matrices A (nx, nx), B (nx, nu), C (ny, nx), D (ny, nu) of a linear model.
+
+    The parameters are taken at their values. Linearity is decided on the expressions, not by trying
+    numbers: the Jacobians must not depend on the states and inputs.
+
+    Raises
+    ------
+    ModelError
+        If an equation is nonlinear or has a constant term; all such equations are named.
+    """
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    z = ca.vertcat(x, u)
+    f, h = ca.SX(model.rhs(x, u)), ca.SX(model.output(x, u))
+    problems = [
+        *_nonlinear(f, z, [f"the equation of '{s.name}'" for s in model.states]),
+        *_nonlinear(h, z, [f"the output equation of '{s.name}'" for s in model.outputs]),
+    ]
+    if problems:
+        raise ModelError(f"model '{model.name}' is not linear: " + "; ".join(problems))
+    jacobian = ca.Function("jacobian", [z], [ca.densify(ca.jacobian(ca.vertcat(f, h), z))])
+    rows = np.array(jacobian(np.zeros(z.numel()))).reshape(model.nx + model.ny, -1)
+    F, H = rows[: model.nx], rows[model.nx :]
+    return F[:, : model.nx], F[:, model.nx :], H[:, : model.nx], H[:, model.nx :]
+
+
+def finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning: str = "") -> Array:
+    """Read a matrix of a given shape; raises `ModelError` that names it."""
+    try:
+        matrix = np.asarray(given, float)
+    except (TypeError, ValueError):
+        raise ModelError(f"{what} is not a matrix of numbers") from None
+    if matrix.shape != shape:
+        wanted = f"{shape}, {meaning}" if meaning else f"{shape}"
+        raise ModelError(f"{what} has the shape {matrix.shape}; it must be {wanted}")
+    if not np.isfinite(matrix).all():
+        row, column = np.argwhere(~np.isfinite(matrix))[0]
+        raise ModelError(
+            f"{what} is not finite in row {row + 1}, column {column + 1}: {matrix[row, column]}"
+        )
+    return matrix
+
+
+def _nonlinear(rows: ca.SX, z: ca.SX, labels: Iterable[str]) -> list[str]:
+    found = []
+    bent = ca.which_depends(rows, z, 2, True)
+    for i, label in enumerate(labels):
+        row = ca.Function("row", [z], [rows[i]])
+        operations = {row.instruction_id(k) for k in range(row.n_instructions())}
+        # A step such as sign(v) has a zero derivative, so the Jacobian alone would not show it.
+        if bent[i] or not operations <= _LINEAR_OPERATIONS:
+            found.append(f"{label} is nonlinear")
+            continue
+        constant = float(row(np.zeros(z.numel())))
+        if constant != 0:
+            found.append(f"{label} has the constant term {constant:g}; make it an input")
+    return found

@@ -1,0 +1,1 @@
+"""Simulate, estimate, compare, stream."""

@@ -1,0 +1,1 @@
+"""Optimisers as functions of fixed size: a problem in, a step out."""
