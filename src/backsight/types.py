@@ -3,15 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 """A float64 NumPy array; the shape is in the docstring."""
-
-Expression: TypeAlias = ca.SX | ca.MX | ca.DM
-"""A CasADi expression, symbolic or numeric."""
 
 ByName: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 """One number per signal: a mapping by name, a sequence in order, or one number for all."""

@@ -6,8 +6,6 @@ they compile to a handful of multiplications. Intended for matrices up to a doze
 
 import casadi as ca
 
-from backsight.types import Expression
-
 
 def solve_spd(A: ca.SX, B: ca.SX) -> ca.SX:
     """Solve A X = B for symmetric positive definite A by its LDL' factorisation."""
@@ -57,6 +55,6 @@ def cholesky_semidefinite(A: ca.SX) -> ca.SX:
     return ca.tril(L)
 
 
-def quadratic(A: Expression, x: Expression) -> Expression:
+def quadratic(A: ca.SX, x: ca.SX) -> ca.SX:
     """x' A x."""
     return ca.dot(x, A @ x)

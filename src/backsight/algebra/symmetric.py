@@ -2,19 +2,17 @@
 
 import casadi as ca
 
-from backsight.types import Expression
 
-
-def vech(A: Expression) -> Expression:
+def vech(A: ca.SX) -> ca.SX:
     """Stack the lower triangle of a symmetric matrix: (n, n) to (n (n + 1) / 2,)."""
     n = A.shape[0]
     return ca.vertcat(*(A[j:, j] for j in range(n)))
 
 
-def unvech(v: Expression) -> Expression:
+def unvech(v: ca.SX) -> ca.SX:
     """Fill a symmetric matrix from its lower triangle: (n (n + 1) / 2,) to (n, n)."""
     n = side(v.shape[0])
-    A = type(v)(n, n)
+    A = ca.SX(n, n)
     k = 0
     for j in range(n):
         for i in range(j, n):

@@ -180,7 +180,7 @@ def ranked_table(
 
 
 def units(result: xr.Dataset, dim: str) -> dict[str, str]:
-    """Return the unit of every input, output or state (`dim`), by name; "" where the dataset has none."""
+    """Return the unit of every input, output or state (`dim`), by name; "" if there is none."""
     names = [str(n) for n in result[dim].values]
     if f"{dim}_unit" not in result.coords:
         return dict.fromkeys(names, "")
@@ -188,8 +188,12 @@ def units(result: xr.Dataset, dim: str) -> dict[str, str]:
 
 
 def _rank(row: Row) -> tuple[bool, float, float]:
-    unlikely, size = -row.log_likelihood, sum(row.rms_innovation.values())
-    return row.failed, *(math.inf if math.isnan(v) else v for v in (unlikely, size))
+    size = sum(row.rms_innovation.values())
+    return row.failed, _worst_if_unknown(-row.log_likelihood), _worst_if_unknown(size)
+
+
+def _worst_if_unknown(value: float) -> float:
+    return math.inf if math.isnan(value) else value
 
 
 def _final(result: xr.Dataset, reference: Mapping[str, float]) -> dict[str, Final]:

@@ -1,6 +1,7 @@
 """What a recording must fulfil before the first sample is used; each check names the place."""
 
 import math
+import numbers
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -13,7 +14,7 @@ IRREGULARITY = 0.01
 
 
 def check_lengths(lengths: Mapping[str, int], where: str) -> int:
-    """Number of samples; raises `DataError` unless all columns have the same and at least two."""
+    """Return the number of samples; raise `DataError` unless it is the same and at least two."""
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"'{name}' {n}" for name, n in lengths.items())
         raise DataError(
@@ -42,7 +43,7 @@ def check_time(time: Array, where: str) -> None:
 
 def check_period(dt: float, what: str, where: str) -> None:
     """Raise `DataError` unless a sampling period is a positive number."""
-    if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0 < dt < math.inf:
+    if not isinstance(dt, numbers.Real) or not 0 < dt < math.inf:
         raise DataError(f"{where}: {what} is {dt!r}; it must be a positive number of seconds")
 
 
@@ -68,28 +69,27 @@ def check_inputs(
     values: Array, names: Iterable[str], time: Array, *, first: int, where: str
 ) -> None:
     """Raise `DataError` if an input, (n, nu), is NaN or infinite; `first` is the first sample."""
-    _check(values, ~np.isfinite(values), names, time, first, f"{where}: input", "must be known")
+    place = _first(~np.isfinite(values), values, names, time, first)
+    if place:
+        raise DataError(f"{where}: input {place}; an input must be known at every sample")
 
 
 def check_measured(
     values: Array, names: Iterable[str], time: Array, *, first: int, where: str
 ) -> None:
     """Raise `DataError` if an output, (n, ny), is infinite; NaN is "not measured"."""
-    _check(values, np.isinf(values), names, time, first, f"{where}: output", "may be NaN at most")
+    place = _first(np.isinf(values), values, names, time, first)
+    if place:
+        raise DataError(f"{where}: output {place}; write NaN where it was not measured")
 
 
-def _check(
-    values: Array,
-    wrong: np.ndarray,
-    names: Iterable[str],
-    time: Array,
-    first: int,
-    what: str,
-    rule: str,
-) -> None:
-    if wrong.any():
-        k, j = np.argwhere(wrong)[0]
-        raise DataError(
-            f"{what} '{list(names)[j]}' is {values[k, j]} at sample {k + first} "
-            f"(t = {time[k]:.9g} s), {wrong.sum()} times in all; it {rule} at every sample"
-        )
+def _first(
+    wrong: np.ndarray, values: Array, names: Iterable[str], time: Array, first: int
+) -> str | None:
+    if not wrong.any():
+        return None
+    k, j = np.argwhere(wrong)[0]
+    return (
+        f"'{list(names)[j]}' is {values[k, j]} at sample {k + first} (t = {time[k]:.9g} s), "
+        f"{wrong.sum()} times in all"
+    )

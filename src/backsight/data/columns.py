@@ -2,8 +2,9 @@
 
 import dataclasses
 import math
+import numbers
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class Column:
             raise DataError(f"a column is given by its name in the file, not by {self.name!r}")
         for field in ("factor", "offset"):
             value = getattr(self, field)
-            if not isinstance(value, int | float) or not math.isfinite(value):
+            if not isinstance(value, numbers.Real) or not math.isfinite(value):
                 raise DataError(f"column '{self.name}': {field} is {value!r}, not a finite number")
 
     def physical(self, raw: Array) -> Array:
@@ -82,5 +83,6 @@ def column(given: ColumnLike, where: str) -> Column:
                     raise DataError(f"{where} has no field '{key}': {nearest(key, known)}")
             if "name" not in given:
                 raise DataError(f"{where} has no field 'name': give the column's name in the file")
-            return Column(**given)  # pyright: ignore[reportArgumentType]  # checked when built
+            fields: dict[str, Any] = dict(given)
+            return Column(**fields)
     raise DataError(f"{where}: give a column name, a Column or a mapping, not {given!r}")

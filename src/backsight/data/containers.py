@@ -1,10 +1,10 @@
 """Columns of files that hold named arrays: MAT, HDF5, NetCDF, NumPy."""
 
-import importlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import scipy.io
 import xarray as xr
@@ -37,7 +37,7 @@ def read_hdf5(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
 def read_netcdf(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
     """Read columns of a NetCDF file; a variable in a group is ``group/name``."""
     variables: dict[str, Any] = {}
-    for group in {name.rpartition("/")[0] for name in wanted}:
+    for group in dict.fromkeys(name.rpartition("/")[0] for name in wanted):
         with xr.open_dataset(path, group=group or None, decode_times=False) as dataset:
             prefix = f"{group}/" if group else ""
             variables |= {f"{prefix}{k}": v.to_numpy() for k, v in dataset.variables.items()}
@@ -45,10 +45,6 @@ def read_netcdf(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
 
 
 def _read_hdf5(path: Path, wanted: Sequence[str], *, column_major: bool) -> dict[str, Array]:
-    try:
-        h5py = importlib.import_module("h5py")
-    except ModuleNotFoundError:
-        raise DataError(f"{path} is an HDF5 file: install h5py to read it") from None
     datasets: dict[str, Any] = {}
 
     def collect(name: str, entry: Any) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from backsight import schema
 from backsight.data import checks
-from backsight.data.rates import resample as resampled
+from backsight.data.resampling import resample as resampled
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -68,8 +68,9 @@ def from_arrays(
 
     Examples
     --------
-    >>> r = from_arrays(u=[0, 1, 0], y=[0.0, 0.1, 0.3], dt=0.1, inputs={"F": "N"}, outputs={"q": "m"})
-    >>> dict(r.sizes)
+    >>> u, y = [0.0, 1.0, 0.0], [0.0, 0.1, 0.3]
+    >>> recording = from_arrays(u=u, y=y, dt=0.1, inputs={"F": "N"}, outputs={"q": "m"})
+    >>> dict(recording.sizes)
     {'time': 3, 'input': 1, 'output': 1}
     """
     where = "recording"
@@ -77,12 +78,12 @@ def from_arrays(
     known = np.empty((len(measured), 0)) if u is None else u
     given = _matrix(known, "u", inputs, where)
     lengths = {"u": len(given), "y": len(measured)}
-    if time is not None:
-        time = np.asarray(time, float)
-        lengths["time"] = len(time)
+    stamps = None if time is None else _matrix(time, "time", {"time": "s"}, where)[:, 0]
+    if stamps is not None:
+        lengths["time"] = len(stamps)
     n = checks.check_lengths(lengths, where)
     return assemble(
-        time_axis(time, n, dt=dt, where=where),
+        time_axis(stamps, n, dt=dt, where=where),
         u=Group(given, inputs),
         y=Group(measured, outputs),
         dt=dt,
@@ -100,7 +101,7 @@ def time_axis(time: Array | None, n: int, *, dt: float | None, where: str) -> Ar
         return time
     if dt is None:
         raise DataError(f"{where}: give the column of time, or the sampling period dt")
-    return np.arange(n) * dt
+    return dt * np.arange(n, dtype=float)
 
 
 def assemble(

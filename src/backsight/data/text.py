@@ -23,7 +23,7 @@ MISSING = ("", "nan", "NaN", "NAN", "NA")
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """How a text file is laid out: column names, delimiter (None: blanks), lines before the data."""
+    """Layout of a text file: column names, delimiter (None: blanks), lines before the data."""
 
     names: tuple[str, ...]
     delimiter: str | None
@@ -59,10 +59,10 @@ def read_text(path: Path, wanted: Sequence[str], skip_lines: int) -> dict[str, A
     layout = _layout(path, skip_lines)
     absent = [missing(name, layout.names) for name in wanted if name not in layout.names]
     if absent:
-        raise DataError(f"{path}: {'; '.join(absent)}")
+        raise DataError("; ".join(absent))
     for name in wanted:
         if layout.names.count(name) > 1:
-            raise DataError(f"{path}: {layout.names.count(name)} columns are called '{name}'")
+            raise DataError(f"{layout.names.count(name)} columns are called '{name}'; rename them")
     positions = [layout.names.index(name) for name in wanted]
     try:
         table = _fast(path, layout, positions)
@@ -77,7 +77,7 @@ def _layout(path: Path, skip_lines: int) -> Layout:
     comment, first, before = "", "", skip_lines
     for number, line in lines:
         if "\0" in line:
-            raise DataError(f"{path} is not plain text in UTF-8: export it again as such")
+            raise DataError("this is not plain text in UTF-8; export it again as such")
         if _is_content(line):
             first, before = line, number - 1
             break
@@ -89,7 +89,7 @@ def _layout(path: Path, skip_lines: int) -> Layout:
         width = len(_trimmed(_cells(second, delimiter)))
         if width > len(cells):
             raise DataError(
-                f"{path}: the header has {len(cells)} cells, the first row of numbers {width}"
+                f"the line of names has {len(cells)} cells, the first line of numbers {width}"
             )
         return Layout(tuple(cells), delimiter, before + 1)
     names = _cells(comment, delimiter)
@@ -126,24 +126,23 @@ def _careful(path: Path, layout: Layout, positions: list[int]) -> list[Array]:
         cells = _trimmed(_cells(line.partition("#")[0], layout.delimiter))
         if len(cells) > len(layout.names):
             raise DataError(
-                f"{path}: line {number} has {len(cells)} cells, but there are "
-                f"{len(layout.names)} columns"
+                f"line {number} has {len(cells)} cells, but there are {len(layout.names)} columns"
             )
         cells += [""] * (len(layout.names) - len(cells))
         for k in positions:
             if not _is_number(cells[k]):
-                _not_a_number(path, layout, number, layout.names[k], cells[k])
+                _not_a_number(layout, number, layout.names[k], cells[k])
         rows.append([float(cells[k]) if cells[k] not in MISSING else np.nan for k in positions])
     return list(np.array(rows, float).reshape(len(rows), len(positions)).T)
 
 
-def _not_a_number(path: Path, layout: Layout, number: int, name: str, cell: str) -> NoReturn:
+def _not_a_number(layout: Layout, number: int, name: str, cell: str) -> NoReturn:
     hint = ""
     if _is_number(cell.replace(",", ".")):
         hint = "; numbers need a decimal point"
     elif number == layout.lines_before + 1:
         hint = "; if the line gives units, begin it with '#'"
-    raise DataError(f"{path}: line {number}, column '{name}': '{cell}' is not a number{hint}")
+    raise DataError(f"line {number}, column '{name}': '{cell}' is not a number{hint}")
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:

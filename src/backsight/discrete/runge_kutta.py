@@ -6,7 +6,6 @@ from collections.abc import Callable
 import casadi as ca
 
 from backsight.errors import TuningError, nearest
-from backsight.types import Expression
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,23 +85,23 @@ class Integrator:
 
     def substep(
         self,
-        rhs: Callable[[Expression, Expression], Expression],
-        x: Expression,
+        rhs: Callable[[ca.SX, ca.SX], ca.SX],
+        x: ca.SX,
         *,
-        ua: Expression,
-        ub: Expression,
-        h: float | Expression,
-    ) -> Expression:
+        ua: ca.SX,
+        ub: ca.SX,
+        h: float | ca.SX,
+    ) -> ca.SX:
         """Advance x' = rhs(x, u) by one sub-step of length h; u goes from `ua` to `ub`."""
         tableau = TABLEAUS[self.scheme]
-        slopes: list[Expression] = []
+        slopes: list[ca.SX] = []
         for row, c in zip(tableau.a, tableau.c, strict=True):
             stage = x + h * weighted(row, slopes) if any(row) else x
             slopes.append(rhs(stage, ua if self.hold == "zoh" else ua + c * (ub - ua)))
         return x + h * weighted(tableau.b, slopes)
 
 
-def weighted(weights: tuple[float, ...], terms: list[Expression]) -> Expression:
+def weighted(weights: tuple[float, ...], terms: list[ca.SX]) -> ca.SX:
     """Sum of the terms with their weights, zero weights left out."""
     products = [w * t for w, t in zip(weights, terms, strict=False) if w]
     total = products[0]

@@ -16,7 +16,7 @@ def run(
     data: Sequence[Array],
     *,
     carry: Array,
-    progress: Callable[[int], None] = lambda samples: None,
+    progress: Callable[[int], None] = lambda _: None,
     block: int = BLOCK,
 ) -> tuple[Array, list[Array]]:
     """Apply the step to every sample.

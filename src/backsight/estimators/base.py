@@ -7,6 +7,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.uncertainty import Noise, Prior
@@ -99,9 +100,9 @@ class Setting:
         u, y, mask = data_symbols(self.model)
         return ca.Function("enter", [u, y, mask], [u / self.su, y / self.sy, mask])
 
-    def leave(self, x: Array | ca.SX, P: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Physical state (nx,) and covariance (nx, nx) of scaled ones."""
-        return self.sx * x, np.outer(self.sx, self.sx) * P
+    def physical(self, x: ca.SX, vP: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Physical state (nx,) and lower triangle of its covariance, of scaled ones."""
+        return ca.SX(self.sx) * x, vech(unvech(vP) * ca.SX(np.outer(self.sx, self.sx)))
 
 
 def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:

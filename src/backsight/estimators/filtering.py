@@ -40,7 +40,7 @@ def assemble(
     symbol, (x, P, *last) = carry_inputs(list(memory.values()))
     if ramp:
         u_last, started = last
-        x, P = choose(started, predict(x, P, u_last, u), [x, P])
+        x, P = choose(started, predict.call([x, P, u_last, u]), [x, P])
     e, S = innovation(s)(x, P, u, y, mask)
     x, P, flags = correct(x, P, u, y, mask)
     outputs = physical(s)(x, P, u, e, S, flags)
@@ -67,7 +67,7 @@ def carry_inputs(memory: Sequence[Array]) -> tuple[ca.MX, list[ca.MX]]:
 
 def packed(P: Array) -> Array:
     """Lower triangle of a symmetric matrix, (n (n + 1) / 2,)."""
-    return np.asarray(vech(ca.DM(P))).ravel()
+    return P.T[np.triu_indices(len(P))]
 
 
 def choose(flag: ca.MX, then: Sequence[ca.MX], otherwise: Sequence[ca.MX]) -> list[ca.MX]:
@@ -90,11 +90,10 @@ def physical(s: Setting) -> ca.Function:
     vP, vS = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("S", ny * (ny + 1) // 2)
     flags = ca.SX.sym("flags", len(FLAGS))
     outputs = [
-        s.sx * x,
-        vech(np.outer(s.sx, s.sx) * unvech(vP)),
+        *s.physical(x, vP),
         s.sy * s.model.output(x, u),
         s.sy * e,
-        vech(np.outer(s.sy, s.sy) * unvech(vS)),
+        vech(unvech(vS) * ca.SX(np.outer(s.sy, s.sy))),
         ca.dot(flags, ca.DM([int(f) for f in FLAGS])),
     ]
     return ca.Function("physical", [x, vP, u, e, vS, flags], outputs)

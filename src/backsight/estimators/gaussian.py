@@ -30,7 +30,7 @@ COVARIANCES = ("transition", "ode", "discrete")
 
 
 def innovation(s: Setting) -> ca.Function:
-    """Innovation and its covariance, ``(x, P, u, y, mask) -> (e, S)``; e is 0 where not measured."""
+    """Innovation, 0 where not measured, and its covariance: ``(x, P, u, y, mask) -> (e, S)``."""
     x, vP, u, y, mask = _update_symbols(s)
     y_prior = s.model.output(x, u)
     H = ca.jacobian(y_prior, x)

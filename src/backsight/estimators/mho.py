@@ -111,7 +111,7 @@ class MHO(AbstractEstimator):
 
         time_update = predict(s, self.integrator, self.covariance)
         update = correct(s)
-        prior = choose(called, time_update(x_last, P_last, U[:, N - 1], u), [x_last, P_last])
+        prior = choose(called, time_update.call([x_last, P_last, U[:, N - 1], u]), [x_last, P_last])
         x_start, P_start = choose(began, [x_start, P_start], prior)
         e, S = innovation(s)(*prior, u, y, mask)
 
@@ -133,7 +133,7 @@ class MHO(AbstractEstimator):
         )
         x_now, P_now, flags = post
         flags = ca.vertcat(flags[0], limit, rejected, flags[3])
-        ahead = time_update(x, P_bar, U[:, 0], U[:, 1])
+        ahead = time_update.call([x, P_bar, U[:, 0], U[:, 1]])
         x_start, P_start = choose(full, ahead, [x_start, P_start])
         carry = [x_start, P_start, x_now, P_now, *(ca.vec(w) for w in (U, Y, M, present)), 1]
         start = _physical_start(s)(x, Sigma)
@@ -173,7 +173,7 @@ def _post_filter(s: Setting, predict: ca.Function, correct: ca.Function) -> ca.F
     u_last, u = ca.MX.sym("u_last", nu), ca.MX.sym("u", nu)
     y, mask = ca.MX.sym("y", ny), ca.MX.sym("mask", ny)
     before, here = ca.MX.sym("before"), ca.MX.sym("here")
-    prior = choose(before, predict(x, P, u_last, u), [x, P])
+    prior = choose(before, predict.call([x, P, u_last, u]), [x, P])
     x_post, P_post, raised = correct(*prior, u, y, here * mask)
     a, b = ca.SX.sym("a", 4), ca.SX.sym("b", 4)
     either = ca.Function("either", [a, b], [ca.fmax(a, b)])
@@ -270,6 +270,4 @@ def _accumulate(s: Setting, moving: list[int], alpha: float) -> ca.Function:
 
 def _physical_start(s: Setting) -> ca.Function:
     x, vP = ca.SX.sym("x", s.model.nx), ca.SX.sym("P", s.model.nx * (s.model.nx + 1) // 2)
-    return ca.Function(
-        "physical_start", [x, vP], [s.sx * x, vech(np.outer(s.sx, s.sx) * unvech(vP))]
-    )
+    return ca.Function("physical_start", [x, vP], list(s.physical(x, vP)))

@@ -18,7 +18,7 @@ def augment(
     model: Model,
     parameters: Sequence[str] = (),
     *,
-    disturbances: Mapping[str, str | Signal] | None = None,
+    disturbances: Mapping[str, str] | None = None,
 ) -> Model:
     r"""Append parameters and unknown disturbances to the state (eq. 3-6).
 
@@ -50,7 +50,7 @@ def augment(
     for name in parameters:
         if name not in known:
             raise ModelError(f"the model has no parameter '{name}': {nearest(name, known)}")
-    targets = {name: model.index(str(target)) for name, target in disturbances.items()}
+    targets = {name: model.index(target) for name, target in disturbances.items()}
 
     moved = [known[n] for n in parameters]
     added = [Signal(name=n, unit=_rate_unit(model, model.states[i])) for n, i in targets.items()]
@@ -65,14 +65,14 @@ def augment(
     symbols |= {s.name: p[i] for i, s in enumerate(kept)}
     full = ca.vertcat(*(symbols[s.name] for s in model.parameters))
 
-    rows = ca.SX(model.f(x, u, full))
+    rows = ca.SX(model.f.call([x, u, full])[0])
     for k, i in enumerate(targets.values()):
         rows[i] += d[k]
     unchanged = ca.SX.zeros(len(moved) + nd) if model.continuous else ca.vertcat(theta, d)
     return dataclasses.replace(
         model,
         f=ca.Function("f", [z, u, p], [ca.vertcat(rows, unchanged)]),
-        h=ca.Function("h", [z, u, p], [model.h(x, u, full)]),
+        h=ca.Function("h", [z, u, p], model.h.call([x, u, full])),
         states=(*model.states, *moved, *added),
         parameters=tuple(kept),
     )

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
-from backsight.models.expressions import expressions, symbol_table
+from backsight.models.expressions import check_names, expressions
 from backsight.models.model import Model
 from backsight.models.signals import Named, Signal, signals
 
@@ -63,16 +63,20 @@ def from_equations(
         signals(inputs, "input"),
         signals(parameters, "parameter"),
     )
+    check_names(s.name for group in groups for s in group)
     of_states = {f"equation '{n}'": text for n, text in equations.items()}
     of_outputs = {f"output equation '{n}'": text for n, text in output_equations.items()}
 
-    def f(*named: Named) -> dict[str, ca.SX]:
+    def symbols(vectors: tuple[Named, ...]) -> dict[str, ca.SX]:
+        return {s.name: v[s.name] for v, group in zip(vectors, groups, strict=True) for s in group}
+
+    def f(*xup: Named) -> dict[str, ca.SX]:
         # The output equations are read here too, so that all faults are told at once.
-        read = expressions(of_states | of_outputs, symbol_table(*zip(groups, named, strict=True)))
+        read = expressions(of_states | of_outputs, symbols(xup))
         return {n: read[where] for n, where in zip(equations, of_states, strict=True)}
 
-    def h(*named: Named) -> dict[str, ca.SX]:
-        read = expressions(of_outputs, symbol_table(*zip(groups, named, strict=True)))
+    def h(*xup: Named) -> dict[str, ca.SX]:
+        read = expressions(of_outputs, symbols(xup))
         return {n: read[where] for n, where in zip(output_equations, of_outputs, strict=True)}
 
     return Model(

@@ -1,14 +1,14 @@
 """Formulas as text, read into CasADi expressions; nothing of the text is ever executed as code."""
 
 import math
+import operator
 import re
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple, NoReturn, final
+from typing import NamedTuple, final
 
 import casadi as ca
 
 from backsight.errors import ModelError, nearest
-from backsight.models.signals import Named, Signal
 
 MAX_LENGTH = 10_000
 """Longest formula that is read [characters]."""
@@ -43,11 +43,11 @@ CONSTANTS = {"pi": math.pi}
 """Numbers that a formula may name."""
 
 _BINARY = {
-    "+": (1, lambda a, b: a + b),
-    "-": (1, lambda a, b: a - b),
-    "*": (2, lambda a, b: a * b),
-    "/": (2, lambda a, b: a / b),
-    "**": (4, lambda a, b: a**b),
+    "+": (1, operator.add),
+    "-": (1, operator.sub),
+    "*": (2, operator.mul),
+    "/": (2, operator.truediv),
+    "**": (4, operator.pow),
 }
 _SIGN_LEVEL = 3  # a sign binds less than a power and more than a product: -x**2 is -(x**2)
 
@@ -127,20 +127,12 @@ def expressions(texts: Mapping[str, object], symbols: Mapping[str, ca.SX]) -> di
     return read
 
 
-def symbol_table(*groups: tuple[Iterable[Signal], Named]) -> dict[str, ca.SX]:
-    """Name to scalar, from groups of signals and the vectors that hold them.
-
-    Raises
-    ------
-    ModelError
-        If a signal has the name of a function or constant of the formulas.
-    """
-    table = {s.name: named[s.name] for group, named in groups for s in group}
-    for name in table:
+def check_names(names: Iterable[str]) -> None:
+    """Raise `ModelError` if a signal has the name of a function or constant of the formulas."""
+    for name in names:
         if name in FUNCTIONS or name in CONSTANTS:
             kind = "function" if name in FUNCTIONS else "constant"
             raise ModelError(f"'{name}' is a {kind} in formulas; give the signal another name")
-    return table
 
 
 @final
@@ -156,6 +148,10 @@ class _Parser:
         self._tokens.append(_Token("end", "", len(text) + 1))
         self._position = 0
 
+    @property
+    def _here(self) -> _Token:
+        return self._tokens[self._position]
+
     def whole(self) -> ca.SX:
         value = self._climb(1, 0)
         self._expect("", "a bracket is closed, or a comma set, where none is open")
@@ -163,10 +159,10 @@ class _Parser:
 
     def _climb(self, level: int, depth: int) -> ca.SX:
         if depth > MAX_DEPTH:
-            self._fail(self._tokens[self._position], f"nested more than {MAX_DEPTH} deep")
+            raise self._error(self._here, f"nested more than {MAX_DEPTH} deep")
         value = self._operand(depth)
         while True:
-            token = self._tokens[self._position]
+            token = self._here
             own, apply = _BINARY.get(token.text, (0, None))
             if apply is None or own < level:
                 return value
@@ -174,16 +170,16 @@ class _Parser:
             # Powers group from the right, and their exponent may carry a sign: 2**-x**2.
             right = self._climb(_SIGN_LEVEL if token.text == "**" else own + 1, depth + 1)
             if token.text == "/" and right.is_zero():
-                self._fail(token, "division by zero")
+                raise self._error(token, "division by zero")
             value = self._finite(token, apply(value, right))
 
     def _operand(self, depth: int) -> ca.SX:
-        token = self._tokens[self._position]
+        token = self._here
         self._position += 1
         if token.kind == "number":
             return self._finite(token, ca.SX(float(token.text)))
         if token.kind == "name":
-            if self._tokens[self._position].text == "(":
+            if self._here.text == "(":
                 return self._call(token, depth)
             return self._symbol(token)
         if token.text in ("+", "-"):
@@ -194,9 +190,9 @@ class _Parser:
             self._expect(")", f"the bracket opened at column {token.column} is not closed")
             return value
         if token.kind == "foreign":
-            self._foreign(token)
+            raise self._foreign(token)
         found = "the formula ends" if token.kind == "end" else f"{_quoted(token)} stands"
-        self._fail(token, f"{found} where a number, a name or a bracket is needed")
+        raise self._error(token, f"{found} where a number, a name or a bracket is needed")
 
     def _symbol(self, token: _Token) -> ca.SX:
         if token.text in self._symbols:
@@ -204,54 +200,61 @@ class _Parser:
         if token.text in CONSTANTS:
             return ca.SX(CONSTANTS[token.text])
         if token.text in FUNCTIONS:
-            self._fail(token, f"the function {token.text} needs its arguments in brackets")
-        following = self._tokens[self._position]
-        if following.text == ".":
-            self._foreign(following)
-        self._fail(token, f"unknown name {_quoted(token)}: {nearest(token.text, self._symbols)}")
+            raise self._error(token, f"the function {token.text} needs its arguments in brackets")
+        if self._here.text == ".":
+            raise self._foreign(self._here)
+        raise self._error(
+            token, f"unknown name {_quoted(token)}: {nearest(token.text, self._symbols)}"
+        )
 
     def _call(self, token: _Token, depth: int) -> ca.SX:
         if token.text in self._symbols or token.text in CONSTANTS:
-            self._fail(token, f"{_quoted(token)} is not a function; write * for a product")
+            raise self._error(token, f"{_quoted(token)} is not a function; write * for a product")
         if token.text not in FUNCTIONS:
-            self._fail(
+            raise self._error(
                 token, f"unknown function {_quoted(token)}: {nearest(token.text, FUNCTIONS)}"
             )
         count, apply = FUNCTIONS[token.text]
         self._position += 1
         arguments = [self._climb(1, depth + 1)]
-        while self._tokens[self._position].text == ",":
+        while self._here.text == ",":
             self._position += 1
             arguments.append(self._climb(1, depth + 1))
         self._expect(")", f"the bracket of {token.text} is not closed")
         if len(arguments) != count:
-            self._fail(token, f"{token.text} needs {count} argument(s), not {len(arguments)}")
+            raise self._error(
+                token, f"{token.text} needs {count} argument(s), not {len(arguments)}"
+            )
         return self._finite(token, apply(*arguments))
 
     def _expect(self, mark: str, reason: str) -> None:
-        token = self._tokens[self._position]
+        token = self._here
         if token.text == mark:
             self._position += 1
         elif token.kind in ("number", "name") or token.text == "(":
-            self._fail(token, f"an operator is missing before {_quoted(token)}; * is a product")
+            raise self._error(
+                token, f"an operator is missing before {_quoted(token)}; * is a product"
+            )
         elif token.kind == "foreign":
-            self._foreign(token)
+            raise self._foreign(token)
         else:
-            self._fail(token, reason)
+            raise self._error(token, reason)
 
     def _finite(self, token: _Token, value: ca.SX) -> ca.SX:
         if value.is_constant() and not math.isfinite(float(value)):
-            self._fail(
+            raise self._error(
                 token, f"{_quoted(token)} gives {float(value)}, which is not a finite number"
             )
         return value
 
-    def _foreign(self, token: _Token) -> NoReturn:
+    def _foreign(self, token: _Token) -> ModelError:
         advice = _ADVICE.get(token.text)
-        self._fail(token, f"{_quoted(token)} is not allowed{f': {advice}' if advice else ''}")
+        return self._error(
+            token, f"{_quoted(token)} is not allowed{f': {advice}' if advice else ''}"
+        )
 
-    def _fail(self, token: _Token, reason: str) -> NoReturn:
-        raise ModelError(f"{self._where}, column {token.column}: {reason}")
+    def _error(self, token: _Token, reason: str) -> ModelError:
+        return ModelError(f"{self._where}, column {token.column}: {reason}")
 
 
 def _quoted(token: _Token) -> str:

@@ -3,6 +3,7 @@
 import dataclasses
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,9 +13,13 @@ from backsight.models.signals import Named, Signal, signals
 from backsight.types import Array
 
 Equations = Callable[..., object] | ca.Function
+"""``(x, u, p)`` to a list or dict of expressions."""
+
+Signals = Mapping[str, object] | Sequence[Signal]
+"""Name to unit, value, ``(value, unit)`` or `Signal`; or signals that have their names."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, init=False)
 class Model:
     r"""A dynamic system :math:`\dot x = f(x, u, p),\; y = h(x, u, p)`, or :math:`x^+ = f(x, u, p)`.
 
@@ -52,18 +57,42 @@ class Model:
     └── parameters  k = 7e+06, b = 77, c = 540000
     """
 
-    f: Equations
-    h: Equations
-    states: Mapping[str, object] | Sequence[Signal]
-    outputs: Mapping[str, object] | Sequence[Signal]
-    inputs: Mapping[str, object] | Sequence[Signal] = ()
-    parameters: Mapping[str, object] | Sequence[Signal] = ()
-    dt: float | None = None
-    name: str = "model"
+    f: ca.Function
+    h: ca.Function
+    states: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    parameters: tuple[Signal, ...]
+    dt: float | None
+    name: str
 
-    def __post_init__(self) -> None:
-        for kind in ("states", "inputs", "outputs", "parameters"):
-            object.__setattr__(self, kind, signals(getattr(self, kind), kind[:-1]))
+    def __init__(
+        self,
+        f: Equations,
+        h: Equations,
+        *,
+        states: Signals,
+        outputs: Signals,
+        inputs: Signals = (),
+        parameters: Signals = (),
+        dt: float | None = None,
+        name: str = "model",
+    ) -> None:
+        fields = {
+            "states": signals(states, "state"),
+            "inputs": signals(inputs, "input"),
+            "outputs": signals(outputs, "output"),
+            "parameters": signals(parameters, "parameter"),
+            "dt": dt,
+            "name": name,
+        }
+        for field, value in fields.items():
+            object.__setattr__(self, field, value)
+        self._check()
+        object.__setattr__(self, "f", self._trace(f, "f", self.states))
+        object.__setattr__(self, "h", self._trace(h, "h", self.outputs))
+
+    def _check(self) -> None:
         problems = [p for s in self.signals for p in s.problems()]
         problems += [
             f"the name '{name}' is used twice"
@@ -78,8 +107,6 @@ class Model:
             problems.append(f"the sampling period dt is {self.dt}; it must be positive")
         if problems:
             raise ModelError(f"model '{self.name}': " + "; ".join(problems))
-        object.__setattr__(self, "f", self._trace(self.f, "f", self.states))
-        object.__setattr__(self, "h", self._trace(self.h, "h", self.outputs))
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -113,11 +140,11 @@ class Model:
 
     def rhs(self, x: ca.SX, u: ca.SX) -> ca.SX:
         """State equation with the parameters at their values."""
-        return self.f(x, u, self.theta)
+        return self.f.call([x, u, ca.SX(self.theta)])[0]
 
     def output(self, x: ca.SX, u: ca.SX) -> ca.SX:
         """Output equation with the parameters at their values."""
-        return self.h(x, u, self.theta)
+        return self.h.call([x, u, ca.SX(self.theta)])[0]
 
     def index(self, state: str) -> int:
         """Position of a state; raises `ModelError` if there is none of that name."""
@@ -146,7 +173,7 @@ class Model:
         what = {"f": "state equation f", "h": "output equation h"}[name]
         where = f"model '{self.name}': {what}"
         if isinstance(given, ca.Function):
-            rows = [given(x, u, p)]
+            rows = given.call([x, u, p])
         else:
             returned = given(
                 Named("state", [s.name for s in self.states], x),
@@ -163,7 +190,7 @@ class Model:
         return ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
 
 
-def _rows(returned: object, of: tuple[Signal, ...], where: str) -> list[object]:
+def _rows(returned: Any, of: tuple[Signal, ...], where: str) -> list[ca.SX]:
     if isinstance(returned, Mapping):
         names = [s.name for s in of]
         for name in returned:
@@ -172,10 +199,12 @@ def _rows(returned: object, of: tuple[Signal, ...], where: str) -> list[object]:
         missing = [n for n in names if n not in returned]
         if missing:
             raise ModelError(f"{where} has no entry for {', '.join(missing)}")
-        return [returned[n] for n in names]
-    if isinstance(returned, list | tuple):
-        return list(returned)
-    return [returned]
+        returned = [returned[n] for n in names]
+    rows = returned if isinstance(returned, list | tuple) else [returned]
+    try:
+        return [ca.SX(row) for row in rows]
+    except NotImplementedError:
+        raise ModelError(f"{where} returns something that is not a number or expression") from None
 
 
 def _label(s: Signal) -> str:

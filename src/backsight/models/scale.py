@@ -26,8 +26,8 @@ def scale(model: Model) -> Model:
     p = ca.SX.sym("p", len(model.parameters))
     return dataclasses.replace(
         model,
-        f=ca.Function("f", [x, u, p], [model.f(sx * x, su * u, p) / sx]),
-        h=ca.Function("h", [x, u, p], [model.h(sx * x, su * u, p) / sy]),
+        f=ca.Function("f", [x, u, p], [model.f.call([sx * x, su * u, p])[0] / sx]),
+        h=ca.Function("h", [x, u, p], [model.h.call([sx * x, su * u, p])[0] / sy]),
         states=tuple(map(_scaled, model.states)),
         inputs=tuple(map(_scaled, model.inputs)),
         outputs=tuple(map(_scaled, model.outputs)),

@@ -4,7 +4,8 @@ Source: Polóni, Eielsen, Rohaľ-Ilkiv, Johansen (2012), "Moving horizon observe
 dynamics with plant uncertainties in nanopositioning system estimation", ACC 2012.
 """
 
-import dataclasses
+import math
+import numbers
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
@@ -13,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError, nearest
-from backsight.models.expressions import expressions, symbol_table
+from backsight.models.expressions import check_names, expressions
 from backsight.models.model import Model
-from backsight.models.signals import Named, Signal, signals
+from backsight.models.signals import Signal, signals
 
 Entries: TypeAlias = ArrayLike | Sequence[Sequence[float | str]] | str
 """A matrix whose entries are numbers or formulas of the parameters."""
@@ -23,7 +24,7 @@ Entries: TypeAlias = ArrayLike | Sequence[Sequence[float | str]] | str
 Direction: TypeAlias = str | Sequence[float | str] | ArrayLike
 """A coordinate, or one entry per coordinate."""
 
-_KINDS = ("displacement", "velocity", "acceleration")
+_UNIT_ENDS = {"displacement": "", "velocity": "/s", "acceleration": "/s2"}
 
 
 def second_order(
@@ -104,12 +105,131 @@ def second_order(
     "fu": "q1"}, ...)``. From a displacement alone only the ratios to the mass can be found; set
     ``m`` to 1 and the parameters are those of eq. 36 (`sdof`).
     """
-    size = np.atleast_2d(np.asarray(mass, dtype=object)).shape[0]
-    q_signals = signals(coordinates or {f"q{i + 1}": "" for i in range(size)}, "coordinate")
-    names = [s.name for s in q_signals]
-    groups = (
-        (*q_signals, *map(_velocity, q_signals)),
-        signals(inputs, "input"),
-        signals(parameters, "parameter"),
+    n = np.atleast_1d(np.asarray(mass, dtype=object)).shape[0]
+    of_q = signals(
+        {f"q{i + 1}": "" for i in range(n)} if coordinates is None else coordinates, "coordinate"
     )
-    x, u, p = (ca.SX.sym(k, len(group)) for k, group in zip(("x", "u", "p"), groups, strict=True))
+    if len(of_q) != n:
+        raise ModelError(f"{len(of_q)} coordinates are named, but the mass matrix has {n} rows")
+    of_x = (*of_q, *map(_velocity, of_q))
+    of_u, of_p = signals(inputs, "input"), signals(parameters, "parameter")
+    x, u, p = ca.SX.sym("x", 2 * n), ca.SX.sym("u", len(of_u)), ca.SX.sym("p", len(of_p))
+    names = [s.name for s in (*of_x, *of_u, *of_p)]
+    check_names(names)
+    symbols = dict(zip(names, ca.vertsplit(ca.vertcat(x, u, p)), strict=True))
+
+    M, C, K = (
+        _entries(given, what, (n, n), symbols)
+        for given, what in ((mass, "mass"), (damping, "damping"), (stiffness, "stiffness"))
+    )
+    _check_mass(ca.Function("M", [p], [ca.densify(M)])([s.value for s in of_p]))
+    # M = L D L' keeps the sparsity of M and serves numbers and symbols alike: no inverse.
+    D, LT, permutation = ca.ldl(M)
+    q, v = x[:n], x[n:]
+    load = _load(forces, of_q, symbols) - ca.mtimes(C, v) - ca.mtimes(K, q)
+    a = ca.ldl_solve(load, D, LT, permutation)
+
+    motion = {"displacement": q, "velocity": v, "acceleration": a}
+    y = [_output(name, given, motion, of_q, symbols) for name, given in outputs.items()]
+    return Model(
+        f=ca.Function("f", [x, u, p], [ca.vertcat(v, a)]),
+        h=ca.Function("h", [x, u, p], [ca.vertcat(*y)]),
+        states=of_x,
+        inputs=of_u,
+        outputs={k: _output_unit(kind, where, of_q) for k, (kind, where) in outputs.items()},
+        parameters=of_p,
+        name=name,
+    )
+
+
+def _velocity(of_q: Signal) -> Signal:
+    return Signal(name=f"{of_q.name}_dot", unit=f"{of_q.unit}/s" if of_q.unit else "")
+
+
+def _entries(
+    given: Entries | Direction, what: str, shape: tuple[int, ...], symbols: Mapping[str, ca.SX]
+) -> ca.SX:
+    array = np.asarray(given, dtype=object)
+    if array.ndim == 0 and shape == (1, 1):
+        array = array.reshape(shape)
+    if array.shape != shape:
+        raise ModelError(f"{what} has the shape {array.shape}; it must be {shape}")
+    texts = {_place(what, i): entry for i, entry in np.ndenumerate(array) if isinstance(entry, str)}
+    read = expressions(texts, symbols)
+    matrix = ca.SX.zeros(shape[0], shape[-1] if len(shape) == 2 else 1)
+    for i, entry in np.ndenumerate(array):
+        place = _place(what, i)
+        if place in read:
+            matrix[i] = read[place]
+        elif isinstance(entry, numbers.Real) and math.isfinite(entry):
+            matrix[i] = float(entry)
+        else:
+            raise ModelError(f"{place} is {entry!r}; it must be a finite number or a formula")
+    return ca.sparsify(matrix)
+
+
+def _place(what: str, index: tuple[int, ...]) -> str:
+    parts = zip(("row", "column"), index, strict=False)
+    return ", ".join([what, *(f"{part} {i + 1}" for part, i in parts)])
+
+
+def _check_mass(M: ca.DM) -> None:
+    values = np.array(M)
+    if not np.isfinite(values).all():
+        raise ModelError("mass is not finite at the values of the parameters")
+    if not np.allclose(values, values.T, rtol=1e-9, atol=1e-12 * np.abs(values).max()):
+        row, column = np.unravel_index(np.abs(values - values.T).argmax(), values.shape)
+        raise ModelError(
+            f"mass is not symmetric: row {row + 1}, column {column + 1} is "
+            f"{values[row, column]:g}, its mirror image {values[column, row]:g}"
+        )
+    eigenvalues = np.linalg.eigvalsh(values)
+    if not eigenvalues[0] > len(values) * np.finfo(float).eps * eigenvalues[-1]:
+        raise ModelError(
+            f"mass is not positive definite: its smallest eigenvalue is {eigenvalues[0]:.3g}; "
+            "every degree of freedom needs a mass"
+        )
+
+
+def _load(
+    forces: Mapping[str, Direction], of_q: Sequence[Signal], symbols: Mapping[str, ca.SX]
+) -> ca.SX:
+    load = ca.SX.zeros(len(of_q))
+    read = expressions({f"force '{text}'": text for text in forces}, symbols)
+    for (what, force), where in zip(read.items(), forces.values(), strict=True):
+        load += force * _direction(where, what, of_q, symbols)
+    return load
+
+
+def _direction(
+    where: Direction, what: str, of_q: Sequence[Signal], symbols: Mapping[str, ca.SX]
+) -> ca.SX:
+    if not isinstance(where, str):
+        return _entries(where, f"the direction of {what}", (len(of_q),), symbols)
+    names = [s.name for s in of_q]
+    if where not in names:
+        raise ModelError(f"{what} is at the coordinate '{where}': {nearest(where, names)}")
+    return ca.SX(ca.DM.eye(len(of_q)))[:, names.index(where)]
+
+
+def _output(
+    name: str,
+    given: tuple[str, Direction],
+    motion: Mapping[str, ca.SX],
+    of_q: Sequence[Signal],
+    symbols: Mapping[str, ca.SX],
+) -> ca.SX:
+    match given:
+        case (str() as kind, where):
+            pass
+        case _:
+            raise ModelError(f"output '{name}' is {given!r}; give (kind, where)")
+    if kind not in motion:
+        raise ModelError(f"output '{name}' is a '{kind}': {nearest(kind, motion)}")
+    return ca.dot(_direction(where, f"output '{name}'", of_q, symbols), motion[kind])
+
+
+def _output_unit(kind: str, where: Direction, of_q: Sequence[Signal]) -> str:
+    units = {s.unit for s in of_q if not isinstance(where, str) or s.name == where}
+    unit = units.pop() if len(units) == 1 else ""
+    return unit and unit + _UNIT_ENDS[kind]

@@ -5,10 +5,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import casadi as ca
+import numpy as np
 
 from backsight.errors import ModelError, nearest
 from backsight.types import Array, ByName
-import numpy as np
 
 
 @dataclasses.dataclass(frozen=True)

@@ -39,7 +39,7 @@ def compare(
     recording: xr.Dataset,
     *,
     throw: bool = True,
-    progress: Callable[[str, int], None] = lambda name, samples: None,
+    progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Comparison:
     """Run estimators over the same recording and rank them.
 

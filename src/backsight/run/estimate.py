@@ -14,7 +14,6 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.match import match
 from backsight.schema import FAILURES, RESULT_VARIABLES, SCHEMA_VERSION, STATUS_TEXT, Status
-from backsight.types import Array
 
 
 def estimate(
@@ -23,7 +22,7 @@ def estimate(
     recording: xr.Dataset,
     *,
     throw: bool = True,
-    progress: Callable[[int], None] = lambda samples: None,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
     """Estimate the states of a model from a recording.
 
@@ -90,7 +89,10 @@ def failure(result: xr.Dataset) -> str:
 
 
 def _dataset(
-    values: dict[str, Array], channels: tuple[Channel, ...], model: Model, recording: xr.Dataset
+    values: dict[str, np.ndarray],
+    channels: tuple[Channel, ...],
+    model: Model,
+    recording: xr.Dataset,
 ) -> xr.Dataset:
     names = [s.name for s in model.states]
     outputs = [s.name for s in model.outputs]

@@ -40,7 +40,7 @@ def match(model: Model, recording: xr.Dataset) -> tuple[Array, Array, Array]:
     if len(bad):
         k, i = bad[0]
         raise DataError(
-            f"output '{model.outputs[i].name}' is infinite at sample {k}; use NaN for 'not measured'"
+            f"output '{model.outputs[i].name}' is infinite at sample {k}; NaN means 'not measured'"
         )
     measured = np.isfinite(y)
     return u, np.where(measured, y, 0.0), measured.astype(float)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from backsight.estimators.base import AbstractEstimator
 from backsight.errors import DataError
+from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.models.signals import vector
 from backsight.types import Array, ByName

@@ -11,7 +11,9 @@ BLOCK_PASSES = 8
 
 
 def dual_active_set(n: int) -> ca.Function:
-    r"""Multipliers of bounds on a Gaussian, ``(M, x, lower, upper) -> (multipliers, side, passes)``.
+    r"""Multipliers of bounds on a Gaussian.
+
+    ``(M, x, lower, upper) -> (multipliers, side, passes)``.
 
     The minimiser of :math:`\tfrac12 (\xi - x)' \Sigma^{-1} (\xi - x)` subject to bounds on n
     entries is :math:`x + \Sigma_{:,b} \lambda`, where with :math:`M = \Sigma_{b,b}`

@@ -1,0 +1,172 @@
+"""Read a recording from a file."""
+
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from scipy.io.matlab import MatReadError
+
+from backsight.data import checks
+from backsight.data.columns import Column, ColumnLike, column, columns
+from backsight.data.containers import read_hdf5, read_mat, read_netcdf, read_npz
+from backsight.data.recording import Group, assemble, time_axis
+from backsight.data.text import read_text
+from backsight.errors import DataError, nearest
+from backsight.types import Array
+
+TEXT = (".csv", ".tsv", ".txt")
+"""Extensions of text files."""
+
+CONTAINERS: Mapping[str, Callable[[Path, Sequence[str]], dict[str, Array]]] = {
+    ".mat": read_mat,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".nc": read_netcdf,
+    ".npz": read_npz,
+}
+"""Extension to reader of the files that hold named arrays."""
+
+UNREADABLE = (
+    *(OSError, ValueError, TypeError, LookupError, EOFError, RuntimeError),
+    *(MatReadError, zipfile.BadZipFile, zlib.error, struct.error),
+)
+"""What the readers raise on files that are cut off or of another kind."""
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    inputs: Mapping[str, ColumnLike],
+    outputs: Mapping[str, ColumnLike],
+    time: ColumnLike | None = None,
+    dt: float | None = None,
+    truth: Mapping[str, ColumnLike] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    resample: float | None = None,
+    skip_lines: int = 0,
+) -> xr.Dataset:
+    r"""Read a recording and check it.
+
+    Parameters
+    ----------
+    path : path
+        Text (``.csv``, ``.tsv``, ``.txt``; first line or last comment names the columns), MATLAB
+        (``.mat``), HDF5 (``.h5``, ``.hdf5``), NetCDF (``.nc``) or NumPy (``.npz``).
+    inputs, outputs : dict
+        Name of the signal in the model to the column: its name, a `Column` with unit and factor,
+        or a mapping with the fields of one. ``group/name`` reads from a structure or group,
+        ``acc[2]`` the third column of a matrix. An empty cell or ``NaN`` in an output is "not
+        measured".
+    time : column, optional
+        Time stamps [s]; ``Column("t_ms", factor=1e-3)`` for milliseconds.
+    dt : float, optional
+        Sampling period [s]; needed if there is no `time`.
+    truth : dict, optional
+        Reference values of states, as `outputs`; they become ``x_true (time, state)``.
+    start, stop : float, optional
+        Keep the samples with ``start <= t < stop`` [s].
+    resample : float, optional
+        Interpolate to this sampling period [s]; see `backsight.data.resample`.
+    skip_lines : int
+        Lines to pass over at the top of a text file.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``u (time, input)`` and ``y (time, output)``, as `backsight.schema.recording` makes it.
+
+    Raises
+    ------
+    DataError
+        If the file or a column is missing or cannot be read, the recording is empty, its time is
+        not regular, an input is not known at every sample or an output is infinite.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = pathlib.Path(folder.name, "stage.csv")
+    >>> _ = path.write_text("t,u_V,y_um\n0.0,1.5,0.0\n0.1,-1.5,\n0.2,1.5,0.3\n")
+    >>> drive = Column("u_V", unit="V")
+    >>> recording = read(path, inputs={"V": drive}, outputs={"y": "y_um"}, time="t")
+    >>> recording.y.to_numpy().ravel()
+    array([0. , nan, 0.3])
+    >>> folder.cleanup()
+    """
+    path = Path(path)
+    signals = [columns(inputs, "input"), columns(outputs, "output"), columns(truth or {}, "truth")]
+    clock = None if time is None else column(time, "time")
+    if not signals[0] and not signals[1]:
+        raise DataError(f"{path}: name at least one column as input or output")
+    chosen = [c for group in signals for c in group.values()] + ([clock] if clock else [])
+    raw = _load(path, list(dict.fromkeys(c.name for c in chosen)), skip_lines)
+
+    where = str(path)
+    n = checks.check_lengths({name: len(values) for name, values in raw.items()}, where)
+    given = clock.physical(raw[clock.name]) if clock else None
+    stamps = time_axis(given, n, dt=dt, where=where)
+    kept = _selected(stamps, start, stop, where)
+    u, y, x = (_group(group, raw, kept) for group in signals)
+    return assemble(
+        stamps[kept],
+        u=u,
+        y=y,
+        x=x if truth else None,
+        dt=dt,
+        resample=resample,
+        first=kept.start,
+        where=where,
+    )
+
+
+def _load(path: Path, wanted: Sequence[str], skip_lines: int) -> dict[str, Array]:
+    kind = path.suffix.lower()
+    known = [*TEXT, *CONTAINERS]
+    if not path.exists():
+        raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
+    if path.is_dir():
+        raise DataError(f"'{path}' is a folder; give a file")
+    if kind not in known:
+        raise DataError(f"{path}: files of the kind '{kind}' are not read: {nearest(kind, known)}")
+    try:
+        if kind in TEXT:
+            return read_text(path, wanted, skip_lines)
+        return CONTAINERS[kind](path, wanted)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
+    except UNREADABLE as error:
+        reason = str(error).partition("\n")[0]
+        raise DataError(f"{path} cannot be read as a '{kind}' file: {reason}") from error
+
+
+def _neighbour(path: Path, known: Sequence[str]) -> str:
+    if not path.parent.is_dir():
+        return f": there is no folder '{path.parent}'"
+    names = [p.name for p in path.parent.iterdir() if p.suffix.lower() in known]
+    return f": {nearest(path.name, names)}" if names else ""
+
+
+def _selected(time: Array, start: float | None, stop: float | None, where: str) -> slice:
+    first = 0 if start is None else int(np.searchsorted(time, start))
+    last = len(time) if stop is None else int(np.searchsorted(time, stop))
+    if last - first < 2:
+        raise DataError(
+            f"{where}: fewer than 2 samples between start = {start} and stop = {stop} s; "
+            f"the recording goes from {time[0]:.9g} to {time[-1]:.9g} s"
+        )
+    return slice(first, last)
+
+
+def _group(signals: Mapping[str, Column], raw: Mapping[str, Array], kept: slice) -> Group:
+    values = [c.physical(raw[c.name][kept]) for c in signals.values()]
+    n = kept.stop - kept.start
+    return Group(
+        np.stack(values, axis=1) if values else np.empty((n, 0)),
+        {name: c.unit for name, c in signals.items()},
+    )
