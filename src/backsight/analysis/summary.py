@@ -52,6 +52,8 @@ class Row:
     ----------
     estimator : str
         Its name in the comparison.
+    samples : int
+        Number of samples of the recording.
     log_likelihood : float
         Mean logarithm of the density of the innovations, per measured sample.
     mean_nis, nis_expected : float
@@ -71,6 +73,7 @@ class Row:
     """
 
     estimator: str
+    samples: int
     log_likelihood: float
     mean_nis: float
     nis_expected: float
@@ -116,6 +119,7 @@ def assess(
     valid = np.isfinite(nis(settled))
     return Row(
         estimator=name or str(result.attrs.get("estimator", "estimator")),
+        samples=len(time),
         log_likelihood=float(log_likelihood(settled).mean("time")),
         mean_nis=mean_nis(settled),
         nis_expected=float(measured_channels(settled).where(valid).mean("time")),

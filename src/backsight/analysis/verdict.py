@@ -11,7 +11,7 @@ _CLOSE = 0.10
 
 
 def verdicts(rows: Sequence[Row]) -> list[str]:
-    """Return a few sentences: the ranking, then the consistency of every estimator.
+    """Return a few sentences: the ranking, then consistency and final errors of each.
 
     Parameters
     ----------
@@ -19,7 +19,8 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
         As `ranked_table` gives them, best first.
     """
     ranking = [_ranking(rows)] if len(rows) > 1 else []
-    return ranking + [f"{row.estimator} {consistency(row)}." for row in rows]
+    sentences = [f"{row.estimator} {consistency(row)}." for row in rows]
+    return ranking + sentences + [s for row in rows if (s := _against_reference(row))]
 
 
 def consistency(row: Row) -> str:
@@ -45,6 +46,16 @@ def consistency(row: Row) -> str:
         f"is too cautious: its innovations are {change} smaller than it predicts, "
         "so its bands are too wide"
     )
+
+
+def _against_reference(row: Row) -> str:
+    known = {name: f for name, f in row.final.items() if f.reference is not None}
+    if not known or row.failed:
+        return ""
+    outside = [name for name, f in known.items() if not f.deviations <= 3.0]
+    if not outside:
+        return f"{row.estimator} ends within 3σ of every reference value."
+    return f"{row.estimator} ends further than 3σ from the reference value of {', '.join(outside)}."
 
 
 def _ranking(rows: Sequence[Row]) -> str:

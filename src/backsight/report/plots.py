@@ -70,9 +70,7 @@ def nis_plot(every: Sequence[Series]) -> Plot:
     time = interval["time"].values
     lower, upper = interval["lower"].values, interval["upper"].values
     traces = [band(time, lower, upper, colour="--neutral-band")]
-    traces += [
-        _line(s, w["nis"].values, time=w["time"].values, width=1.4) for s, w in means
-    ]
+    traces += [_line(s, w["nis"].values, time=w["time"].values, width=1.4) for s, w in means]
     values = [np.log10(w["nis"].where(w["nis"] > 0).values) for _, w in means]
     span = view(values, [np.log10(lower[lower > 0]), np.log10(upper[upper > 0])])
     expected = float(measured_channels(every[0].result).where(lambda m: m > 0).mean())

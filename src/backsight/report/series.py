@@ -81,7 +81,7 @@ def signals(every: Sequence[Series], dim: str) -> dict[str, str]:
     found: dict[str, str] = {}
     for s in every:
         if dim in s.result.coords:
-            found = units(s.result, dim) | found
+            found |= {n: u for n, u in units(s.result, dim).items() if n not in found}
     return found
 
 

@@ -1,0 +1,222 @@
+"""The report: one HTML page that needs nothing but itself."""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+import numpy as np
+import xarray as xr
+from plotly.offline import get_plotlyjs
+
+from backsight.analysis.summary import Row, ranked_table
+from backsight.analysis.verdict import verdicts
+from backsight.errors import DataError
+from backsight.report import tables
+from backsight.report.output import write_whole
+from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
+from backsight.report.plots import (
+    innovation_plots,
+    input_plots,
+    nis_plot,
+    output_plots,
+    state_plots,
+    status_plots,
+)
+from backsight.report.series import Plot, Series, series, signals
+from backsight.report.theme import TEMPLATE
+from backsight.report.thin import POINTS, interval_length
+
+
+def report(
+    results: Mapping[str, xr.Dataset],
+    path: str | os.PathLike[str],
+    *,
+    problem: str | Mapping[str, object] | None = None,
+    title: str | None = None,
+    reference: Mapping[str, float] | None = None,
+) -> Path:
+    """Write one self-contained HTML page that compares results; it opens without a network.
+
+    Parameters
+    ----------
+    results : dict
+        Name of the estimator to its result (see `backsight.schema`), of the same recording.
+    path : path
+        The page to write; missing folders are made.
+    problem : str or dict, optional
+        The problem as it was read, shown at the end.
+    title : str, optional
+        Heading; the name of the model if not given.
+    reference : dict, optional
+        Known value of some states or parameters [their units].
+
+    Returns
+    -------
+    Path
+        Where the page is.
+
+    Raises
+    ------
+    DataError
+        If there is no result, a dataset is not one, or `reference` names an unknown state.
+    OutputError
+        If the page cannot be written; nothing is left behind then.
+
+    Notes
+    -----
+    Long recordings are thinned for display to the smallest and largest value of every interval, so
+    that every peak is there; the tables use all samples.
+    """
+    if not results:
+        raise DataError("there are no results to report: give at least one")
+    rows = ranked_table(results, reference)
+    every = series(results)
+    sections = _sections(rows, every, reference or {}, problem)
+    plots = [plot for _, group in sections for plot in group]
+    heading = title or str(every[0].result.attrs.get("model", "Estimates"))
+    page = _resource("page.html").substitute(
+        title=escape(heading),
+        style=_style(),
+        facts=escape(_facts(every[0].result)),
+        verdicts="".join(f"<li>{escape(v)}</li>" for v in verdicts(rows)),
+        legend=_legend(every, bool(reference)),
+        sections="".join(text for text, _ in sections),
+        notes=_notes(every),
+        plotly=get_plotlyjs(),
+        figures=_data(plots),
+        script=_resource("page.js").template,
+    )
+    return write_whole(path, page.encode("utf-8"))
+
+
+Section = tuple[str, Sequence[Plot]]
+
+
+def _sections(
+    rows: Sequence[Row],
+    every: Sequence[Series],
+    reference: Mapping[str, float],
+    problem: str | Mapping[str, object] | None,
+) -> list[Section]:
+    states, outputs = signals(every, "state"), signals(every, "output")
+    compared = tables.comparison(rows, every, outputs) + tables.final_values(rows, every, states)
+    happened = tables.status_list(rows)
+    found = [
+        _section("Comparison", compared, []),
+        _section("Measured and estimated", "", output_plots(every)),
+        _section("Inputs", "", input_plots(every)),
+        _section(
+            "States and parameters",
+            "<p>Lines are estimates, bands three standard deviations either way. The vertical "
+            "range leaves out the widest part of the bands; double-click for all of it.</p>",
+            state_plots(every, reference),
+        ),
+        _section(
+            "Innovations",
+            "<p>Measurement minus its one-step prediction. Of a consistent estimator, 99.7 % lie "
+            "between the lines at three standard deviations, without a pattern.</p>",
+            innovation_plots(every),
+        ),
+        _section(
+            "Consistency",
+            "<p>Innovations measured with their own covariance. Above the band the estimator is "
+            "over-confident, below it is too cautious.</p>",
+            [nis_plot(every)],
+        ),
+    ]
+    if status := status_plots(every):
+        found.append(_section("Status", happened, status))
+    found = [(text, plots) for text, plots in found if text]
+    return [*found, (_problem(problem), [])]
+
+
+def _section(name: str, text: str, plots: Sequence[Plot]) -> Section:
+    if not (plots or text):
+        return "", []
+    places = "".join(
+        f'<figure class="{"wide" if p.wide else ""}" role="img" aria-label="{escape(p.label)}"'
+        f' style="height: {p.height}px"></figure>'
+        for p in plots
+    )
+    grid = f'<div class="plots">{places}</div>' if plots else ""
+    return f"<section><h2>{name}</h2>{text}{grid}</section>", plots
+
+
+def _problem(problem: str | Mapping[str, object] | None) -> str:
+    if problem is None:
+        return ""
+    text = problem if isinstance(problem, str) else json.dumps(problem, indent=2, default=str)
+    return f"<details><summary>The problem as read</summary><pre>{escape(text)}</pre></details>"
+
+
+def _legend(every: Sequence[Series], reference: bool) -> str:
+    items = [
+        f'<button type="button" data-group="{s.group}" aria-pressed="true" '
+        f'title="show or hide">{tables.swatch(s)}{escape(s.name)}</button>'
+        for s in every
+    ]
+    items.append(_key("border-top: 3px solid var(--measured)", "measured"))
+    if any("x_true" in s.result for s in every):
+        items.append(_key("border-top: 2px dashed var(--ink)", "truth"))
+    if reference:
+        items.append(_key("border-top: 2px dotted var(--ink)", "reference"))
+    items.append('<span class="key"><i class="stroke area"></i>±3σ</span>')
+    items.append(
+        '<span class="tools"><button type="button" id="drag" aria-pressed="false">drag to zoom'
+        '</button><button type="button" id="reset">reset zoom</button></span>'
+    )
+    return "".join(items)
+
+
+def _key(stroke: str, text: str) -> str:
+    return f'<span class="key"><i class="stroke" style="{stroke}"></i>{text}</span>'
+
+
+def _facts(result: xr.Dataset) -> str:
+    time = result["time"].values
+    facts = [f"{len(time):,} samples".replace(",", "\u202f")]
+    if "dt" in result.attrs:
+        facts[0] += f" every {1e3 * float(result.attrs['dt']):g} ms"
+    if len(time) > 1:
+        facts.append(f"{time[-1] - time[0]:g} s")
+    share = np.isfinite(result["y"].values).mean(axis=0)
+    facts += [
+        f"{name} measured at {100 * part:.3g} % of them"
+        for name, part in zip(result["output"].values, share, strict=True)
+        if part < 1
+    ]
+    return " · ".join(facts)
+
+
+def _notes(every: Sequence[Series]) -> str:
+    longest = max(len(s.time) for s in every)
+    linked = "Drag to zoom; all plots share the time axis. Double-click to zoom out."
+    if longest <= POINTS:
+        return f"<p>{linked} The plots show every sample.</p>"
+    length = interval_length(longest)
+    return (
+        f"<p>{linked} The recording is too long to draw every sample: the plots show the smallest "
+        f"and largest of every {length} samples, so no peak is lost, but zooming in does not "
+        "bring out more. The tables use all samples.</p>"
+    )
+
+
+def _data(plots: Sequence[Plot]) -> str:
+    figures = [{"traces": p.traces, "layout": p.layout} for p in plots]
+    text = json.dumps({"template": TEMPLATE, "figures": figures}, separators=(",", ":"))
+    # Inside a script element only "<" could end the data early.
+    return text.replace("<", "\\u003c")
+
+
+def _style() -> str:
+    return _resource("page.css").substitute(
+        light=series_variables(ON_LIGHT, band=0.16), dark=series_variables(ON_DARK, band=0.22)
+    )
+
+
+def _resource(name: str) -> Template:
+    return Template(files("backsight.report").joinpath(name).read_text(encoding="utf-8"))
