@@ -19,19 +19,10 @@ from backsight.types import Array
 
 @dataclasses.dataclass(frozen=True)
 class AbstractEstimator(abc.ABC):
-    """A method with its settings; knows no model and no data.
-
-    Parameters
-    ----------
-    noise : Noise
-    prior : Prior
-    """
+    """A method with its settings; knows no model and no data."""
 
     key: ClassVar[str]
     title: ClassVar[str]
-
-    noise: Noise
-    prior: Prior
 
     @abc.abstractmethod
     def compile(self, model: Model, dt: float) -> Recursion:

@@ -3,11 +3,14 @@
 import dataclasses
 from typing import ClassVar
 
+import casadi as ca
+
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator, setting
-from backsight.estimators.filtering import assemble
-from backsight.estimators.gaussian import correct, predict
+from backsight.estimators.filtering import Halves, assemble, packed
+from backsight.estimators.gaussian import correct, innovation, predict
+from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 
 
@@ -47,16 +50,21 @@ class EKF(AbstractEstimator):
     key: ClassVar[str] = "ekf"
     title: ClassVar[str] = "Extended Kalman filter"
 
+    noise: Noise
+    prior: Prior
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
     covariance: str = "transition"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
-        return assemble(
-            self.key,
-            s,
+        P = ca.SX.sym("P", len(packed(s.P0)))
+        halves = Halves(
+            spread0=packed(s.P0),
+            innovation=innovation(s),
             correct=correct(s),
             predict=predict(s, self.integrator, self.covariance),
+            covariance=ca.Function("covariance", [P], [P]),
             ramp=self.integrator.hold == "foh",
         )
+        return assemble(self.key, s, halves)

@@ -1,5 +1,6 @@
 """Put a measurement update and a time update together to a recursion."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import casadi as ca
@@ -8,43 +9,58 @@ import numpy as np
 from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
-from backsight.estimators.gaussian import FLAGS, innovation
+from backsight.estimators.gaussian import FLAGS
 from backsight.types import Array
 
 
-def assemble(
-    name: str, s: Setting, *, correct: ca.Function, predict: ca.Function, ramp: bool
-) -> Recursion:
+@dataclasses.dataclass(frozen=True)
+class Halves:
+    """The parts of a filter. "Spread" is what it keeps of the covariance.
+
+    Parameters
+    ----------
+    spread0 : array
+        Spread of the prior.
+    innovation : casadi.Function
+        ``(x, spread, u, y, mask) -> (e, S)``.
+    correct : casadi.Function
+        ``(x, spread, u, y, mask) -> (x, spread, flags)``.
+    predict : casadi.Function
+        ``(x, spread, u, u_next) -> (x, spread)``.
+    covariance : casadi.Function
+        Spread to the lower triangle of the covariance.
+    ramp : bool
+        Whether the input is interpolated between samples.
+    """
+
+    spread0: Array
+    innovation: ca.Function
+    correct: ca.Function
+    predict: ca.Function
+    covariance: ca.Function
+    ramp: bool
+
+
+def assemble(name: str, s: Setting, halves: Halves) -> Recursion:
     """Recursion of a filter that consists of two halves.
 
     With held inputs the carry is the prior of the coming sample: correct, then predict. With
     ramped inputs the prediction needs the input of the coming sample: the carry is then the
     posterior of the last sample and its input, and prediction comes first (except at the start).
-
-    Parameters
-    ----------
-    name : str
-    s : Setting
-    correct : casadi.Function
-        ``(x, P, u, y, mask) -> (x, P, flags)``.
-    predict : casadi.Function
-        ``(x, P, u, u_next) -> (x, P)``.
-    ramp : bool
-        Whether the input is interpolated between samples.
     """
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    memory = {"x": s.x0, "P": packed(s.P0)}
-    if ramp:
+    memory = {"x": s.x0, "spread": halves.spread0}
+    if halves.ramp:
         memory |= {"u_last": np.zeros(s.model.nu), "started": np.zeros(1)}
-    symbol, (x, P, *last) = carry_inputs(list(memory.values()))
-    if ramp:
+    symbol, (x, spread, *last) = carry_inputs(list(memory.values()))
+    if halves.ramp:
         u_last, started = last
-        x, P = choose(started, predict.call([x, P, u_last, u]), [x, P])
-    e, S = innovation(s)(x, P, u, y, mask)
-    x, P, flags = correct(x, P, u, y, mask)
-    outputs = physical(s)(x, P, u, e, S, flags)
-    carry = [x, P, u, 1] if ramp else predict(x, P, u, u)
+        x, spread = choose(started, halves.predict.call([x, spread, u_last, u]), [x, spread])
+    e, S = halves.innovation(x, spread, u, y, mask)
+    x, spread, flags = halves.correct(x, spread, u, y, mask)
+    outputs = physical(s)(x, halves.covariance(spread), u, e, S, flags)
+    carry = [x, spread, u, 1] if halves.ramp else halves.predict(x, spread, u, u)
     return Recursion(
         step=ca.Function(name, [symbol, *data], [ca.vertcat(*carry), *outputs]),
         carry0=np.concatenate(list(memory.values())),

@@ -16,8 +16,10 @@ from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting, setting
 from backsight.estimators.filtering import carry_inputs, choose, data_inputs, packed, physical
 from backsight.estimators.gaussian import correct, flow, innovation, predict, substep_inputs
+from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-from backsight.solvers.gauss_newton import GaussNewton, minimise
+from backsight.solvers.bfgs import QuasiNewton
+from backsight.solvers.gauss_newton import GaussNewton
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,11 +71,13 @@ class MHO(AbstractEstimator):
     key: ClassVar[str] = "mho"
     title: ClassVar[str] = "Moving horizon observer"
 
+    noise: Noise
+    prior: Prior
     N: int = 15
     alpha: float = 1.0
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
     covariance: str = "transition"
-    optimiser: GaussNewton = dataclasses.field(default_factory=GaussNewton)
+    optimiser: GaussNewton | QuasiNewton = dataclasses.field(default_factory=GaussNewton)
 
     def __post_init__(self) -> None:
         if not isinstance(self.N, int) or self.N < 1:
@@ -116,10 +120,9 @@ class MHO(AbstractEstimator):
         e, S = innovation(s)(*prior, u, y, mask)
 
         x_bar, P_bar, flags = update(x_start, P_start, U[:, 0], Y[:, 0], full * M[:, 0])
-        window_cost = _window_cost(s, self.integrator, N=N, alpha=self.alpha)
-        x, Sigma, iterations, limit, rejected = minimise(
-            window_cost,
-            self.optimiser,
+        cost = window_cost(s, self.integrator, N=N, alpha=self.alpha)
+        x, Sigma, iterations, limit, rejected = self.optimiser.minimiser(
+            cost,
             lower=s.lower,
             upper=s.upper,
             cost_unit=float(np.mean(np.diag(s.R))),
@@ -184,7 +187,7 @@ def _post_filter(s: Setting, predict: ca.Function, correct: ca.Function) -> ca.F
     )
 
 
-def _window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> ca.Function:
+def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> ca.Function:
     """Cost of the measurements in the window, eq. 26 and 28, with gradient and Hessian.
 
     ``(x, U, Y, M) -> (cost, c, G)`` for `minimise`. The sensitivities dx_i/dx_0 go along with the

@@ -51,7 +51,7 @@ def dual_active_set(n: int) -> ca.Function:
         ca.if_else(moved < low - slack, 1, ca.if_else(moved > high + slack, -1, 0)),
     )
     wrong = ca.if_else(wanted - side == 0, 0, 1)
-    earlier = ca.vertcat(0, ca.cumsum(wrong)[:-1])
+    earlier = ca.cumsum(wrong) - wrong
     first = wrong * ca.if_else(earlier == 0, 1, 0)
     change = ca.if_else(count < BLOCK_PASSES, wrong, first)
     body = ca.Function(

@@ -45,6 +45,12 @@ class GaussNewton:
             if value is not None and not value >= 0:
                 raise TuningError(f"{name} is {value}; it must not be negative")
 
+    def minimiser(
+        self, evaluate: ca.Function, *, lower: Array, upper: Array, cost_unit: float
+    ) -> ca.Function:
+        """Build the minimiser of a cost around a Gaussian prior in a box, see `minimise`."""
+        return minimise(evaluate, self, lower=lower, upper=upper, cost_unit=cost_unit)
+
 
 def minimise(
     evaluate: ca.Function,
@@ -90,7 +96,7 @@ def minimise(
     count, stalled = ca.MX.sym("count"), ca.MX.sym("stalled")
     carry = [go, z, d, t, cost, slope, vG, side, count, stalled]
 
-    z_try, x_try = _trial(nx)(z, d, t, x_bar, L)
+    z_try, x_try = trial(nx)(z, d, t, x_bar, L)
     loss, c, vG_try = evaluate(x_try, *data)
     z_free, V, M, x_free = _step(nx, bounded)(z_try, x_bar, L, c, vG_try)
     if bounded:
@@ -107,12 +113,13 @@ def minimise(
     ]  # fmt: skip
     last = iterate(body, method.max_iterations, carry=start, constants=[x_bar, L, *data])
     go_out, z_out, d_out, t_out, _, _, vG_out, side_out, count_out, stalled_out = last
-    x, Sigma = _finish(nx, bounded, lower, upper)(z_out, d_out, t_out, vG_out, side_out, x_bar, L)
+    x, Sigma = finish(nx, bounded, lower, upper)(z_out, d_out, t_out, vG_out, side_out, x_bar, L)
     limit = go_out if method.tolerance > 0 else ca.MX(0)
     return ca.Function("minimise", [*symbols, *data], [x, Sigma, count_out, limit, stalled_out])
 
 
-def _trial(nx: int) -> ca.Function:
+def trial(nx: int) -> ca.Function:
+    """Point after a step, ``(z, d, t, x_bar, L) -> (z, x)``."""
     z, d, t = ca.SX.sym("z", nx), ca.SX.sym("d", nx), ca.SX.sym("t")
     x_bar, L = ca.SX.sym("x_bar", nx), _lower("L", nx)
     z_try = z + t * d
@@ -186,7 +193,7 @@ def _judge(nx: int, nb: int, method: GaussNewton, cost_unit: float) -> ca.Functi
     return ca.Function("judge", inputs, outputs)
 
 
-def _finish(nx: int, bounded: list[int], lower: Array, upper: Array) -> ca.Function:
+def finish(nx: int, bounded: list[int], lower: Array, upper: Array) -> ca.Function:
     """Last step taken, inside the bounds to the last bit, with its covariance."""
     z, d, t = ca.SX.sym("z", nx), ca.SX.sym("d", nx), ca.SX.sym("t")
     vG, side = ca.SX.sym("G", nx * (nx + 1) // 2), ca.SX.sym("side", len(bounded))

@@ -1,0 +1,53 @@
+"""Triangular factors of covariances: compress, update, downdate, solve."""
+
+import casadi as ca
+
+
+def compress(A: ca.SX) -> ca.SX:
+    """Lower triangular L (n, n) with L L' = A A' and no negative diagonal, for A (n, m).
+
+    By modified Gram-Schmidt on the rows, whose triangular factor is as accurate as Householder's
+    (Björck 1967, doi:10.1007/BF01934122). A row that depends on the rows above gets a zero pivot.
+    """
+    n = A.shape[0]
+    rows = [ca.SX(A[i, :]) for i in range(n)]
+    L = ca.SX.zeros(n, n)
+    for i in range(n):
+        L[i, i] = ca.norm_2(rows[i])
+        direction = rows[i] / ca.if_else(L[i, i] > 0, L[i, i], 1)
+        for j in range(i + 1, n):
+            L[j, i] = ca.dot(rows[j], direction)
+            rows[j] = rows[j] - L[j, i] * direction
+    return ca.tril(L)
+
+
+def downdate(L: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Factor of L L' - v v', and 1 if that is positive definite, else 0.
+
+    By hyperbolic rotations. Where a pivot would not be positive the old one stays, so that the
+    factor is finite; the flag says that it must not be used.
+    """
+    n = L.shape[0]
+    L, v = ca.SX(ca.densify(L)), ca.SX(v)
+    definite = ca.SX(1)
+    for k in range(n):
+        square = L[k, k] ** 2 - v[k] ** 2
+        positive = square > 0
+        definite = ca.if_else(positive, definite, 0)
+        pivot = ca.sqrt(ca.if_else(positive, square, L[k, k] ** 2))
+        for i in range(k + 1, n):
+            below = (L[i, k] * L[k, k] - v[i] * v[k]) / pivot
+            v[i] = (v[i] * L[k, k] - L[i, k] * v[k]) / pivot
+            L[i, k] = below
+        L[k, k] = pivot
+    return ca.tril(L), definite
+
+
+def forward(L: ca.SX, b: ca.SX) -> ca.SX:
+    """Solve L x = b for lower triangular L (n, n) and b (n,)."""
+    x = ca.SX(ca.densify(b))
+    for i in range(L.shape[0]):
+        for j in range(i):
+            x[i] -= L[i, j] * x[j]
+        x[i] /= L[i, i]
+    return x
