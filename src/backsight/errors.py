@@ -28,6 +28,10 @@ class OutputError(BacksightError):
     """Results cannot be written where they should go."""
 
 
+class EngineError(BacksightError):
+    """A recursion cannot be turned into machine code or C."""
+
+
 class EstimationError(BacksightError):
     """An estimator failed on a recording; ``results`` holds everything up to there.
 
@@ -44,10 +48,14 @@ class EstimationError(BacksightError):
         self.results = results
 
 
+MOST_NAMES = 12
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return a hint that names the known name closest to a misspelled one, or lists all."""
     names = sorted(str(k) for k in known)
     close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
     if close:
         return f"did you mean '{close[0]}'?"
-    return f"known: {', '.join(names)}" if names else "there are none"
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return f"known: {', '.join(names[:MOST_NAMES])}{more}" if names else "there are none"

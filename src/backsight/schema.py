@@ -34,6 +34,8 @@ class Status(enum.IntFlag):
     STEP_REJECTED = 4
     NOT_POSITIVE_DEFINITE = 8
     NOT_FINITE = 16
+    NOT_EXCITED = 32
+    UNDEFINED = 64
 
 
 STATUS_TEXT = {
@@ -53,6 +55,14 @@ STATUS_TEXT = {
     Status.NOT_FINITE: (
         "the estimate is no longer finite: the filter diverged; use more sub-steps, a better "
         "start value, or a smaller initial covariance"
+    ),
+    Status.NOT_EXCITED: (
+        "a parameter moves the output less than the measurement noise over the window; it cannot "
+        "be estimated from this motion, so excite the machine more"
+    ),
+    Status.UNDEFINED: (
+        "a combination of parameters passed through zero, so that a parameter is undefined; its "
+        "last value is kept; lower the gain or start nearer"
     ),
 }
 """Cause and remedy of every status bit."""

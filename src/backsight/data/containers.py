@@ -10,13 +10,12 @@ import scipy.io
 import xarray as xr
 
 from backsight.data.pick import pick
-from backsight.errors import DataError
 from backsight.types import Array
 
 
 def read_npz(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
     """Read columns of a NumPy archive."""
-    with np.load(path) as archive:
+    with path.open("rb") as file, np.load(file) as archive:
         return pick(archive, wanted)
 
 
@@ -38,8 +37,11 @@ def read_netcdf(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
     """Read columns of a NetCDF file; a variable in a group is ``group/name``."""
     variables: dict[str, Any] = {}
     for group in dict.fromkeys(name.rpartition("/")[0] for name in wanted):
-        with xr.open_dataset(path, group=group or None, decode_times=False) as dataset:
-            prefix = f"{group}/" if group else ""
+        prefix = f"{group}/" if group else ""
+        with (
+            path.open("rb") as file,
+            xr.open_dataset(file, group=group or None, decode_times=False) as dataset,
+        ):
             variables |= {f"{prefix}{k}": v.to_numpy() for k, v in dataset.variables.items()}
     return pick(variables, wanted)
 

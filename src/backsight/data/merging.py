@@ -90,7 +90,8 @@ def _aligned(recording: xr.Dataset, time: Array, dt: float) -> dict[str, Group]:
 
 def _places(stamps: Array, time: Array, dt: float) -> np.ndarray:
     """Index of the nearest time for every stamp: -1 before the grid, ``len(time)`` after it."""
-    edges = np.array([time[0] - dt / 2, *(time[1:] + time[:-1]) / 2, time[-1] + dt / 2])
+    between = (time[1:] + time[:-1]) / 2
+    edges = np.concatenate([[time[0] - dt / 2], between, [time[-1] + dt / 2]])
     place = np.searchsorted(edges, stamps, side="right") - 1
     double = (np.diff(place) == 0) & (place[1:] >= 0) & (place[1:] < len(time))
     if double.any():

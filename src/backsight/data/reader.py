@@ -1,5 +1,6 @@
 """Read a recording from a file."""
 
+import csv
 import os
 import struct
 import zipfile
@@ -32,8 +33,17 @@ CONTAINERS: Mapping[str, Callable[[Path, Sequence[str]], dict[str, Array]]] = {
 """Extension to reader of the files that hold named arrays."""
 
 UNREADABLE = (
-    *(OSError, ValueError, TypeError, LookupError, EOFError, RuntimeError),
-    *(MatReadError, zipfile.BadZipFile, zlib.error, struct.error),
+    OSError,
+    ValueError,
+    TypeError,
+    LookupError,
+    EOFError,
+    RuntimeError,
+    MatReadError,
+    csv.Error,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
 )
 """What the readers raise on files that are cut off or of another kind."""
 
@@ -134,6 +144,8 @@ def _load(path: Path, wanted: Sequence[str], skip_lines: int) -> dict[str, Array
         raise DataError(f"'{path}' is a folder; give a file")
     if kind not in known:
         raise DataError(f"{path}: files of the kind '{kind}' are not read: {nearest(kind, known)}")
+    if skip_lines and kind not in TEXT:
+        raise DataError(f"{path}: skip_lines is for text files, not for '{kind}'")
     try:
         if kind in TEXT:
             return read_text(path, wanted, skip_lines)

@@ -2,7 +2,10 @@
 
 import csv
 import dataclasses
+import io
 import itertools
+import re
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -15,10 +18,12 @@ from backsight.errors import DataError
 from backsight.types import Array
 
 DELIMITERS = ";\t,"
-"""Tried in this order; without any of them, cells are separated by blanks."""
+"""The first that is in the first two lines; without any, cells are separated by blanks."""
 
 MISSING = ("", "nan", "NaN", "NAN", "NA")
 """Cells that mean "not measured"."""
+
+INDENTED_COMMENT = re.compile(rb"[\r\n][ \t]+#")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,8 +71,8 @@ def read_text(path: Path, wanted: Sequence[str], skip_lines: int) -> dict[str, A
     positions = [layout.names.index(name) for name in wanted]
     try:
         table = _fast(path, layout, positions)
-    except ValueError:
-        # The fast parser cannot say where it stumbled.
+    except (ValueError, pd.errors.ParserWarning):
+        # The fast parser also stumbles over harmless cells, and cannot say where.
         table = _careful(path, layout, positions)
     return dict(zip(wanted, table, strict=True))
 
@@ -83,7 +88,7 @@ def _layout(path: Path, skip_lines: int) -> Layout:
             break
         comment = line.strip(" #") if line.strip() else comment
     second = next((line for _, line in lines if _is_content(line)), "")
-    delimiter = next((d for d in DELIMITERS if d in (second or first)), None)
+    delimiter = next((d for d in DELIMITERS if d in first and d in (second or first)), None)
     cells = _cells(first, delimiter)
     if _is_header(cells):
         width = len(_trimmed(_cells(second, delimiter)))
@@ -99,29 +104,34 @@ def _layout(path: Path, skip_lines: int) -> Layout:
 
 
 def _fast(path: Path, layout: Layout, positions: list[int]) -> list[Array]:
-    table = pd.read_csv(
-        path,
-        sep=layout.delimiter or r"\s+",
-        header=None,
-        names=list(range(len(layout.names))),
-        index_col=False,
-        dtype=dict.fromkeys(positions, float),
-        skiprows=layout.lines_before,
-        comment="#",
-        skipinitialspace=True,
-        keep_default_na=False,
-        na_values=list(MISSING),
-        low_memory=False,
-        encoding="utf-8-sig",
-        encoding_errors="replace",
-    )
+    content = path.read_bytes()
+    if INDENTED_COMMENT.search(content):
+        raise ValueError("pandas takes a comment after blanks for a row of missing cells")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)  # more cells than columns
+        table = pd.read_csv(
+            io.BytesIO(content),
+            sep=layout.delimiter or r"\s+",
+            header=None,
+            names=list(range(len(layout.names))),
+            index_col=False,
+            dtype=dict.fromkeys(positions, float),
+            skiprows=layout.lines_before,
+            comment="#",
+            skipinitialspace=True,
+            keep_default_na=False,
+            na_values=list(MISSING),
+            low_memory=False,  # or long columns of text and numbers cause a warning
+            encoding="utf-8-sig",
+            encoding_errors="replace",
+        )
     return [table[k].to_numpy(float) for k in positions]
 
 
 def _careful(path: Path, layout: Layout, positions: list[int]) -> list[Array]:
     rows = []
     for number, line in itertools.islice(_lines(path), layout.lines_before, None):
-        if not _is_content(line):
+        if not _is_content(line, layout.delimiter):
             continue
         cells = _trimmed(_cells(line.partition("#")[0], layout.delimiter))
         if len(cells) > len(layout.names):
@@ -129,7 +139,7 @@ def _careful(path: Path, layout: Layout, positions: list[int]) -> list[Array]:
                 f"line {number} has {len(cells)} cells, but there are {len(layout.names)} columns"
             )
         cells += [""] * (len(layout.names) - len(cells))
-        for k in positions:
+        for k in sorted(positions):
             if not _is_number(cells[k]):
                 _not_a_number(layout, number, layout.names[k], cells[k])
         rows.append([float(cells[k]) if cells[k] not in MISSING else np.nan for k in positions])
@@ -160,13 +170,15 @@ def _readable(line: str) -> str:
     return line
 
 
-def _is_content(line: str) -> bool:
-    return bool(line.partition("#")[0].strip())
+def _is_content(line: str, delimiter: str | None = None) -> bool:
+    # In a table separated by tabs, a line of tabs is a row of missing cells.
+    blanks = " \r\n" if delimiter == "\t" else None
+    return bool(line.partition("#")[0].strip(blanks))
 
 
 def _cells(line: str, delimiter: str | None) -> list[str]:
     if delimiter is None:
-        return line.split()
+        return [cell.strip('"') for cell in line.split()]
     rows = csv.reader([line.strip("\r\n")], delimiter=delimiter, skipinitialspace=True)
     return [cell.strip() for cell in next(rows, [])]
 

@@ -120,11 +120,13 @@ def _checked(A: ArrayLike, Qc: ArrayLike, dt: float) -> tuple[Array, Array]:
         raise ModelError(f"A must be a square matrix of finite numbers; its shape is {a.shape}")
     if q.shape != a.shape or not np.isfinite(q).all():
         raise TuningError(f"Qc must be finite and of the shape {a.shape}; its shape is {q.shape}")
-    size = np.sqrt(np.outer(np.abs(q.diagonal()), np.abs(q.diagonal())))
-    if (np.abs(q - q.T) > 1e-9 * np.maximum(size, np.abs(q).max() * 1e-9)).any():
+    deviations = np.sqrt(np.abs(q.diagonal()))
+    size = np.outer(deviations, deviations)
+    if (np.abs(q - q.T) > 1e-9 * size).any():
         raise TuningError("Qc is not symmetric")
-    smallest = float(np.linalg.eigvalsh(q)[0])
-    if smallest < -1e-12 * np.abs(q).max():
+    # Judged on the correlations, so that the verdict does not depend on the units of the states.
+    if np.linalg.eigvalsh(q / np.where(size > 0, size, 1.0))[0] < -1e-9:
+        smallest = np.linalg.eigvalsh(q)[0]
         raise TuningError(
             f"Qc is not positive semidefinite: its smallest eigenvalue is {smallest:.3g}"
         )

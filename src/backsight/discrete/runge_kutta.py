@@ -1,6 +1,7 @@
 """Explicit Runge-Kutta methods as Butcher tableaus, with sub-steps and held or ramped input."""
 
 import dataclasses
+import numbers
 from collections.abc import Callable
 
 import casadi as ca
@@ -80,7 +81,7 @@ class Integrator:
             raise TuningError(f"unknown scheme '{self.scheme}': {nearest(self.scheme, TABLEAUS)}")
         if self.hold not in ("zoh", "foh"):
             raise TuningError(f"unknown hold '{self.hold}': use 'zoh' (held) or 'foh' (ramp)")
-        if not isinstance(self.substeps, int) or self.substeps < 1:
+        if not isinstance(self.substeps, numbers.Integral) or self.substeps < 1:
             raise TuningError(f"substeps is {self.substeps}; it must be a whole number from 1 on")
 
     def substep(

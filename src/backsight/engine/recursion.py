@@ -20,11 +20,14 @@ class Channel:
         Dimensions of one sample's value, () for a number.
     symmetric : bool
         The value is the lower triangle of a symmetric matrix with dimensions `dims`.
+    labels : tuple of str
+        Names along the dimension, where the caller does not know them.
     """
 
     name: str
     dims: tuple[str, ...] = ()
     symmetric: bool = False
+    labels: tuple[str, ...] = ()
 
     def unpack(self, values: Array) -> Array:
         """Values of all samples (n, length) in the shape of `dims`."""

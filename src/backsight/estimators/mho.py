@@ -1,6 +1,7 @@
 """Moving horizon observer: nonlinear least squares over a window, between two Kalman filters."""
 
 import dataclasses
+import numbers
 from typing import ClassVar
 
 import casadi as ca
@@ -80,7 +81,7 @@ class MHO(AbstractEstimator):
     optimiser: GaussNewton | QuasiNewton = dataclasses.field(default_factory=GaussNewton)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.N, int) or self.N < 1:
+        if not isinstance(self.N, numbers.Integral) or self.N < 1:
             raise TuningError(f"the horizon N is {self.N}; it must be a whole number from 1 on")
         if not (np.isfinite(self.alpha) and self.alpha >= 0):
             raise TuningError(f"alpha is {self.alpha}; it must be 0 or positive")

@@ -1,22 +1,22 @@
 """Models from equations written as text."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import casadi as ca
 
 from backsight.models.expressions import check_names, expressions
-from backsight.models.model import Model
-from backsight.models.signals import Named, Signal, signals
+from backsight.models.model import Model, Signals
+from backsight.models.signals import Named, signals
 
 
 def from_equations(
     *,
-    states: Mapping[str, object] | Sequence[Signal],
-    outputs: Mapping[str, object] | Sequence[Signal],
+    states: Signals,
+    outputs: Signals,
     equations: Mapping[str, str],
     output_equations: Mapping[str, str],
-    inputs: Mapping[str, object] | Sequence[Signal] = (),
-    parameters: Mapping[str, object] | Sequence[Signal] = (),
+    inputs: Signals = (),
+    parameters: Signals = (),
     dt: float | None = None,
     name: str = "model",
 ) -> Model:

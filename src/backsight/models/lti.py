@@ -1,14 +1,14 @@
 """Linear models: from matrices to a model, and back."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError
-from backsight.models.model import Model
-from backsight.models.signals import Signal, signals
+from backsight.models.model import Model, Signals
+from backsight.models.signals import signals
 from backsight.types import Array
 
 _LINEAR_OPERATIONS = {
@@ -30,9 +30,9 @@ def lti(
     C: ArrayLike,
     D: ArrayLike | None = None,
     *,
-    states: Mapping[str, object] | Sequence[Signal],
-    inputs: Mapping[str, object] | Sequence[Signal],
-    outputs: Mapping[str, object] | Sequence[Signal],
+    states: Signals,
+    inputs: Signals,
+    outputs: Signals,
     dt: float | None = None,
     name: str = "lti",
 ) -> Model:
@@ -71,7 +71,7 @@ def lti(
         ("D", feedthrough, (ny, nu), "outputs x inputs"),
     ):
         try:
-            matrices[what] = finite_matrix(given, what, shape, meaning)
+            matrices[what] = _finite_matrix(given, what, shape, meaning)
         except ModelError as error:
             problems.append(str(error))
     if problems:
@@ -116,15 +116,13 @@ def state_space(model: Model) -> tuple[Array, Array, Array, Array]:
     return F[:, : model.nx], F[:, model.nx :], H[:, : model.nx], H[:, model.nx :]
 
 
-def finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning: str = "") -> Array:
-    """Read a matrix of a given shape; raises `ModelError` that names it."""
+def _finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning: str) -> Array:
     try:
         matrix = np.asarray(given, float)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         raise ModelError(f"{what} is not a matrix of numbers") from None
     if matrix.shape != shape:
-        wanted = f"{shape}, {meaning}" if meaning else f"{shape}"
-        raise ModelError(f"{what} has the shape {matrix.shape}; it must be {wanted}")
+        raise ModelError(f"{what} has the shape {matrix.shape}; it must be {shape}, {meaning}")
     if not np.isfinite(matrix).all():
         row, column = np.argwhere(~np.isfinite(matrix))[0]
         raise ModelError(

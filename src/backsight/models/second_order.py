@@ -4,8 +4,7 @@ Source: Polóni, Eielsen, Rohaľ-Ilkiv, Johansen (2012), "Moving horizon observe
 dynamics with plant uncertainties in nanopositioning system estimation", ACC 2012.
 """
 
-import math
-import numbers
+import sys
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError, nearest
 from backsight.models.expressions import check_names, expressions
-from backsight.models.model import Model
+from backsight.models.model import Model, Signals
 from backsight.models.signals import Signal, signals
 
 Entries: TypeAlias = ArrayLike | Sequence[Sequence[float | str]] | str
@@ -34,9 +33,9 @@ def second_order(
     *,
     forces: Mapping[str, Direction],
     outputs: Mapping[str, tuple[str, Direction]],
-    inputs: Mapping[str, object] | Sequence[Signal] = (),
-    parameters: Mapping[str, object] | Sequence[Signal] = (),
-    coordinates: Mapping[str, object] | Sequence[Signal] | None = None,
+    inputs: Signals = (),
+    parameters: Signals = (),
+    coordinates: Signals | None = None,
     name: str = "structure",
 ) -> Model:
     r"""Build a structure of any number of degrees of freedom (eq. 1-2).
@@ -117,9 +116,10 @@ def second_order(
     names = [s.name for s in (*of_x, *of_u, *of_p)]
     check_names(names)
     symbols = dict(zip(names, ca.vertsplit(ca.vertcat(x, u, p)), strict=True))
+    constants = {s.name: symbols[s.name] for s in of_p}
 
     M, C, K = (
-        _entries(given, what, (n, n), symbols)
+        _entries(given, what, (n, n), constants)
         for given, what in ((mass, "mass"), (damping, "damping"), (stiffness, "stiffness"))
     )
     _check_mass(ca.Function("M", [p], [ca.densify(M)])([s.value for s in of_p]))
@@ -130,7 +130,7 @@ def second_order(
     a = ca.ldl_solve(load, D, LT, permutation)
 
     motion = {"displacement": q, "velocity": v, "acceleration": a}
-    y = [_output(name, given, motion, of_q, symbols) for name, given in outputs.items()]
+    y = [_output(k, given, motion, of_q, symbols) for k, given in outputs.items()]
     return Model(
         f=ca.Function("f", [x, u, p], [ca.vertcat(v, a)]),
         h=ca.Function("h", [x, u, p], [ca.vertcat(*y)]),
@@ -161,7 +161,10 @@ def _entries(
         place = _place(what, i)
         if place in read:
             matrix[i] = read[place]
-        elif isinstance(entry, numbers.Real) and math.isfinite(entry):
+        elif (
+            isinstance(entry, int | float | np.floating | np.integer)
+            and abs(entry) <= sys.float_info.max
+        ):
             matrix[i] = float(entry)
         else:
             raise ModelError(f"{place} is {entry!r}; it must be a finite number or a formula")
@@ -177,17 +180,20 @@ def _check_mass(M: ca.DM) -> None:
     values = np.array(M)
     if not np.isfinite(values).all():
         raise ModelError("mass is not finite at the values of the parameters")
-    if not np.allclose(values, values.T, rtol=1e-9, atol=1e-12 * np.abs(values).max()):
-        row, column = np.unravel_index(np.abs(values - values.T).argmax(), values.shape)
+    # Judged after scaling to a unit diagonal: masses and moments of inertia differ in size.
+    size = np.sqrt(np.abs(np.outer(values.diagonal(), values.diagonal())))
+    scaled = values / np.where(size > 0, size, 1.0)
+    skew = np.abs(scaled - scaled.T)
+    if skew.max() > 1e-9:
+        row, column = np.unravel_index(skew.argmax(), skew.shape)
         raise ModelError(
             f"mass is not symmetric: row {row + 1}, column {column + 1} is "
             f"{values[row, column]:g}, its mirror image {values[column, row]:g}"
         )
-    eigenvalues = np.linalg.eigvalsh(values)
-    if not eigenvalues[0] > len(values) * np.finfo(float).eps * eigenvalues[-1]:
+    if not np.linalg.eigvalsh(scaled)[0] > len(values) * np.finfo(float).eps:
         raise ModelError(
-            f"mass is not positive definite: its smallest eigenvalue is {eigenvalues[0]:.3g}; "
-            "every degree of freedom needs a mass"
+            "mass is not positive definite: its smallest eigenvalue is "
+            f"{np.linalg.eigvalsh(values)[0]:.3g}; every degree of freedom needs a mass"
         )
 
 

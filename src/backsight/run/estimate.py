@@ -120,6 +120,9 @@ def _dataset(
             "input_unit": ("input", [s.unit for s in model.inputs]),
         },
     )
+    for channel in channels:
+        if channel.labels:
+            result[channel.dims[0]] = list(channel.labels)
     result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
     result["y"] = (("time", "output"), measured.values)
     result["status"].attrs |= {

@@ -46,7 +46,7 @@ def bandpass(
     BacksightError
         If an argument is not positive or a frequency is not below half the sampling rate.
     """
-    if not min(dt, cutoff, frequency, damping) > 0:
+    if not all(value > 0 for value in (dt, cutoff, frequency, damping)):
         raise BacksightError("bandpass: dt, cutoff, frequency and damping must be positive")
     if max(cutoff, frequency) >= 0.5 / dt:
         raise BacksightError(

@@ -1,0 +1,104 @@
+"""High-gain observer."""
+
+import dataclasses
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.recursion import Recursion
+from backsight.errors import TuningError
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.excitation import Excitation
+from backsight.estimators.high_gain import Gains, check_step, gain_vector
+from backsight.estimators.observing import Plan, assemble_observer
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.affine import affine_form, moving_states
+from backsight.models.model import Model
+
+
+@dataclasses.dataclass(frozen=True)
+class HGO(AbstractEstimator):
+    r"""High-gain observer: derivatives of the output, as fast as the noise allows (eq. 5).
+
+    .. math:: \dot{\hat x} = A_0 \hat x + \phi(\hat x, u) + \lambda \Lambda^{-1} k_0 (y - c_0 \hat x)
+
+    with :math:`\Lambda^{-1} = \mathrm{diag}(1, \lambda \dots \lambda^{n-1})`. States that are
+    constant in the model (parameters) keep their start values; `AHG` estimates them.
+
+    Parameters
+    ----------
+    noise : Noise
+        Only the measurement noise is used, for the confidence bands.
+    prior : Prior
+        Start values, and their covariance for the bands.
+    lam : float
+        Gain lambda [1/s]. The error decays like exp(-lambda t), the noise of the velocity grows
+        with lambda^1.5.
+    poles : number or n numbers
+        Eigenvalues of A0 - k0 c0.
+    integrator : Integrator
+        `hold` is that of the input.
+    output_hold : {"foh", "zoh"}
+        Interpolate the measurement between samples (default) or hold it.
+
+    References
+    ----------
+    Gauthier, Hammouri, Othman (1992), doi:10.1109/9.256352. Riva, Dagen, Ortmaier, "Adaptive
+    high-gain observer for joint state and parameter estimation", eq. 1-5.
+    """
+
+    key: ClassVar[str] = "hgo"
+    title: ClassVar[str] = "High-gain observer"
+
+    noise: Noise
+    prior: Prior
+    lam: float
+    poles: complex | tuple[complex, ...] = -1.0
+    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
+    output_hold: str = "foh"
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.lam) and self.lam > 0):
+            raise TuningError(f"lam is {self.lam}; it must be positive")
+        if self.output_hold not in ("foh", "zoh"):
+            raise TuningError(f"unknown output_hold '{self.output_hold}': use 'foh' or 'zoh'")
+
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.compile`."""
+        x0, P0 = self.prior.mean(model), self.prior.covariance(model)
+        n = len(moving_states(model))
+        form = affine_form(_without_constants(model, n, x0))
+        k0 = gain_vector(self.poles, form.n)
+        check_step(self.lam, k0, self.integrator, dt)
+        plan = Plan(
+            form=form,
+            gains=Gains(k0, np.zeros((0, 0))),
+            lam=self.lam,
+            integrator=self.integrator,
+            ramp_output=self.output_hold == "foh",
+            dt=dt,
+            R=float(self.noise.measurement(model)[0, 0]),
+            x0=x0[:n],
+            theta0=np.zeros(0),
+            P0=P0[:n, :n],
+            frozen=x0[n:],
+            P_frozen=P0[n:, n:],
+            adaptive=None,
+            window=Excitation(),
+        )
+        return assemble_observer(self.key, plan)
+
+
+def _without_constants(model: Model, n: int, x0: np.ndarray) -> Model:
+    """The model of the first n states, with the other states at their start values."""
+    x, u = ca.SX.sym("x", n), ca.SX.sym("u", model.nu)
+    p = ca.SX.sym("p", len(model.parameters))
+    full = ca.vertcat(x, x0[n:])
+    return dataclasses.replace(
+        model,
+        f=ca.Function("f", [x, u, p], [model.f.call([full, u, p])[0][:n]]),
+        h=ca.Function("h", [x, u, p], model.h.call([full, u, p])),
+        states=model.states[:n],
+    )
