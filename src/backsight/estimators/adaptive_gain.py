@@ -1,7 +1,7 @@
 r"""Gain of the observer that follows the innovation, eq. 17-19.
 
-Source: Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter estimation:
-a comparison to extended and unscented Kalman filter"; Boizot, Busvelle, Gauthier (2010),
+Source: Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter
+estimation: a comparison to extended and unscented Kalman filter"; Boizot, Busvelle, Gauthier (2010),
 doi:10.1016/j.automatica.2010.06.004.
 """
 

@@ -1,7 +1,7 @@
 r"""How strongly the motion excites the parameters, eq. 9, over a sliding window.
 
-Source: Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter estimation:
-a comparison to extended and unscented Kalman filter".
+Source: Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter
+estimation: a comparison to extended and unscented Kalman filter".
 """
 
 import dataclasses
@@ -24,9 +24,9 @@ class Excitation:
     r"""Persistency of excitation per parameter.
 
     With the sensitivity :math:`s = \lambda^{-n} \Upsilon_1 \, \partial\theta/\partial p` of the
-    innovation to the parameters, :math:`W = \int_{t-T}^t s' s \, d\tau` is the matrix of eq. 9. The
-    level of a parameter is :math:`|p_i| \sqrt{1 / (T (W^{-1})_{ii})}`: the root mean square by which
-    it moves the innovation in a way that no other parameter does [output unit].
+    innovation to the parameters, :math:`W = \int_{t-T}^t s' s \, d\tau` is the matrix of eq. 9.
+    The level of a parameter is :math:`|p_i| \sqrt{1 / (T (W^{-1})_{ii})}`: the root mean square by
+    which it moves the innovation in a way that no other parameter does [output unit].
 
     Parameters
     ----------

@@ -22,7 +22,8 @@ from backsight.models.model import Model
 class HGO(AbstractEstimator):
     r"""High-gain observer: derivatives of the output, as fast as the noise allows (eq. 5).
 
-    .. math:: \dot{\hat x} = A_0 \hat x + \phi(\hat x, u) + \lambda \Lambda^{-1} k_0 (y - c_0 \hat x)
+    .. math::
+        \dot{\hat x} = A_0 \hat x + \phi(\hat x, u) + \lambda \Lambda^{-1} k_0 (y - c_0 \hat x)
 
     with :math:`\Lambda^{-1} = \mathrm{diag}(1, \lambda \dots \lambda^{n-1})`. States that are
     constant in the model (parameters) keep their start values; `AHG` estimates them.

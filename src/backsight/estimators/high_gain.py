@@ -8,6 +8,7 @@ import dataclasses
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.runge_kutta import TABLEAUS, Integrator
@@ -43,18 +44,20 @@ def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
     poles : number or n numbers
         One number: n-fold. Complex ones in conjugate pairs; all with negative real part.
     """
-    wanted = np.full(n, poles) if np.ndim(poles) == 0 else np.asarray(poles)
+    wanted = np.atleast_1d(np.asarray(poles, complex))
+    if wanted.size == 1:
+        wanted = np.repeat(wanted, n)
     if wanted.shape != (n,):
         raise TuningError(f"poles has {wanted.size} entries; the chain has {n} states")
     if not np.all(wanted.real < 0):
         raise TuningError(f"poles {wanted.tolist()} must all have a negative real part")
     polynomial = np.poly(wanted)
-    if np.iscomplexobj(polynomial) and np.any(np.abs(polynomial.imag) > 1e-9):
+    if np.any(np.abs(np.imag(polynomial)) > 1e-9):
         raise TuningError(f"complex poles {wanted.tolist()} must come in conjugate pairs")
-    return np.real(polynomial[1:])
+    return np.real(polynomial[1:]).astype(float)
 
 
-def amplification(scheme: str, z: Array) -> Array:
+def amplification(scheme: str, z: NDArray[np.complex128]) -> Array:
     """Largest factor by which a Runge-Kutta step multiplies exp(z t) over t = 1, per z."""
     tableau = TABLEAUS[scheme]
     stages = len(tableau.b)
@@ -70,7 +73,7 @@ def check_step(lam: float, k0: Array, integrator: Integrator, dt: float) -> None
     n, h = len(k0), dt / integrator.substeps
     A = np.diag(np.ones(n - 1), 1)
     A[:, 0] -= k0
-    growth = amplification(integrator.scheme, h * lam * np.linalg.eigvals(A))
+    growth = amplification(integrator.scheme, h * lam * np.linalg.eigvals(A).astype(complex))
     if growth.max() > 1:
         raise TuningError(
             f"lambda = {lam:g} is too large for steps of {h:g} s with '{integrator.scheme}': "

@@ -16,9 +16,9 @@ class AffineForm:
 
     .. math:: \dot x = A_0 x + \phi(x, u) + \psi(x, u) \theta, \qquad y = c_0 x = x_1
 
-    with :math:`\dot x_i = x_{i+1} + \phi_i(x_1 \dots x_i, u)` and :math:`\psi` zero but for its last
-    row. The :math:`\theta_i` are products of powers of the parameters, such as ``c/m``, and the
-    parameters are products of powers of the :math:`\theta_i`.
+    with :math:`\dot x_i = x_{i+1} + \phi_i(x_1 \dots x_i, u)` and :math:`\psi` zero but for its
+    last row. The :math:`\theta_i` are products of powers of the parameters, such as ``c/m``, and
+    the parameters are products of powers of the :math:`\theta_i`.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def affine_form(model: Model) -> AffineForm:
     free = ca.densify(ca.substitute(rhs, z, ca.vertcat(x, *p)))
     if model.ny != 1 or not ca.is_equal(model.output(z, u), z[0], 3):
         raise ModelError(f"the canonical form needs one output, the first state '{names[0]}'")
-    rows = [_chain_row(free, x, u, i, names, p) for i in range(n - 1)]
+    rows = [_chain_row(free, x, i, names, p) for i in range(n - 1)]
 
     where = f"equation of '{names[n - 1]}'"
     parts = terms(free[n - 1], p, where)
@@ -113,7 +113,7 @@ def moving_states(model: Model) -> list[int]:
     return sorted(set(ca.sparsify(ca.simplify(change)).sparsity().row()))
 
 
-def _chain_row(rhs: ca.SX, x: ca.SX, u: ca.SX, i: int, names: list[str], p: list[ca.SX]) -> ca.SX:
+def _chain_row(rhs: ca.SX, x: ca.SX, i: int, names: list[str], p: list[ca.SX]) -> ca.SX:
     """phi_i of a row that must read x_{i+1} + phi_i(x_1 ... x_i, u)."""
     rest = ca.simplify(rhs[i] - x[i + 1])
     if ca.depends_on(rest, x[i + 1 :]):
