@@ -6,10 +6,11 @@ from typing import ClassVar
 import casadi as ca
 
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.dense import UNROLL
 from backsight.engine.recursion import Recursion
-from backsight.estimators.base import AbstractEstimator, setting
+from backsight.estimators import gaussian, large
+from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.filtering import Halves, assemble, packed
-from backsight.estimators.gaussian import correct, innovation, predict
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 
@@ -58,13 +59,28 @@ class EKF(AbstractEstimator):
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
-        P = ca.SX.sym("P", len(packed(s.P0)))
-        halves = Halves(
-            spread0=packed(s.P0),
-            innovation=innovation(s),
-            correct=correct(s),
-            predict=predict(s, self.integrator, self.covariance),
-            covariance=ca.Function("covariance", [P], [P]),
-            ramp=self.integrator.hold == "foh",
-        )
+        halves = (_large if model.nx > UNROLL else _small)(s, self.integrator, self.covariance)
         return assemble(self.key, s, halves)
+
+
+def _small(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+    P = ca.SX.sym("P", len(packed(s.P0)))
+    return Halves(
+        spread0=packed(s.P0),
+        innovation=gaussian.innovation(s),
+        correct=gaussian.correct(s),
+        predict=gaussian.predict(s, integrator, covariance),
+        covariance=ca.Function("covariance", [P], [P]),
+        ramp=integrator.hold == "foh",
+    )
+
+
+def _large(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+    return Halves(
+        spread0=s.P0.ravel(),
+        innovation=large.innovation(s),
+        correct=large.correct(s),
+        predict=large.predict(s, integrator, covariance),
+        covariance=large.covariance(s.model.nx),
+        ramp=integrator.hold == "foh",
+    )
