@@ -1,0 +1,49 @@
+"""Choose the engine that runs a recursion."""
+
+from collections.abc import Callable, Sequence
+
+from backsight.engine import native, vm
+from backsight.engine.recursion import Recursion
+from backsight.errors import EngineError, nearest
+from backsight.types import Array
+
+ENGINES = ("native", "vm")
+"""``native``: machine code by LLVM. ``vm``: CasADi's virtual machine. Their results agree."""
+
+SHORT = 1000
+"""Samples below which the virtual machine is done before the machine code is compiled."""
+
+Run = Callable[..., tuple[Array, list[Array]]]
+
+
+def choose(engine: str | None, samples: int) -> str:
+    """Name of the engine: the given one, else the one that is likely to finish first.
+
+    Raises
+    ------
+    EngineError
+        If there is no engine of that name.
+    """
+    if engine is None:
+        return "vm" if samples < SHORT else "native"
+    if engine not in ENGINES:
+        raise EngineError(f"there is no engine '{engine}': {nearest(engine, ENGINES)}")
+    return engine
+
+
+def prepare(recursion: Recursion, engine: str) -> None:
+    """Do what an engine does once per recursion, so that it does not count as run time."""
+    if engine == "native":
+        native.compiled(recursion)
+
+
+def execute(
+    recursion: Recursion,
+    data: Sequence[Array],
+    *,
+    engine: str,
+    progress: Callable[[int], None] = lambda _: None,
+) -> list[Array]:
+    """Apply the step to every sample and return the outputs, one row per sample each."""
+    run: Run = {"native": native.run, "vm": vm.run}[engine]
+    return run(recursion, data, carry=recursion.carry0, progress=progress)[1]

@@ -1,0 +1,105 @@
+"""Statements of a loop program in LLVM's language."""
+
+from backsight.engine.llvm_leaf import Width
+from backsight.engine.llvm_text import Text
+from backsight.engine.program import Buffer, Call, Copy, Loop, Slice, Statement, While
+
+LARGEST_INLINE = 64
+"""Numbers that are copied one by one; more are copied by the library."""
+
+
+class Statements:
+    """Writes statements to a text.
+
+    Parameters
+    ----------
+    text : Text
+    width : Width
+    base : dict of Buffer to str
+        Address of every buffer.
+    """
+
+    def __init__(self, text: Text, width: Width, base: dict[Buffer, str]) -> None:
+        self._text = text
+        self._width = width
+        self._base = base
+        self.active: str | None = None
+        """Condition that holds in the lanes whose recording has not ended; None with one lane."""
+
+    def write(self, statements: tuple[Statement, ...]) -> None:
+        """Write all of them."""
+        for statement in statements:
+            match statement:
+                case Call(leaf, inputs, outputs):
+                    arguments = ", ".join(f"ptr {self._at(s)}" for s in (*inputs, *outputs))
+                    self._text.add(f"call void @{leaf.name}({arguments})")
+                case Copy():
+                    self._copy(statement)
+                case Loop(counter, length, body):
+                    self._text.repeat(counter, str(length), lambda b=body: self.write(b))
+                case While():
+                    self._while(statement)
+
+    def update(self, copies: tuple[Copy, ...], where: str | None) -> None:
+        """Write copies that only count in the lanes where the condition holds."""
+        for copy in copies:
+            if where is None:
+                self._copy(copy)
+                continue
+            kind = self._width.number
+            chosen = [
+                self._text.new(f"select {self._width.truth} {where}, {kind} {new}, {kind} {old}")
+                for new, old in zip(self.load(copy.source), self.load(copy.target), strict=True)
+            ]
+            self.store(copy.target, chosen)
+
+    def load(self, place: Slice) -> list[str]:
+        """Read all numbers of a slice."""
+        kind = self._width.number
+        places = [self._at(place.part(k, 1)) for k in range(place.size)]
+        return [self._text.new(f"load {kind}, ptr {p}, align 8") for p in places]
+
+    def store(self, place: Slice, values: list[str]) -> None:
+        """Write all numbers of a slice."""
+        for k, value in enumerate(values):
+            address = self._at(place.part(k, 1))
+            self._text.add(f"store {self._width.number} {value}, ptr {address}, align 8")
+
+    def _copy(self, copy: Copy) -> None:
+        if copy.source.size <= LARGEST_INLINE:
+            self.store(copy.target, self.load(copy.source))
+            return
+        addresses = f"ptr {self._at(copy.target)}, ptr {self._at(copy.source)}"
+        size = 8 * self._width.lanes * copy.source.size
+        self._text.add(f"call void @llvm.memmove.p0.p0.i64({addresses}, i64 {size}, i1 false)")
+
+    def _while(self, loop: While) -> None:
+        where: list[str | None] = []
+
+        def test() -> str:
+            lanes, any_lane = self._running(self.load(loop.flag)[0])
+            where.append(lanes)
+            return any_lane
+
+        def body() -> None:
+            self.write(loop.body)
+            self.update(loop.update, where[0])
+
+        self._text.repeat_while(loop.limit, test, body)
+
+    def _running(self, flag: str) -> tuple[str | None, str]:
+        """Lanes whose flag is not zero (None with one lane), and whether there are any."""
+        text, truth, n = self._text, self._width.truth, self._width.lanes
+        go = text.new(f"fcmp une {self._width.number} {flag}, {self._width.constant(0.0)}")
+        if self.active is None:
+            return None, go
+        where = text.new(f"and {truth} {go}, {self.active}")
+        bits = text.new(f"bitcast {truth} {where} to i{n}")
+        return where, text.new(f"icmp ne i{n} {bits}, 0")
+
+    def _at(self, place: Slice) -> str:
+        index = str(place.offset)
+        for counter, stride in place.strides:
+            moved = self._text.new(f"mul nuw nsw i64 %{counter}, {stride}")
+            index = self._text.new(f"add nuw nsw i64 {index}, {moved}")
+        return self._text.address(self._width.number, self._base[place.buffer], index)

@@ -1,0 +1,35 @@
+"""Copies that are meant to happen all at once, in an order that does so."""
+
+import dataclasses
+from collections.abc import Callable, Iterable
+
+from backsight.engine.program import Copy, Slice
+
+
+def in_order(copies: Iterable[Copy], scratch: Callable[[int], Slice]) -> list[Copy]:
+    """Order simultaneous copies so that none overwrites what another still reads.
+
+    Parameters
+    ----------
+    copies : iterable of Copy
+        Their targets do not overlap.
+    scratch : callable
+        Makes a slice of a new buffer, for copies that wait for each other in a circle.
+    """
+    waiting = [c for c in copies if c.source != c.target and c.source.size]
+    ordered: list[Copy] = []
+    while waiting:
+        free = [c for c in waiting if not _is_read(c.target, waiting, c)]
+        if free:
+            ordered += free[:1]
+            waiting.remove(free[0])
+        else:
+            first = waiting[0]
+            saved = scratch(first.source.size)
+            ordered.append(Copy(first.source, saved))
+            waiting[0] = dataclasses.replace(first, source=saved)
+    return ordered
+
+
+def _is_read(target: Slice, copies: list[Copy], itself: Copy) -> bool:
+    return any(c is not itself and c.source.overlaps(target) for c in copies)

@@ -1,0 +1,169 @@
+"""Run a recursion as machine code."""
+
+import dataclasses
+import functools
+import hashlib
+import importlib.metadata
+import importlib.resources
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+import casadi as ca
+import llvmlite
+import numpy as np
+
+from backsight.engine import cache, llvm, machine
+from backsight.engine.llvm_leaf import Width
+from backsight.engine.recursion import Recursion
+from backsight.engine.walk import walk
+from backsight.errors import EngineError
+from backsight.types import Array
+
+BLOCK_SECONDS = 0.05
+"""Time after which a run looks up: for an interrupt, and to tell its progress."""
+
+FIRST_BLOCK = 16
+"""Samples in the first block, from which the time per sample is learnt."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Compiled:
+    """A recursion as machine code.
+
+    Parameters
+    ----------
+    code : Code
+    given : tuple of int
+        Sizes of the working buffers that the caller provides.
+    lanes : int
+        Recordings that advance together.
+    """
+
+    code: machine.Code
+    given: tuple[int, ...]
+    lanes: int
+
+    def workspace(self) -> list[Array]:
+        """Return new working buffers."""
+        return [np.empty(size * self.lanes) for size in self.given]
+
+
+def compiled(recursion: Recursion, *, lanes: int = 1) -> Compiled:
+    """Compile a recursion, or take it from memory or disk.
+
+    Raises
+    ------
+    EngineError
+        If the recursion contains something that cannot be compiled.
+    """
+    digest = hashlib.sha256(recursion.step.serialize().encode()).hexdigest()
+    return _compiled(_Source(digest, recursion.step), lanes)
+
+
+def run(
+    recursion: Recursion,
+    data: Sequence[Array],
+    *,
+    carry: Array,
+    progress: Callable[[int], None] = lambda _: None,
+    block: int | None = None,
+) -> tuple[Array, list[Array]]:
+    """Apply the step to every sample.
+
+    Parameters
+    ----------
+    recursion : Recursion
+    data : sequence of (n, m_i) arrays
+        One row per sample.
+    carry : (nc,) array
+        The memory before the first of these samples.
+    progress : callable
+        Told the number of samples done.
+    block : int, optional
+        Samples per call of the machine code, between which the run can be interrupted; by default
+        what takes about 50 ms. Does not change the result.
+
+    Returns
+    -------
+    carry : (nc,) array
+        The memory after the last sample.
+    outputs : list of (n, l_j) arrays
+
+    Raises
+    ------
+    EngineError
+        If the recursion cannot be compiled or the data do not fit it.
+    """
+    program = compiled(recursion)
+    rows, memory = checked(recursion, data, carry)
+    n = len(rows[0])
+    outputs = [np.empty((n, size)) for size in recursion.output_sizes]
+    workspace = program.workspace()
+    for part in blocks(n, block):
+        here = [a[part] for a in (*rows, *outputs)]
+        program.code(part.stop - part.start, [memory, *workspace, *here])
+        progress(part.stop)
+    return memory, outputs
+
+
+def checked(recursion: Recursion, data: Sequence[Array], carry: Array) -> tuple[list[Array], Array]:
+    """Data with rows one after the other in memory, and a copy of the carry.
+
+    Raises
+    ------
+    EngineError
+        If a size is wrong; the machine code would read memory that is not its own.
+    """
+    rows = [np.ascontiguousarray(d, dtype=np.float64) for d in data]
+    memory = np.array(carry, dtype=np.float64)
+    shapes = [(len(rows[0]), size) for size in recursion.input_sizes]
+    if [r.shape for r in rows] != shapes or memory.shape != recursion.carry0.shape:
+        raise EngineError(
+            f"'{recursion.name}' takes data of shape {shapes} and a carry of shape "
+            f"{recursion.carry0.shape}, not {[r.shape for r in rows]} and {memory.shape}"
+        )
+    return rows, memory
+
+
+def blocks(n: int, size: int | None) -> Iterator[slice]:
+    """Cut n samples into blocks of the given size, or such that each takes `BLOCK_SECONDS`."""
+    start, now = 0, size or FIRST_BLOCK
+    while start < n:
+        began = time.perf_counter()
+        stop = min(start + now, n)
+        yield slice(start, stop)
+        elapsed = time.perf_counter() - began
+        if size is None:
+            now = int(min(max(now * BLOCK_SECONDS / max(elapsed, 1e-9), 1), 8 * now))
+        start = stop
+
+
+@dataclasses.dataclass(frozen=True)
+class _Source:
+    digest: str
+    step: ca.Function = dataclasses.field(compare=False)
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(source: _Source, lanes: int) -> Compiled:
+    key = json.dumps([source.digest, lanes, _versions(), machine.processor()])
+    name = f"{source.step.name()}_{hashlib.sha256(key.encode()).hexdigest()[:32]}"
+    kept = cache.read(name)
+    if kept is None:
+        program = walk(source.step)
+        given = [buffer.size for buffer in llvm.given(program)]
+        code = machine.assemble(llvm.write(program, Width(lanes)), lanes=lanes)
+        kept = json.dumps(given).encode() + b"\n" + code
+        cache.keep(name, kept)
+    head, _, code = kept.partition(b"\n")
+    return Compiled(machine.load(code), tuple(json.loads(head)), lanes)
+
+
+@functools.cache
+def _versions() -> list[str]:
+    """What the code depends on beside the recursion; the writers themselves by their text."""
+    folder = importlib.resources.files("backsight.engine")
+    texts = sorted((f.name, f) for f in folder.iterdir() if f.name.endswith(".py"))
+    writers = hashlib.sha256(b"".join(file.read_bytes() for _, file in texts)).hexdigest()
+    return [importlib.metadata.version("backsight"), llvmlite.__version__, writers]
