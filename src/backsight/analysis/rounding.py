@@ -26,12 +26,25 @@ def plus_minus(value: float, std: float) -> str:
     exponent = max(_exponent(value, 6) if value else last, last + 1)
     if last < exponent - 7:
         return f"{significant(value, 8)} ± {significant(std, 2)}"
-    if exponent in _PLAIN and last < 2:
+    if exponent in _PLAIN and -6 < last < 2:
         places = max(-last, 0)
         return f"{_signed(f'{value:.{places}f}')} ± {std:.{places}f}"
     scale, places = 10.0**exponent, exponent - last
     body = f"{_signed(f'{value / scale:.{places}f}')} ± {std / scale:.{places}f}"
     return f"({body}) × {_power(exponent)}"
+
+
+def shortest(value: float) -> str:
+    """Return the number as it would be given, with at most six digits: ``203.5``."""
+    if not math.isfinite(value):
+        return _not_finite(value)
+    mantissa, _, exponent = f"{value:.6g}".partition("e")
+    return _signed(mantissa) + (f" × {_power(int(exponent))}" if exponent else "")
+
+
+def whole(number: int) -> str:
+    """Return a whole number in groups of three digits, with narrow spaces: ``24 841``."""
+    return f"{number:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 
 
 def percent(fraction: float) -> str:

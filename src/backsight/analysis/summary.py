@@ -129,7 +129,7 @@ def assess(
         final=_final(result, reference or {}),
         us_per_sample=float(result.attrs.get("us_per_sample", math.nan)),
         status=_status_counts(result),
-        failed=_failed(result),
+        failed=failed(result),
     )
 
 
@@ -183,6 +183,13 @@ def ranked_table(
     return sorted(rows, key=_rank)
 
 
+def failed(result: xr.Dataset) -> bool:
+    """Return whether the estimates are worthless: a status says so, or the last is not finite."""
+    code = result["status"].values.astype(int)
+    last = result["x_hat"].isel(time=-1).values
+    return bool(np.any(code & FAILURES.value)) or not bool(np.isfinite(last).all())
+
+
 def units(result: xr.Dataset, dim: str) -> dict[str, str]:
     """Return the unit of every input, output or state (`dim`), by name; "" if there is none."""
     names = [str(n) for n in result[dim].values]
@@ -231,13 +238,6 @@ def _status_counts(result: xr.Dataset) -> dict[str, int]:
     counts = {"OK": int(np.sum(code == 0))}
     counts |= {str(bit.name): int(np.sum(code & bit.value != 0)) for bit in Status}
     return {kind: count for kind, count in counts.items() if count}
-
-
-def _failed(result: xr.Dataset) -> bool:
-    code = result["status"].values.astype(int)
-    return bool(np.any(code & FAILURES.value)) or not bool(
-        np.isfinite(result["x_hat"].isel(time=-1)).all()
-    )
 
 
 def _by_name(values: xr.DataArray, dim: str) -> dict[str, float]:

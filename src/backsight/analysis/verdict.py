@@ -11,7 +11,7 @@ _CLOSE = 0.10
 
 
 def verdicts(rows: Sequence[Row]) -> list[str]:
-    """Return a few sentences: the ranking, then consistency and final errors of each.
+    """Return a few lines: the ranking, then consistency and final errors of each estimator.
 
     Parameters
     ----------
@@ -19,43 +19,45 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
         As `ranked_table` gives them, best first.
     """
     ranking = [_ranking(rows)] if len(rows) > 1 else []
-    sentences = [f"{row.estimator} {consistency(row)}." for row in rows]
-    return ranking + sentences + [s for row in rows if (s := _against_reference(row))]
+    return ranking + [f"{row.estimator}: {_line(row)}." for row in rows]
 
 
 def consistency(row: Row) -> str:
     """Return one clause on whether the covariance of an estimator agrees with its innovations."""
-    if row.failed:
-        return "diverged; its estimates are worthless (see the status)"
     if math.isnan(row.mean_nis):
-        return "gives no covariance of its innovations: nothing can be said about its bands"
+        return "no covariance of the innovations, so nothing can be said about the bands"
     low, high = row.nis_band
     if low <= row.mean_nis <= high:
-        return "is consistent: the size of its innovations agrees with their covariance"
+        return "consistent, its innovations are as large as it predicts"
     ratio = math.sqrt(row.mean_nis / row.nis_expected)
-    change = f"{significant(100.0 * abs(ratio - 1.0), 2)} %" if ratio < 2 else f"{ratio:.1f} times"
+    size = f"{_compared(ratio)} it predicts"
     if abs(ratio - 1.0) < _CLOSE:
-        word = "larger" if ratio > 1 else "smaller"
-        return f"is nearly consistent: its innovations are {change} {word} than it predicts"
+        return f"nearly consistent, its innovations are {size}"
     if ratio > 1:
-        return (
-            f"is over-confident: its innovations are {change} larger than it predicts, "
-            "so its bands are too narrow"
-        )
-    return (
-        f"is too cautious: its innovations are {change} smaller than it predicts, "
-        "so its bands are too wide"
-    )
+        return f"over-confident, its innovations are {size} and its bands too narrow"
+    return f"too cautious, its innovations are {size} and its bands too wide"
+
+
+def _line(row: Row) -> str:
+    if row.failed:
+        return "diverged, its estimates are worthless; see the status"
+    against = _against_reference(row)
+    return f"{consistency(row)}; {against}" if against else consistency(row)
+
+
+def _compared(ratio: float) -> str:
+    if ratio >= 1.5:
+        return f"{ratio:.1f} times as large as"
+    change = significant(100.0 * abs(ratio - 1.0), 2)
+    return f"{change} % {'larger' if ratio > 1 else 'smaller'} than"
 
 
 def _against_reference(row: Row) -> str:
     known = {name: f for name, f in row.final.items() if f.reference is not None}
-    if not known or row.failed:
-        return ""
     outside = [name for name, f in known.items() if not f.deviations <= 3.0]
-    if not outside:
-        return f"{row.estimator} ends within 3σ of every reference value."
-    return f"{row.estimator} ends further than 3σ from the reference value of {', '.join(outside)}."
+    if outside:
+        return f"further than 3σ from the reference of {', '.join(outside)}"
+    return "within 3σ of every reference" if known else ""
 
 
 def _ranking(rows: Sequence[Row]) -> str:
@@ -63,12 +65,8 @@ def _ranking(rows: Sequence[Row]) -> str:
     if best.failed:
         return "All estimators diverged."
     if math.isnan(best.log_likelihood):
-        return f"{best.estimator} has the smallest innovations."
+        return f"{best.estimator} has the smallest innovations; no estimator has a likelihood."
     margins = [best.log_likelihood - r.log_likelihood for r in others if not r.failed]
-    comparable = [m for m in margins if not math.isnan(m)]
-    if not comparable:
-        return f"{best.estimator} comes first: no other one has a likelihood."
-    return (
-        f"{best.estimator} explains the recording best: its log-likelihood per sample is "
-        f"{significant(min(comparable), 2)} above the next."
-    )
+    known = [m for m in margins if not math.isnan(m)]
+    lead = f", by {significant(min(known), 2)} in log-likelihood per sample" if known else ""
+    return f"{best.estimator} explains the recording best{lead}."

@@ -1,11 +1,21 @@
 "use strict";
 (() => {
-  const { template, figures } = JSON.parse(document.getElementById("figures").textContent);
+  const { template, span, figures } = JSON.parse(document.getElementById("figures").textContent);
   const places = [...document.querySelectorAll("figure")];
   const drawn = new Set();
   const hidden = new Set();
   const touch = matchMedia("(pointer: coarse)").matches;
-  let range = null; // of the time axis, common to all plots; null is everything
+  const config = {
+    responsive: true,
+    displaylogo: false,
+    displayModeBar: touch ? false : "hover",
+    modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
+    showSendToCloud: false, // the measurements stay on this machine
+    plotlyServerURL: "",
+    showTips: false,
+    doubleClick: touch ? false : "reset+autosize", // a tap would count as two clicks
+  };
+  let range = span; // of the time axis, common to all plots; null is whatever each has
   let dragmode = touch ? false : "zoom"; // a finger scrolls the page until told otherwise
   let linking = false;
 
@@ -24,15 +34,11 @@
     const { traces, layout } = coloured(figures[places.indexOf(place)]);
     const data = traces.map((t) => ({ ...t, visible: !hidden.has(t.legendgroup) }));
     const xaxis = { ...layout.xaxis };
-    if (range) xaxis.range = range;
+    if (range) xaxis.range = [...range];
     // uirevision keeps what the reader zoomed when colours or visibility change.
     const view = { ...layout, xaxis, dragmode, template: coloured(template), uirevision: "kept" };
     drawn.add(place);
-    Plotly.react(place, data, view, {
-      responsive: true,
-      displaylogo: false,
-      modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
-    });
+    Plotly.react(place, data, view, config);
     if (first) place.on("plotly_relayout", (change) => follow(place, change));
   }
 
@@ -68,7 +74,7 @@
   );
   document.getElementById("reset").addEventListener("click", () => {
     const again = [...drawn];
-    range = null;
+    range = span;
     drawn.clear();
     again.forEach((place) => {
       Plotly.purge(place);

@@ -8,10 +8,10 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-import numpy as np
 import xarray as xr
 from plotly.offline import get_plotlyjs
 
+from backsight.analysis.rounding import whole
 from backsight.analysis.summary import Row, ranked_table
 from backsight.analysis.verdict import verdicts
 from backsight.errors import DataError
@@ -78,7 +78,7 @@ def report(
     sections = _sections(rows, every, reference or {}, problem)
     plots = [plot for _, group in sections for plot in group]
     heading = title or str(every[0].result.attrs.get("model", "Estimates"))
-    page = _resource("page.html").substitute(
+    page = Template(_resource("page.html")).substitute(
         title=escape(heading),
         style=_style(),
         facts=escape(_facts(every[0].result)),
@@ -87,8 +87,8 @@ def report(
         sections="".join(text for text, _ in sections),
         notes=_notes(every),
         plotly=get_plotlyjs(),
-        figures=_data(plots),
-        script=_resource("page.js").template,
+        figures=_data(plots, every),
+        script=_resource("page.js"),
     )
     return write_whole(path, page.encode("utf-8"))
 
@@ -111,8 +111,7 @@ def _sections(
         _section("Inputs", "", input_plots(every)),
         _section(
             "States and parameters",
-            "<p>Lines are estimates, bands three standard deviations either way. The vertical "
-            "range leaves out the widest part of the bands; double-click for all of it.</p>",
+            "<p>Lines are estimates, bands three standard deviations either way.</p>",
             state_plots(every, reference),
         ),
         _section(
@@ -123,8 +122,8 @@ def _sections(
         ),
         _section(
             "Consistency",
-            "<p>Innovations measured with their own covariance. Above the band the estimator is "
-            "over-confident, below it is too cautious.</p>",
+            "<p>Innovations measured with their own covariance. Of a consistent estimator, 95 % "
+            "lie in the band; above it the estimator is over-confident, below it too cautious.</p>",
             [nis_plot(every)],
         ),
     ]
@@ -137,13 +136,14 @@ def _sections(
 def _section(name: str, text: str, plots: Sequence[Plot]) -> Section:
     if not (plots or text):
         return "", []
-    places = "".join(
-        f'<figure class="{"wide" if p.wide else ""}" role="img" aria-label="{escape(p.label)}"'
-        f' style="height: {p.height}px"></figure>'
-        for p in plots
-    )
-    grid = f'<div class="plots">{places}</div>' if plots else ""
+    grid = f'<div class="plots">{"".join(map(_place, plots))}</div>' if plots else ""
     return f"<section><h2>{name}</h2>{text}{grid}</section>", plots
+
+
+def _place(plot: Plot) -> str:
+    kind = "wide" if plot.wide else "first" if plot.first else ""
+    label, style = escape(plot.label), f"height: {plot.height}px"
+    return f'<figure class="{kind}" role="img" aria-label="{label}" style="{style}"></figure>'
 
 
 def _problem(problem: str | Mapping[str, object] | None) -> str:
@@ -178,23 +178,27 @@ def _key(stroke: str, text: str) -> str:
 
 def _facts(result: xr.Dataset) -> str:
     time = result["time"].values
-    facts = [f"{len(time):,} samples".replace(",", "\u202f")]
+    facts = [f"{whole(len(time))} sample{'s' * (len(time) != 1)}"]
     if "dt" in result.attrs:
         facts[0] += f" every {1e3 * float(result.attrs['dt']):g} ms"
     if len(time) > 1:
         facts.append(f"{time[-1] - time[0]:g} s")
-    share = np.isfinite(result["y"].values).mean(axis=0)
-    facts += [
-        f"{name} measured at {100 * part:.3g} % of them"
+    share = result["y"].notnull().values.mean(axis=0)
+    seen = [
+        f"{name} {100 * part:.3g} %"
         for name, part in zip(result["output"].values, share, strict=True)
         if part < 1
     ]
+    facts += [f"measured: {', '.join(seen)}"] if seen else []
     return " · ".join(facts)
 
 
 def _notes(every: Sequence[Series]) -> str:
     longest = max(len(s.time) for s in every)
-    linked = "Drag to zoom; all plots share the time axis. Double-click to zoom out."
+    linked = (
+        "Drag to zoom; all plots share the time axis. Double-click to zoom out, and again for the "
+        "whole vertical range: at first it leaves out wide bands, far starts and rare innovations."
+    )
     if longest <= POINTS:
         return f"<p>{linked} The plots show every sample.</p>"
     length = interval_length(longest)
@@ -205,18 +209,22 @@ def _notes(every: Sequence[Series]) -> str:
     )
 
 
-def _data(plots: Sequence[Plot]) -> str:
-    figures = [{"traces": p.traces, "layout": p.layout} for p in plots]
-    text = json.dumps({"template": TEMPLATE, "figures": figures}, separators=(",", ":"))
+def _data(plots: Sequence[Plot], every: Sequence[Series]) -> str:
+    data = {
+        "template": TEMPLATE,
+        "span": [min(s.time[0] for s in every), max(s.time[-1] for s in every)],
+        "figures": [{"traces": p.traces, "layout": p.layout} for p in plots],
+    }
+    text = json.dumps(data, separators=(",", ":"))
     # Inside a script element only "<" could end the data early.
     return text.replace("<", "\\u003c")
 
 
 def _style() -> str:
-    return _resource("page.css").substitute(
+    return Template(_resource("page.css")).substitute(
         light=series_variables(ON_LIGHT, band=0.16), dark=series_variables(ON_DARK, band=0.22)
     )
 
 
-def _resource(name: str) -> Template:
-    return Template(files("backsight.report").joinpath(name).read_text(encoding="utf-8"))
+def _resource(name: str) -> str:
+    return files("backsight.report").joinpath(name).read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from backsight.report.traces import Trace
 from backsight.types import Array
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Series:
     """One estimator's result, and how it is drawn everywhere on the page."""
 
@@ -62,6 +62,8 @@ class Plot:
         In pixels.
     wide : bool
         Whether it takes the whole width of the page.
+    first : bool
+        Whether it starts a new row.
     """
 
     label: str
@@ -69,6 +71,7 @@ class Plot:
     layout: dict[str, object]
     height: int = 230
     wide: bool = False
+    first: bool = False
 
 
 def series(results: Mapping[str, xr.Dataset]) -> list[Series]:

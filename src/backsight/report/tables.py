@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from backsight.analysis.rounding import percent, plus_minus, significant
+from backsight.analysis.rounding import percent, plus_minus, shortest, significant, whole
 from backsight.analysis.summary import Final, Row
 from backsight.report.series import Series, quantity
 from backsight.schema import STATUS_TEXT, Status
@@ -31,7 +31,7 @@ def comparison(rows: Sequence[Row], every: Sequence[Series], outputs: Mapping[st
         ]
         for rank, row in enumerate(rows, 1)
     ]
-    return _table("comparison", head, body)
+    return _table("comparison", head, body, caption="Over the whole recording")
 
 
 def final_values(rows: Sequence[Row], every: Sequence[Series], states: Mapping[str, str]) -> str:
@@ -50,9 +50,9 @@ def final_values(rows: Sequence[Row], every: Sequence[Series], states: Mapping[s
         cells = [_label(name, unit), *(_final(row, name) for row in rows)]
         if references:
             known = name in references
-            cells.append(significant(references[name], 5) if known else "")
+            cells.append(shortest(references[name]) if known else "")
         body.append(cells)
-    return _table("final", head, body)
+    return _table("final", head, body, caption="At the last sample")
 
 
 def status_list(rows: Sequence[Row]) -> str:
@@ -72,12 +72,12 @@ def swatch(s: Series) -> str:
     return f'<i class="stroke" style="border-top: 3px {style} var({s.colour})"></i>'
 
 
-def _table(name: str, head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+def _table(name: str, head: Sequence[str], body: Sequence[Sequence[str]], *, caption: str) -> str:
     top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
     lines = "".join(f"<tr>{''.join(f'<td>{c}</td>' for c in cells)}</tr>" for cells in body)
     return (
-        f'<div class="scroll"><table class="{name}"><thead><tr>{top}</tr></thead>'
-        f"<tbody>{lines}</tbody></table></div>"
+        f'<div class="scroll"><table class="{name}"><caption>{caption}</caption>'
+        f"<thead><tr>{top}</tr></thead><tbody>{lines}</tbody></table></div>"
     )
 
 
@@ -122,4 +122,4 @@ def _status(row: Row) -> str:
 def _count(row: Row, bit: Status) -> str:
     count, total = row.status[str(bit.name)], row.samples
     name = str(bit.name).replace("_", " ").lower()
-    return f"{name} at {count} of {total} samples"
+    return f"{name} at {whole(count)} of {whole(total)} samples"

@@ -1,14 +1,19 @@
 """Fewer points for display, in a way that keeps every peak."""
 
+from typing import TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
 
 from backsight.types import Array
+
+Positions: TypeAlias = NDArray[np.intp]
 
 POINTS = 2000
 """Points per line in a plot; a recording that is not longer is shown as it is."""
 
 
-def thin(values: Array, points: int = POINTS) -> Array:
+def thin(values: Array, points: int = POINTS) -> Positions:
     """Choose the samples to draw: the smallest and the largest of every interval, and both ends.
 
     Parameters
@@ -34,7 +39,7 @@ def thin(values: Array, points: int = POINTS) -> Array:
     return np.unique(np.concatenate([[0], low, high, [n - 1]]))
 
 
-def envelope(lower: Array, upper: Array, points: int = POINTS) -> tuple[Array, Array, Array]:
+def envelope(lower: Array, upper: Array, points: int = POINTS) -> tuple[Positions, Array, Array]:
     """Thin a band: the lowest lower and the highest upper limit of every interval.
 
     Parameters

@@ -9,10 +9,12 @@ import html
 
 import numpy as np
 
-from backsight.report.thin import envelope, thin
+from backsight.report.thin import Positions, envelope, thin
 from backsight.types import Array
 
 Trace = dict[str, object]
+
+_DOTTED = 100  # up to so many samples, each gets a dot
 
 
 def encoded(values: Array) -> dict[str, str]:
@@ -39,16 +41,17 @@ def line(
     axis: str = "y",
 ) -> Trace:
     """A signal over time, thinned; hovering shows its value and three standard deviations."""
-    kept = thin(values)
+    kept = drawn(values)
     trace = {
         "type": "scatter",
-        "mode": "lines",
+        "mode": "lines" if len(kept) > _DOTTED else "lines+markers",
         "name": plain(name),
         "x": encoded(time[kept]),
         "y": encoded(values[kept]),
         "yaxis": axis,
         "legendgroup": group,
         "line": {"color": colour, "width": width, "dash": dash},
+        "marker": {"color": colour, "size": 3 + width},
         "hovertemplate": "%{y:.6~g}",
     }
     if std is None:
@@ -59,13 +62,18 @@ def line(
     }
 
 
-def measured(time: Array, values: Array, *, name: str, axis: str = "y") -> Trace:
-    """A measured signal: a line, or dots where most of its samples have no measured neighbour."""
-    known = np.isfinite(values)
-    if np.sum(known[1:] & known[:-1]) >= 0.5 * np.sum(known[1:]):
-        return line(time, values, name=name, colour="--measured", width=2.5, axis=axis)
-    dots = line(time[known], values[known], name=name, colour="--measured", axis=axis)
-    return dots | {"mode": "markers", "marker": {"color": "--measured", "size": 4}}
+def drawn(values: Array) -> Positions:
+    """Positions of the samples to join by a line: every peak, and what is between the gaps.
+
+    Samples that are missing now and then, or at regular intervals because the sensor is slow, are
+    skipped. A gap of more than five usual intervals stays one: it keeps a sample that is missing.
+    """
+    there = np.flatnonzero(np.isfinite(values))
+    if there.size < 2:
+        return np.arange(len(values))
+    steps = np.diff(there)
+    gaps = there[:-1][steps > 5 * np.median(steps)] + 1
+    return np.sort(np.concatenate([there[thin(values[there])], gaps]))
 
 
 def band(time: Array, lower: Array, upper: Array, *, colour: str, group: str = "") -> Trace:
@@ -91,13 +99,13 @@ def band(time: Array, lower: Array, upper: Array, *, colour: str, group: str = "
 
 def limits(time: Array, bound: Array, *, group: str = "") -> Trace:
     """Two thin lines at plus and minus `bound`, drawn over noise that would hide a filled band."""
-    kept, _, high = envelope(-bound, bound)
+    kept = drawn(bound)
     gap = np.array([np.nan])
     return {
         "type": "scatter",
         "mode": "lines",
         "x": encoded(np.concatenate([time[kept], gap, time[kept]])),
-        "y": encoded(np.concatenate([high, gap, -high])),
+        "y": encoded(np.concatenate([bound[kept], gap, -bound[kept]])),
         "legendgroup": group,
         "line": {"color": "--ink", "width": 1},
         "hoverinfo": "skip",
@@ -110,8 +118,8 @@ def view(lines: list[Array], bands: list[Array]) -> list[float] | None:
     Parameters
     ----------
     lines : list of array
-        Signals and reference values. One whose extremes are far outside the bulk of it (a start
-        value, a diverged end) counts with its bulk only.
+        Signals and reference values. Of one that starts far away from where it is later, the first
+        2 % of the samples do not count; a later peak always does.
     bands : list of array
         Limits of bands: the outermost 5 % of their samples do not count.
 
@@ -129,12 +137,17 @@ def view(lines: list[Array], bands: list[Array]) -> list[float] | None:
     return [low - margin, high + margin]
 
 
+def bulk(values: Array) -> Array:
+    """Range of the finite values without the outermost 0.5 % on either side: (2,), or empty."""
+    return np.array(_quantiles(values, 0.005) or [])
+
+
 def _line_range(values: Array) -> tuple[float, float] | None:
-    bulk, whole = _quantiles(values, 0.005), _quantiles(values, 0.0)
-    if bulk is None or whole is None:
-        return None
-    far = bulk[1] > bulk[0] and whole[1] - whole[0] > 5.0 * (bulk[1] - bulk[0])
-    return bulk if far else whole
+    whole, later = (_quantiles(v, 0.0) for v in (values, values[len(values) // 50 :]))
+    if whole is None or later is None:
+        return whole
+    far = later[1] > later[0] and whole[1] - whole[0] > 5.0 * (later[1] - later[0])
+    return later if far else whole
 
 
 def _quantiles(values: Array, tail: float) -> tuple[float, float] | None:

@@ -1,7 +1,28 @@
-"""Excitation signals and filters, in NumPy."""
+"""Excitation signals, motion profiles and filters, in NumPy."""
 
 from backsight.signals.binary import prbs
 from backsight.signals.difference import central_difference
 from backsight.signals.filters import bandpass, filtered
+from backsight.signals.profiles import (
+    Motion,
+    Profile,
+    jerk_limited,
+    punch_strokes,
+    quintic,
+    rest,
+    sequence,
+)
 
-__all__ = ["bandpass", "central_difference", "filtered", "prbs"]
+__all__ = [
+    "Motion",
+    "Profile",
+    "bandpass",
+    "central_difference",
+    "filtered",
+    "jerk_limited",
+    "prbs",
+    "punch_strokes",
+    "quintic",
+    "rest",
+    "sequence",
+]
