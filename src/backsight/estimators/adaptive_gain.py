@@ -1,8 +1,8 @@
 r"""Gain of the observer that follows the innovation, eq. 17-19.
 
 Source: Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter
-estimation: a comparison to extended and unscented Kalman filter"; Boizot, Busvelle, Gauthier (2010),
-doi:10.1016/j.automatica.2010.06.004.
+estimation: a comparison to extended and unscented Kalman filter"; Boizot, Busvelle, Gauthier, "An
+adaptive high-gain observer for nonlinear systems", Automatica 46 (2010), 1483-1488.
 """
 
 import dataclasses
@@ -92,7 +92,7 @@ def evaluation(
     both ends included. Before the window is full S stays as it is.
     """
     stride, evaluations = gain.lengths(dt)
-    n, p, nu = form.n, len(form.combinations), form.phi.numel_in(1)
+    n, p, nu = form.n, form.p, form.nu
     samples = stride * evaluations
     due, S, count = ca.MX.sym("due"), ca.MX.sym("S"), ca.MX.sym("count")
     history = ca.MX.sym("history", n + p, evaluations)
@@ -122,14 +122,60 @@ def evaluation(
     return ca.Function("evaluation", [due, S, count, history, *constants], once[1:])
 
 
+def adapt(
+    gain: AdaptiveGain,
+    form: AffineForm,
+    integrator: Integrator,
+    *,
+    upper: float,
+    dt: float,
+    memory: list[ca.MX],
+    data: tuple[ca.MX, ca.MX, ca.MX],
+    estimate: tuple[ca.MX, ca.MX, ca.MX],
+) -> tuple[list[ca.MX], ca.MX]:
+    """Memory of the gain after this sample, and lambda of the next one.
+
+    Parameters
+    ----------
+    gain, form, integrator
+        The integrator's `hold` is that of the input.
+    upper, dt : float
+        lambda_max [1/s] and sampling period [s].
+    memory : list of MX
+        As from `start`, one symbol for each entry.
+    data, estimate : tuple of MX
+        u, y, mask and x, theta, lambda of this sample.
+    """
+    x, theta, lam = estimate
+    stride, evaluations = gain.lengths(dt)
+    samples = stride * evaluations + 1
+    S, evaluated, elapsed, history, *windows = memory
+    history = ca.reshape(history, form.n + form.p, evaluations)
+    U, Y, M = (
+        ca.horzcat(ca.reshape(w, d.numel(), samples)[:, 1:], d)
+        for w, d in zip(windows, data, strict=True)
+    )
+    due, elapsed = _clock(stride)(elapsed)
+    S, evaluated, history = evaluation(form, gain, integrator, dt)(
+        due, S, evaluated, history, x, theta, U, Y, M
+    )
+    lam = gain_step(gain, upper, dt)(lam, S)
+    return [ca.vec(m) for m in (S, evaluated, elapsed, history, U, Y, M)], lam
+
+
+def _clock(stride: int) -> ca.Function:
+    """``elapsed -> (due, elapsed)``: due at the first sample and every `stride` samples."""
+    elapsed = ca.SX.sym("elapsed")
+    following = ca.if_else(elapsed + 1 >= stride, 0, elapsed + 1)
+    return ca.Function("clock", [elapsed], [ca.if_else(elapsed > 0, 0, 1), following])
+
+
 def _prediction_error(form: AffineForm, integrator: Integrator, dt: float) -> ca.Function:
     """One sample of the model from fixed estimates, and the area |y - y_bar| by trapezoids."""
-    n, p, nu = form.n, len(form.combinations), form.phi.numel_in(1)
-    x, area, theta = ca.SX.sym("x", n), ca.SX.sym("area"), ca.SX.sym("theta", p)
-    ua, ub = ca.SX.sym("ua", nu), ca.SX.sym("ub", nu)
+    x, area = ca.SX.sym("x", form.n), ca.SX.sym("area")
+    theta, ua, ub = (ca.SX.sym(k, m) for k, m in (("t", form.p), ("ua", form.nu), ("ub", form.nu)))
     ya, yb, ma, mb = (ca.SX.sym(k) for k in ("ya", "yb", "ma", "mb"))
-    rhs = chain_rhs(form)
-    x_next = integrator.substep(lambda v, w: rhs.call([v, theta, w])[0], x, ua=ua, ub=ub, h=dt)
+    x_next = integrator.substep(lambda v, w: form.rhs(v, theta, w), x, ua=ua, ub=ub, h=dt)
     added = dt / 2 * (ma * ca.fabs(ya - x[0]) + mb * ca.fabs(yb - x_next[0]))
     return ca.Function(
         "prediction_error",
@@ -138,27 +184,16 @@ def _prediction_error(form: AffineForm, integrator: Integrator, dt: float) -> ca
     )
 
 
-def chain_rhs(form: AffineForm) -> ca.Function:
-    """Right-hand side of eq. 6: ``(x, theta, u) -> dx``."""
-    n, p = form.n, len(form.combinations)
-    x, theta = ca.SX.sym("x", n), ca.SX.sym("theta", p)
-    u = ca.SX.sym("u", form.phi.numel_in(1))
-    driven = ca.dot(form.psi.call([x, u])[0], theta) if p else ca.SX(0)
-    dx = ca.vertcat(x[1:], 0) + form.phi.call([x, u])[0]
-    dx[n - 1] += driven
-    return ca.Function("chain_rhs", [x, theta, u], [dx])
-
-
 def start(gain: AdaptiveGain, form: AffineForm, dt: float) -> dict[str, np.ndarray]:
     """Memory of the adaptive gain before the first sample."""
     stride, evaluations = gain.lengths(dt)
-    samples, size = stride * evaluations + 1, form.n + len(form.combinations)
+    samples, size = stride * evaluations + 1, form.n + form.p
     return {
         "S": np.ones(1),
         "evaluated": np.zeros(1),
         "elapsed": np.zeros(1),
         "history": np.zeros(size * evaluations),
-        "U": np.zeros(form.phi.numel_in(1) * samples),
+        "U": np.zeros(form.nu * samples),
         "Y": np.zeros(samples),
         "M": np.zeros(samples),
     }

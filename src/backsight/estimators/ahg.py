@@ -12,7 +12,8 @@ from backsight.errors import TuningError
 from backsight.estimators.adaptive_gain import AdaptiveGain
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.excitation import Excitation
-from backsight.estimators.high_gain import Gains, check_step, gain_vector
+from backsight.estimators.high_gain import Gains, Spread, check_step, gain_vector
+from backsight.estimators.observed import States, bounds
 from backsight.estimators.observing import Plan, assemble_observer
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.affine import AffineForm, affine_form
@@ -41,9 +42,7 @@ class AHG(AbstractEstimator):
     Parameters
     ----------
     noise : Noise
-        Only the measurement noise is used, for the confidence bands and the excitation.
     prior : Prior
-        Start values, and their covariance for the bands.
     lam : float
         Gain lambda [1/s]; lambda_max if it adapts.
     Gamma : (p, p) array or p numbers
@@ -63,8 +62,9 @@ class AHG(AbstractEstimator):
 
     Notes
     -----
-    The covariance is the one of the linearised error under measurement noise and an uncertain
-    start. Beside the usual outputs a result has ``lam`` and ``excitation``.
+    Noise and prior do not change the estimate. They give its covariance, that of the linearised
+    error under measurement noise, random walks and an uncertain start. Parameters outside their
+    bounds are set to them. Beside the usual outputs a result has ``lam`` and ``excitation``.
 
     References
     ----------
@@ -108,23 +108,27 @@ class AHG(AbstractEstimator):
         theta0, J = _combinations(form, x0[form.n :])
         T = np.eye(model.nx)
         T[form.n :, form.n :] = J
+        R = float(self.noise.measurement(model)[0, 0])
         plan = Plan(
-            form=form,
+            states=States(form, theta0, *bounds(model)),
             gains=Gains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
             lam=self.lam,
             integrator=self.integrator,
             ramp_output=self.output_hold == "foh",
             dt=dt,
-            R=float(self.noise.measurement(model)[0, 0]),
+            R=R,
             x0=x0[: form.n],
-            theta0=theta0,
+            constants=np.zeros(0),
             P0=T @ P0 @ T.T,
-            frozen=np.zeros(0),
-            P_frozen=np.zeros((0, 0)),
+            spread=Spread(R * dt, T @ self.noise.process(model, dt) @ T.T, _NOTHING),
             adaptive=self.adaptive,
             window=self.excitation,
         )
         return assemble_observer(self.key, plan)
+
+
+_NOTHING = ca.Function("nothing", [ca.SX.sym("x"), ca.SX.sym("u")], [ca.SX(0, 0)])
+"""No constants: there are no states that are neither in the chain nor estimated."""
 
 
 def _combinations(form: AffineForm, parameters: Array) -> tuple[Array, Array]:
@@ -143,7 +147,7 @@ def _combinations(form: AffineForm, parameters: Array) -> tuple[Array, Array]:
 
 def _gamma(given: Array, form: AffineForm) -> Array:
     """Gamma (p, p), checked."""
-    p = len(form.combinations)
+    p = form.p
     Gamma = np.asarray(given, float)
     Gamma = np.diag(np.full(p, Gamma) if Gamma.ndim == 0 else Gamma) if Gamma.ndim < 2 else Gamma
     names = ", ".join(form.combinations)
@@ -152,7 +156,7 @@ def _gamma(given: Array, form: AffineForm) -> Array:
     size = np.sqrt(np.abs(np.diag(Gamma)))
     relative = Gamma / np.outer(size, size) if np.all(size > 0) else np.full((p, p), np.nan)
     symmetric = np.allclose(relative, relative.T, rtol=0, atol=1e-9)
-    if not symmetric or np.linalg.eigvalsh(relative)[0] <= 0:
+    if p and not (symmetric and np.linalg.eigvalsh(relative)[0] > 0):
         smallest = np.linalg.eigvalsh((Gamma + Gamma.T) / 2)[0]
         raise TuningError(
             f"Gamma must be symmetric and positive definite; smallest eigenvalue {smallest:.3g}"

@@ -64,7 +64,7 @@ def excitation(window: Excitation, form: AffineForm, *, dt: float, sigma: float)
     ``(*memory, Upsilon, lam, theta) -> (*memory, level, excited)``; a parameter counts as excited
     if the window determines it to better than 100 % from measurements with deviation `sigma`.
     """
-    p, n, length = len(form.combinations), form.n, window.block(dt)
+    p, n, length = form.p, form.n, window.block(dt)
     size = p * (p + 1) // 2
     blocks, current = ca.SX.sym("blocks", size * BLOCKS), ca.SX.sym("current", size)
     left, filled = ca.SX.sym("left"), ca.SX.sym("filled")
@@ -98,7 +98,7 @@ def excitation(window: Excitation, form: AffineForm, *, dt: float, sigma: float)
 
 
 def _levels(form: AffineForm, total: ca.SX, theta: ca.SX, *, T: float, sigma: float) -> ca.SX:
-    p = len(form.combinations)
+    p = form.p
     parameters = form.physical.call([theta])[0]
     dtheta = ca.inv(ca.jacobian(parameters, theta))
     scaled = dtheta @ ca.diag(parameters)

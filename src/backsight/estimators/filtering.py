@@ -10,6 +10,7 @@ from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.gaussian import FLAGS
+from backsight.schema import Status
 from backsight.types import Array
 
 
@@ -96,20 +97,21 @@ def choose(flag: ca.MX, then: Sequence[ca.MX], otherwise: Sequence[ca.MX]) -> li
     return ca.Function(name, [c, *a, *b], selected).call([flag, *then, *otherwise])
 
 
-def physical(s: Setting) -> ca.Function:
+def physical(s: Setting, raised: Sequence[Status] = FLAGS) -> ca.Function:
     """Scaled posterior to the outputs of `ESTIMATE_CHANNELS`.
 
-    ``(x, P, u, e, S, flags) -> (x_hat, P, y_hat, e, S, status)``.
+    ``(x, P, u, e, S, flags) -> (x_hat, P, y_hat, e, S, status)``; every flag, 0 or 1, has its
+    meaning in `raised`.
     """
     nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
     x, u, e = ca.SX.sym("x", nx), ca.SX.sym("u", nu), ca.SX.sym("e", ny)
     vP, vS = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("S", ny * (ny + 1) // 2)
-    flags = ca.SX.sym("flags", len(FLAGS))
+    flags = ca.SX.sym("flags", len(raised))
     outputs = [
         *s.physical(x, vP),
         s.sy * s.model.output(x, u),
         s.sy * e,
         vech(unvech(vS) * ca.SX(np.outer(s.sy, s.sy))),
-        ca.dot(flags, ca.DM([int(f) for f in FLAGS])),
+        ca.dot(flags, ca.DM([int(f) for f in raised])),
     ]
     return ca.Function("physical", [x, vP, u, e, vS, flags], outputs)

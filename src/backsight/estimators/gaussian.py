@@ -9,6 +9,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
+from backsight.algebra import bounds
 from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.update import gain, joseph, masked
 from backsight.discrete.runge_kutta import Integrator
@@ -45,17 +46,23 @@ def correct(s: Setting) -> ca.Function:
     set to them and P stays as it is (section VI.C). The flags are those of `FLAGS`.
     """
     x, vP, u, y, mask = _update_symbols(s)
-    P = unvech(vP)
+    x_post, P_post, flags = updated(s, x, unvech(vP), u, y, mask, ca.SX(s.R))
+    return ca.Function("correct", [x, vP, u, y, mask], [x_post, vech(P_post), flags])
+
+
+def updated(
+    s: Setting, x: ca.SX, P: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX, R: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """State, covariance and flags after a measurement with covariance R (ny, ny), see `correct`."""
     y_prior = s.model.output(x, u)
-    H, e, R = masked(ca.jacobian(y_prior, x), y - y_prior, ca.SX(s.R), mask)
+    H, e, R = masked(ca.jacobian(y_prior, x), y - y_prior, R, mask)
     K, S = gain(P, H, R)
     free = x + K @ e
     P_post = joseph(P, K, H, R)
     x_post = clip(s, free)
     clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, 0)
     definite = ca.mmin(ca.vertcat(ca.diag(P_post), ca.diag(S))) >= 0
-    flags = ca.vertcat(clipped, 0, 0, ca.if_else(definite, 0, 1))
-    return ca.Function("correct", [x, vP, u, y, mask], [x_post, vech(P_post), flags])
+    return x_post, P_post, ca.vertcat(clipped, 0, 0, ca.if_else(definite, 0, 1))
 
 
 def _update_symbols(s: Setting) -> tuple[ca.SX, ...]:
@@ -66,13 +73,7 @@ def _update_symbols(s: Setting) -> tuple[ca.SX, ...]:
 
 def clip(s: Setting, x: ca.SX) -> ca.SX:
     """Set states outside their bounds to the bounds."""
-    bounded = ca.SX(x)
-    for i, (low, high) in enumerate(zip(s.lower, s.upper, strict=True)):
-        if np.isfinite(low):
-            bounded[i] = ca.fmax(bounded[i], low)
-        if np.isfinite(high):
-            bounded[i] = ca.fmin(bounded[i], high)
-    return bounded
+    return bounds.clip(x, s.lower, s.upper)
 
 
 def predict(s: Setting, integrator: Integrator, covariance: str) -> ca.Function:

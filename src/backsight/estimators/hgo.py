@@ -11,11 +11,13 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.excitation import Excitation
-from backsight.estimators.high_gain import Gains, check_step, gain_vector
+from backsight.estimators.high_gain import Gains, Spread, check_step, gain_vector
+from backsight.estimators.observed import States, bounds
 from backsight.estimators.observing import Plan, assemble_observer
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.affine import affine_form, moving_states
 from backsight.models.model import Model
+from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,12 +30,14 @@ class HGO(AbstractEstimator):
     with :math:`\Lambda^{-1} = \mathrm{diag}(1, \lambda \dots \lambda^{n-1})`. States that are
     constant in the model (parameters) keep their start values; `AHG` estimates them.
 
+    Noise and prior do not change the estimate. They give its covariance, that of the linearised
+    error under measurement noise, random walks and an uncertain start; what is not known of the
+    constant states counts too.
+
     Parameters
     ----------
     noise : Noise
-        Only the measurement noise is used, for the confidence bands.
     prior : Prior
-        Start values, and their covariance for the bands.
     lam : float
         Gain lambda [1/s]. The error decays like exp(-lambda t), the noise of the velocity grows
         with lambda^1.5.
@@ -70,36 +74,44 @@ class HGO(AbstractEstimator):
         """See `AbstractEstimator.compile`."""
         x0, P0 = self.prior.mean(model), self.prior.covariance(model)
         n = len(moving_states(model))
-        form = affine_form(_without_constants(model, n, x0))
+        form = affine_form(_chain(model, n, x0[n:]))
         k0 = gain_vector(self.poles, form.n)
         check_step(self.lam, k0, self.integrator, dt)
+        R = float(self.noise.measurement(model)[0, 0])
+        lower, upper = bounds(model)
         plan = Plan(
-            form=form,
+            states=States(form, np.zeros(0), lower, upper),
             gains=Gains(k0, np.zeros((0, 0))),
             lam=self.lam,
             integrator=self.integrator,
             ramp_output=self.output_hold == "foh",
             dt=dt,
-            R=float(self.noise.measurement(model)[0, 0]),
+            R=R,
             x0=x0[:n],
-            theta0=np.zeros(0),
-            P0=P0[:n, :n],
-            frozen=x0[n:],
-            P_frozen=P0[n:, n:],
+            constants=x0[n:],
+            P0=P0,
+            spread=Spread(R * dt, self.noise.process(model, dt), _influence(model, n, x0[n:])),
             adaptive=None,
             window=Excitation(),
         )
         return assemble_observer(self.key, plan)
 
 
-def _without_constants(model: Model, n: int, x0: np.ndarray) -> Model:
+def _chain(model: Model, n: int, constants: Array) -> Model:
     """The model of the first n states, with the other states at their start values."""
     x, u = ca.SX.sym("x", n), ca.SX.sym("u", model.nu)
     p = ca.SX.sym("p", len(model.parameters))
-    full = ca.vertcat(x, x0[n:])
+    full = ca.vertcat(x, constants)
     return dataclasses.replace(
         model,
         f=ca.Function("f", [x, u, p], [model.f.call([full, u, p])[0][:n]]),
         h=ca.Function("h", [x, u, p], model.h.call([full, u, p])),
         states=model.states[:n],
     )
+
+
+def _influence(model: Model, n: int, constants: Array) -> ca.Function:
+    """``(x, u) -> (n, q)``: derivative of the chain's equations by the constants."""
+    x, u, c = ca.SX.sym("x", n), ca.SX.sym("u", model.nu), ca.SX.sym("c", len(constants))
+    slope = ca.jacobian(model.rhs(ca.vertcat(x, c), u)[:n], c)
+    return ca.Function("influence", [x, u], [ca.substitute(slope, c, ca.SX(constants))])

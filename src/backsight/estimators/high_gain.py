@@ -8,7 +8,7 @@ import dataclasses
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.runge_kutta import TABLEAUS, Integrator
@@ -49,7 +49,7 @@ def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
         wanted = np.repeat(wanted, n)
     if wanted.shape != (n,):
         raise TuningError(f"poles has {wanted.size} entries; the chain has {n} states")
-    if not np.all(wanted.real < 0):
+    if not np.all(np.real(wanted) < 0):
         raise TuningError(f"poles {wanted.tolist()} must all have a negative real part")
     polynomial = np.poly(wanted)
     if np.any(np.abs(np.imag(polynomial)) > 1e-9):
@@ -57,7 +57,7 @@ def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
     return np.real(polynomial[1:]).astype(float)
 
 
-def amplification(scheme: str, z: NDArray[np.complex128]) -> Array:
+def amplification(scheme: str, z: ArrayLike) -> Array:
     """Largest factor by which a Runge-Kutta step multiplies exp(z t) over t = 1, per z."""
     tableau = TABLEAUS[scheme]
     stages = len(tableau.b)
@@ -65,7 +65,9 @@ def amplification(scheme: str, z: NDArray[np.complex128]) -> Array:
     for i, row in enumerate(tableau.a):
         A[i, : len(row)] = row
     ones, b = np.ones(stages), np.array(tableau.b)
-    return np.array([abs(1 + v * b @ np.linalg.solve(np.eye(stages) - v * A, ones)) for v in z])
+    return np.array(
+        [abs(1 + v * b @ np.linalg.solve(np.eye(stages) - v * A, ones)) for v in np.asarray(z)]
+    )
 
 
 def check_step(lam: float, k0: Array, integrator: Integrator, dt: float) -> None:
@@ -73,7 +75,7 @@ def check_step(lam: float, k0: Array, integrator: Integrator, dt: float) -> None
     n, h = len(k0), dt / integrator.substeps
     A = np.diag(np.ones(n - 1), 1)
     A[:, 0] -= k0
-    growth = amplification(integrator.scheme, h * lam * np.linalg.eigvals(A).astype(complex))
+    growth = amplification(integrator.scheme, h * lam * np.linalg.eigvals(A))
     if growth.max() > 1:
         raise TuningError(
             f"lambda = {lam:g} is too large for steps of {h:g} s with '{integrator.scheme}': "
@@ -88,59 +90,101 @@ def observer_rhs(form: AffineForm, gains: Gains) -> ca.Function:
     ``(x, theta, Upsilon, y, u, lam, on) -> (dx, dtheta, dUpsilon)``; with ``on = 0`` nothing was
     measured and the model runs free.
     """
-    n, p = form.n, len(form.combinations)
+    n, p = form.n, form.p
     x, theta, Y = ca.SX.sym("x", n), ca.SX.sym("theta", p), ca.SX.sym("Y", n, p)
-    y, lam, on = ca.SX.sym("y"), ca.SX.sym("lam"), ca.SX.sym("on")
-    u = ca.SX.sym("u", form.phi.numel_in(1))
-    psi = form.psi.call([x, u])[0]
+    y, lam, on, u = ca.SX.sym("y"), ca.SX.sym("lam"), ca.SX.sym("on"), ca.SX.sym("u", form.nu)
     e = on * (y - x[0])
 
-    shifted = ca.vertcat(x[1:], 0)
-    last = ca.vertcat(ca.SX.zeros(n - 1), ca.dot(psi, theta) if p else 0)
     powers = ca.vertcat(*(lam**i for i in range(n)))
     adapt = ca.SX(gains.Gamma) @ Y[0, :].T if p else ca.SX(0, 1)
     surplus = 1 if gains.consistent else lam
     correction = powers * (lam * ca.SX(gains.k0) + surplus * (Y @ adapt if p else 0))
-    dx = shifted + form.phi.call([x, u])[0] + last + correction * e
+    dx = form.rhs(x, theta, u) + correction * e
     dtheta = lam**n * adapt * e
     dY = lam * (ca.vertcat(Y[1:, :], ca.SX.zeros(1, p)) - ca.SX(gains.k0) @ Y[0, :])
-    dY[n - 1, :] += lam * psi.T
+    dY[n - 1, :] += lam * form.psi.call([x, u])[0].T
     return ca.Function("observer_rhs", [x, theta, Y, y, u, lam, on], [dx, dtheta, dY])
 
 
+@dataclasses.dataclass(frozen=True)
+class Spread:
+    """What makes the error of an observer spread, for its covariance.
+
+    Parameters
+    ----------
+    R : float
+        Spectral density of the measurement noise.
+    Q : (n + p + q, n + p + q) array
+        Spectral density of the random walks of chain, theta and constants that are not estimated.
+    constants : casadi.Function
+        ``(x, u) -> (n, q)``: how those constants move the chain; not used without any.
+    """
+
+    R: float
+    Q: Array
+    constants: ca.Function
+
+    @property
+    def size(self) -> int:
+        """n + p + q."""
+        return len(self.Q)
+
+
 def observer_step(
-    form: AffineForm, gains: Gains, integrator: Integrator, *, h: float, density: float
+    form: AffineForm, gains: Gains, integrator: Integrator, spread: Spread, *, h: float
 ) -> ca.Function:
     """One sub-step of observer and covariance.
 
     ``(x, theta, Upsilon, P, ua, ub, ya, yb, lam, on) -> (x, theta, Upsilon, P)`` with Upsilon
     flat and P as lower triangle. Inputs and measurement go linearly from a to b. The covariance is
-    the one of the linearised error under measurement noise of spectral density `density` and an
-    uncertain start: an observer promises no more.
+    the one of the linearised error: an observer promises no more.
     """
-    n, p = form.n, len(form.combinations)
+    n, p = form.n, form.p
     rhs = observer_rhs(form, gains)
-    z = ca.SX.sym("z", n + p + n * p)
-    vP = ca.SX.sym("P", (n + p) * (n + p + 1) // 2)
-    nu = form.phi.numel_in(1)
-    ua, ub = ca.SX.sym("ua", nu), ca.SX.sym("ub", nu)
+    x, theta, Y = ca.SX.sym("x", n), ca.SX.sym("theta", p), ca.SX.sym("Upsilon", n * p)
+    z = ca.vertcat(x, theta, Y)
+    ua, ub = ca.SX.sym("ua", form.nu), ca.SX.sym("ub", form.nu)
     ya, yb, lam, on = (ca.SX.sym(k) for k in ("ya", "yb", "lam", "on"))
 
     def flow(v: ca.SX, w: ca.SX) -> ca.SX:
         Y = ca.reshape(v[n + p :], n, p)
-        dx, dtheta, dY = rhs.call([v[:n], v[n : n + p], Y, w[nu], w[:nu], lam, on])
+        dx, dtheta, dY = rhs.call([v[:n], v[n : n + p], Y, w[-1], w[:-1], lam, on])
         return ca.vertcat(dx, dtheta, ca.vec(dY))
 
     ramp = dataclasses.replace(integrator, hold="foh")
     z_next = ramp.substep(flow, z, ua=ca.vertcat(ua, ya), ub=ca.vertcat(ub, yb), h=h)
     slope = flow(z, ca.vertcat(ua, ya))[: n + p]
-    A = ca.jacobian(slope, z[: n + p])
-    K = ca.jacobian(slope, ya)
-    Phi = ca.SX.eye(n + p) + h * A + h**2 / 2 * (A @ A)
-    noise = density * h / 2 * (K @ K.T)
-    P_next = Phi @ (unvech(vP) + noise) @ Phi.T + noise
+    A = ca.horzcat(ca.jacobian(slope, x), ca.jacobian(slope, theta))
+    vP = ca.SX.sym("P", spread.size * (spread.size + 1) // 2)
+    P_next = _propagated(vP, A, ca.jacobian(slope, ya), spread, x, ua, h)
     split = [z_next[:n], z_next[n : n + p], z_next[n + p :]]
-    parts = [z[:n], z[n : n + p], z[n + p :]]
-    symbols = [ca.SX.sym(k, m) for k, m in (("x", n), ("theta", p), ("Upsilon", n * p))]
-    outputs = ca.substitute([*split, vech(P_next)], parts, symbols)
-    return ca.Function("observer_step", [*symbols, vP, ua, ub, ya, yb, lam, on], [*outputs])
+    return ca.Function(
+        "observer_step", [x, theta, Y, vP, ua, ub, ya, yb, lam, on], [*split, vech(P_next)]
+    )
+
+
+def free_step(form: AffineForm, integrator: Integrator, spread: Spread, *, h: float) -> ca.Function:
+    """One sub-step of the model alone: ``(x, P, ua, ub, theta) -> (x, P)``."""
+    x, theta = ca.SX.sym("x", form.n), ca.SX.sym("theta", form.p)
+    ua, ub = ca.SX.sym("ua", form.nu), ca.SX.sym("ub", form.nu)
+    vP = ca.SX.sym("P", spread.size * (spread.size + 1) // 2)
+    ramp = dataclasses.replace(integrator, hold="foh")
+    x_next = ramp.substep(lambda v, w: form.rhs(v, theta, w), x, ua=ua, ub=ub, h=h)
+    slope = ca.vertcat(form.rhs(x, theta, ua), ca.SX.zeros(form.p))
+    A = ca.horzcat(ca.jacobian(slope, x), ca.jacobian(slope, theta))
+    P_next = _propagated(vP, A, ca.SX(form.n + form.p, 1), spread, x, ua, h)
+    return ca.Function("free_step", [x, vP, ua, ub, theta], [x_next, vech(P_next)])
+
+
+def _propagated(
+    vP: ca.SX, A: ca.SX, K: ca.SX, spread: Spread, x: ca.SX, u: ca.SX, h: float
+) -> ca.SX:
+    """Covariance after a sub-step: second order in h, positive semidefinite for every h."""
+    n, m, size = x.numel(), A.shape[0], spread.size
+    full, noise = ca.SX(size, size), ca.SX(ca.sparsify(ca.DM(h / 2 * spread.Q)))
+    full[:m, :m] = A
+    if size > m:
+        full[:n, m:] = spread.constants.call([x, u])[0]
+    noise[:m, :m] += h / 2 * spread.R * (K @ K.T)
+    Phi = ca.SX.eye(size) + h * full + h**2 / 2 * (full @ full)
+    return Phi @ (unvech(vP) + noise) @ Phi.T + noise

@@ -5,16 +5,15 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
-from backsight.estimators.adaptive_gain import AdaptiveGain, evaluation, gain_step, start
+from backsight.estimators.adaptive_gain import AdaptiveGain, adapt, start
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.excitation import Excitation, excitation, excitation_start
 from backsight.estimators.filtering import carry_inputs, choose, packed
-from backsight.estimators.high_gain import Gains, observer_step
-from backsight.models.affine import AffineForm
+from backsight.estimators.high_gain import Gains, Spread, free_step, observer_step
+from backsight.estimators.observed import States
 from backsight.schema import Status
 from backsight.types import Array
 
@@ -25,7 +24,7 @@ class Plan:
 
     Parameters
     ----------
-    form : AffineForm
+    states : States
     gains : Gains
     lam : float
         Gain, lambda_max if it adapts [1/s].
@@ -35,15 +34,15 @@ class Plan:
         Interpolate the measurement between samples; holding it delays it by half a sample.
     dt, R : float
         Sampling period [s] and variance of the measurement.
-    x0, theta0, P0 : arrays
-        Start of the chain (n,), of theta (p,) and their joint covariance (n + p, n + p).
-    frozen, P_frozen : arrays
-        Constant states that are not estimated, (q,) and their covariance (q, q).
+    x0, constants : arrays
+        Start of the chain (n,), and the constants that are not estimated (q,).
+    P0 : (n + p + q, n + p + q) array
+    spread : Spread
     adaptive : AdaptiveGain, optional
     window : Excitation
     """
 
-    form: AffineForm
+    states: States
     gains: Gains
     lam: float
     integrator: Integrator
@@ -51,10 +50,9 @@ class Plan:
     dt: float
     R: float
     x0: Array
-    theta0: Array
+    constants: Array
     P0: Array
-    frozen: Array
-    P_frozen: Array
+    spread: Spread
     adaptive: AdaptiveGain | None
     window: Excitation
 
@@ -66,143 +64,99 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
     since interpolating the measurement needs the present one. A sample that was not measured is
     bridged by the model.
     """
-    form, p = plan.form, len(plan.form.combinations)
-    nu = form.phi.numel_in(1)
-    u, y, mask = ca.MX.sym("u", nu), ca.MX.sym("y"), ca.MX.sym("mask")
+    form, theta0 = plan.states.form, plan.states.theta0
+    u, y, mask = ca.MX.sym("u", form.nu), ca.MX.sym("y"), ca.MX.sym("mask")
     memory = {
         "x": plan.x0,
-        "theta": plan.theta0,
-        "Upsilon": np.zeros(form.n * p),
+        "theta": theta0,
+        "Upsilon": np.zeros(form.n * form.p),
         "P": packed(plan.P0),
         "lam": np.array([plan.lam]),
-        "u_last": np.zeros(nu),
+        "u_last": np.zeros(form.nu),
         "y_last": np.zeros(1),
         "started": np.zeros(1),
-        "parameters": np.asarray(form.physical(plan.theta0)).ravel(),
+        "parameters": np.asarray(form.physical(theta0)).ravel(),
     }
-    extra: dict[str, Array] = excitation_start(plan.window, plan.dt, p) if p else {}
-    gain_memory = start(plan.adaptive, form, plan.dt) if plan.adaptive else {}
-    everything = [*memory.values(), *extra.values(), *gain_memory.values()]
+    watch = excitation_start(plan.window, plan.dt, form.p) if form.p else {}
+    gain = start(plan.adaptive, form, plan.dt) if plan.adaptive else {}
+    everything = [*memory.values(), *watch.values(), *gain.values()]
     symbol, parts = carry_inputs(everything)
     x, theta, Y, P, lam, u_last, y_last, started, known = parts[: len(memory)]
-    of_excitation = parts[len(memory) : len(memory) + len(extra)]
-    of_gain = parts[len(memory) + len(extra) :]
+    watched = parts[len(memory) : len(memory) + len(watch)]
+    adapted = parts[len(memory) + len(watch) :]
 
-    before = [x, theta, Y, P]
-    y_end = y if plan.ramp_output else y_last
-    free = choose(started, _advance(plan, before, u_last, u, y_last, y_end, lam, ca.MX(0)), before)
-    moved = choose(started, _advance(plan, before, u_last, u, y_last, y_end, lam, mask), before)
-    x, theta, Y, P = moved
-    e, S = _innovation(plan)(free[0], free[3], y, mask)
+    between = _Between(plan, (u_last, u), (y_last, y if plan.ramp_output else y_last))
+    free = choose(started, between.free(x, P, theta), [x, P])
+    e, S = _innovation(plan)(*free, y, mask)
+    state = [x, theta, Y, P]
+    x, theta, Y, P = choose(started, between.corrected(state, lam, mask), state)
+    x, theta, known, P_out, status = plan.states.observed()(x, theta, P, known)
     y_hold = choose(mask, [y], [x[0]])[0]
 
-    outputs_extra, excited = [lam], ca.MX(1)
-    after_excitation: list[ca.MX] = []
-    if p:
+    outputs, channels = [lam], [*ESTIMATE_CHANNELS, Channel("lam")]
+    if form.p:
         measure = excitation(plan.window, form, dt=plan.dt, sigma=float(np.sqrt(plan.R)))
-        *after_excitation, level, excited = measure(*of_excitation, Y, lam, theta)
-        outputs_extra.append(level)
-    after_gain: list[ca.MX] = []
+        *watched, level, excited = measure(*watched, Y, lam, theta)
+        outputs.append(level)
+        channels.append(Channel("excitation", ("parameter",), labels=form.parameters))
+        status = status + int(Status.NOT_EXCITED) * (1 - excited)
     if plan.adaptive:
-        after_gain, lam = _adapt(plan, plan.adaptive, of_gain, (u, y, mask), (x, theta, lam))
-    known, P_out, status = _physical(plan)(theta, P, known, excited)
-    x_hat = ca.vertcat(x, known, plan.frozen)
-    carry = [x, theta, Y, P, lam, u, y_hold, 1, known, *after_excitation, *map(ca.vec, after_gain)]
-    outputs = [x_hat, P_out, x[0], e, S, status, *outputs_extra]
-    step = ca.Function(name, [symbol, u, y, mask], [ca.vertcat(*carry), *outputs])
-    channels = (*ESTIMATE_CHANNELS, Channel("lam"))
-    if p:
-        channels = (*channels, Channel("excitation", ("parameter",), labels=form.parameters))
-    return Recursion(step=step, carry0=np.concatenate(everything), channels=channels, dt=plan.dt)
-
-
-def _advance(
-    plan: Plan,
-    state: list[ca.MX],
-    ua: ca.MX,
-    ub: ca.MX,
-    ya: ca.MX,
-    yb: ca.MX,
-    lam: ca.MX,
-    on: ca.MX,
-) -> list[ca.MX]:
-    """Observer from sample to sample."""
-    n = plan.integrator.substeps
-    leaf = observer_step(
-        plan.form, plan.gains, plan.integrator, h=plan.dt / n, density=plan.R * plan.dt
+        adapted, lam = adapt(
+            plan.adaptive,
+            form,
+            plan.integrator,
+            upper=plan.lam,
+            dt=plan.dt,
+            memory=adapted,
+            data=(u, y, mask),
+            estimate=(x, theta, lam),
+        )
+    x_hat = ca.vertcat(x, known, plan.constants)
+    carry = ca.vertcat(x, theta, Y, P, lam, u, y_hold, 1, known, *watched, *adapted)
+    step = ca.Function(
+        name, [symbol, u, y, mask], [carry, x_hat, P_out, x[0], e, S, status, *outputs]
     )
-    a, b = ca.SX.sym("a", ua.numel() + 1), ca.SX.sym("b", ua.numel() + 1)
-    grid = [a + (k / n) * (b - a) for k in range(n + 1)]
-    ramps = [ca.horzcat(*grid[:-1]), ca.horzcat(*grid[1:])]
-    rows = [m for r in ramps for m in (r[:-1, :], r[-1, :])]
-    ramp = ca.Function(f"data_ramp_{n}", [a, b], rows)
-    held = ub if plan.integrator.hold == "foh" else ua
-    u_a, y_a, u_b, y_b = ramp(ca.vertcat(ua, ya), ca.vertcat(held, yb))
-    final, _ = scan(leaf, n, carry=state, xs=[u_a, u_b, y_a, y_b], constants=[lam, on])
-    return final
+    return Recursion(
+        step=step, carry0=np.concatenate(everything), channels=tuple(channels), dt=plan.dt
+    )
+
+
+class _Between:
+    """The way from sample to sample, given input and measurement at both ends."""
+
+    def __init__(self, plan: Plan, u: tuple[ca.MX, ca.MX], y: tuple[ca.MX, ca.MX]) -> None:
+        self.plan, self.n = plan, plan.integrator.substeps
+        end = u[1] if plan.integrator.hold == "foh" else u[0]
+        self.u = _ramp(self.n, u[0], end)
+        self.y = _ramp(self.n, *y)
+        self.h = plan.dt / self.n
+
+    def free(self, x: ca.MX, P: ca.MX, theta: ca.MX) -> list[ca.MX]:
+        """State and covariance by the model alone."""
+        plan = self.plan
+        leaf = free_step(plan.states.form, plan.integrator, plan.spread, h=self.h)
+        return scan(leaf, self.n, carry=[x, P], xs=self.u, constants=[theta])[0]
+
+    def corrected(self, state: list[ca.MX], lam: ca.MX, on: ca.MX) -> list[ca.MX]:
+        """State, theta, Upsilon and covariance of the observer."""
+        plan = self.plan
+        leaf = observer_step(plan.states.form, plan.gains, plan.integrator, plan.spread, h=self.h)
+        xs = [*self.u, *self.y]
+        return scan(leaf, self.n, carry=state, xs=xs, constants=[lam, on])[0]
+
+
+def _ramp(n: int, a: ca.MX, b: ca.MX) -> list[ca.MX]:
+    """Values at the beginning and at the end of n sub-steps, side by side."""
+    first, last = ca.SX.sym("a", a.numel()), ca.SX.sym("b", b.numel())
+    grid = [first + (k / n) * (last - first) for k in range(n + 1)]
+    name = f"ramp_{n}_of_{a.numel()}"
+    columns = [ca.horzcat(*grid[:-1]), ca.horzcat(*grid[1:])]
+    return list(ca.Function(name, [first, last], columns)(a, b))
 
 
 def _innovation(plan: Plan) -> ca.Function:
     """``(x, P, y, mask) -> (e, S)`` from the model's prediction."""
-    size = len(plan.P0)
-    x, vP = ca.SX.sym("x", plan.form.n), ca.SX.sym("P", size * (size + 1) // 2)
+    size = plan.spread.size
+    x, vP = ca.SX.sym("x", plan.states.form.n), ca.SX.sym("P", size * (size + 1) // 2)
     y, mask = ca.SX.sym("y"), ca.SX.sym("mask")
     return ca.Function("innovation", [x, vP, y, mask], [mask * (y - x[0]), vP[0] + plan.R])
-
-
-def _physical(plan: Plan) -> ca.Function:
-    """``(theta, P, last parameters, excited) -> (parameters, P of all states, status)``."""
-    form, p = plan.form, len(plan.form.combinations)
-    n, q = form.n, len(plan.frozen)
-    theta, last, excited = ca.SX.sym("theta", p), ca.SX.sym("last", p), ca.SX.sym("excited")
-    vP = ca.SX.sym("P", (n + p) * (n + p + 1) // 2)
-    defined = ca.SX(1)
-    for i in form.divisors:
-        reference = float(plan.theta0[i])
-        defined = ca.if_else(theta[i] * np.sign(reference) > 1e-9 * abs(reference), defined, 0)
-    safe = ca.if_else(defined, theta, ca.SX(plan.theta0))
-    values = form.physical.call([safe])[0] if p else ca.SX(0, 1)
-    J = ca.SX.eye(n + p)
-    if p:
-        J[n:, n:] = ca.substitute(ca.jacobian(form.physical.call([theta])[0], theta), theta, safe)
-    P = ca.SX.zeros(n + p + q, n + p + q)
-    P[: n + p, : n + p] = J @ unvech(vP) @ J.T
-    P[n + p :, n + p :] = ca.SX(plan.P_frozen)
-    status = int(Status.UNDEFINED) * (1 - defined) + int(Status.NOT_EXCITED) * (1 - excited)
-    return ca.Function(
-        "observed",
-        [theta, vP, last, excited],
-        [ca.if_else(defined, values, last), vech(ca.densify(P)), status],
-    )
-
-
-def _adapt(
-    plan: Plan,
-    gain: AdaptiveGain,
-    memory: list[ca.MX],
-    data: tuple[ca.MX, ca.MX, ca.MX],
-    estimate: tuple[ca.MX, ca.MX, ca.MX],
-) -> tuple[list[ca.MX], ca.MX]:
-    """Memory of the adaptive gain after this sample, and lambda of the next one."""
-    x, theta, lam = estimate
-    stride, evaluations = gain.lengths(plan.dt)
-    samples = stride * evaluations + 1
-    S, evaluated, elapsed, history, *windows = memory
-    history = ca.reshape(history, x.numel() + theta.numel(), evaluations)
-    U, Y, M = (
-        ca.horzcat(ca.reshape(w, d.numel(), samples)[:, 1:], d)
-        for w, d in zip(windows, data, strict=True)
-    )
-    due, elapsed = _clock(stride)(elapsed)
-    S, evaluated, history = evaluation(plan.form, gain, plan.integrator, plan.dt)(
-        due, S, evaluated, history, x, theta, U, Y, M
-    )
-    lam = gain_step(gain, plan.lam, plan.dt)(lam, S)
-    return [S, evaluated, elapsed, history, U, Y, M], lam
-
-
-def _clock(stride: int) -> ca.Function:
-    """``elapsed -> (due, elapsed)``: due at the first sample and every `stride` samples."""
-    elapsed = ca.SX.sym("elapsed")
-    following = ca.if_else(elapsed + 1 >= stride, 0, elapsed + 1)
-    return ca.Function("clock", [elapsed], [ca.if_else(elapsed > 0, 0, 1), following])

@@ -54,6 +54,23 @@ class AffineForm:
     theta: ca.Function
     physical: ca.Function
 
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return self.phi.numel_in(1)
+
+    @property
+    def p(self) -> int:
+        """Number of combinations."""
+        return len(self.combinations)
+
+    def rhs(self, x: ca.SX, theta: ca.SX, u: ca.SX) -> ca.SX:
+        """Time derivative of the chain (n,), eq. 6."""
+        dx = ca.vertcat(x[1:], 0) + self.phi.call([x, u])[0]
+        if self.p:
+            dx[self.n - 1] += ca.dot(self.psi.call([x, u])[0], theta)
+        return dx
+
 
 def affine_form(model: Model) -> AffineForm:
     """Bring a model with its unknown parameters among the states into canonical form.

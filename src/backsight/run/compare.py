@@ -5,10 +5,13 @@ from collections.abc import Callable, Iterator, Mapping
 
 import xarray as xr
 
+from backsight.analysis.summary import ranked_table, units
+from backsight.analysis.verdict import verdicts
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimate import estimate
+from backsight.run.ranking import as_text, final_values, ranking, true_errors
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,12 +35,37 @@ class Comparison(Mapping[str, xr.Dataset]):
     def __len__(self) -> int:
         return len(self.results)
 
+    def __str__(self) -> str:
+        return self.table()
+
+    def table(self, reference: Mapping[str, float] | None = None, *, width: int = 80) -> str:
+        """Return the ranking, the final values and the errors against the truth as text.
+
+        Parameters
+        ----------
+        reference : dict, optional
+            Known value of some states [their units]; adds errors.
+        width : int
+            Columns of the page.
+        """
+        rows = ranked_table(self.results, reference)
+        outputs = units(next(iter(self.results.values())), "output")
+        tables = [ranking(rows, outputs), final_values(rows)]
+        if any(row.rms_error for row in rows):
+            tables.append(true_errors(rows))
+        return as_text(tables, width)
+
+    def verdicts(self) -> list[str]:
+        """Return what the ranking means, in a few sentences."""
+        return verdicts(ranked_table(self.results))
+
 
 def compare(
     estimators: Mapping[str, AbstractEstimator],
     model: Model,
     recording: xr.Dataset,
     *,
+    engine: str | None = None,
     throw: bool = True,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Comparison:
@@ -47,7 +75,7 @@ def compare(
     ----------
     estimators : dict
         Name (free to choose) to estimator.
-    model, recording, throw
+    model, recording, engine, throw
         As in `estimate`.
     progress : callable
         Told the name of the estimator at work and the number of samples done.
@@ -62,6 +90,11 @@ def compare(
     results = {}
     for name, estimator in estimators.items():
         results[name] = estimate(
-            estimator, model, recording, throw=throw, progress=lambda k, n=name: progress(n, k)
+            estimator,
+            model,
+            recording,
+            engine=engine,
+            throw=throw,
+            progress=lambda k, n=name: progress(n, k),
         )
     return Comparison(results)

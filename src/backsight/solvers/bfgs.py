@@ -49,7 +49,8 @@ class QuasiNewton:
 
         Here :math:`S = r P^{-1}` and r is the cost unit. The iterates are kept as z in
         :math:`x = \bar x + L z`, but the first step is the steepest descent in x. P must be
-        positive definite; otherwise every step is rejected and the result is :math:`\bar x`.
+        positive definite; otherwise every step is rejected and the result is :math:`\bar x`, which
+        must lie in the box.
         Arguments and result as in `backsight.solvers.gauss_newton.minimise`.
         """
         nx, nb = len(lower), int(np.sum(np.isfinite(lower) | np.isfinite(upper)))
@@ -85,7 +86,7 @@ class QuasiNewton:
         )
         end = dict(zip(sizes, last, strict=True))
         x, Sigma = finish(nx, bounded, lower, upper)(
-            end["z"], end["d"], 0, end["G"], end["side"], x_bar, L
+            end["z"], ca.MX.zeros(nx), 0, end["G"], end["side"], x_bar, L
         )
         results = [x, Sigma, end["count"], end["go"], end["stalled"]]
         return ca.Function("minimise", [run, x_bar, L, *data], results)
@@ -96,7 +97,9 @@ def _gradient(nx: int, unit: float) -> ca.Function:
     z, loss, c = ca.SX.sym("z", nx), ca.SX.sym("loss"), ca.SX.sym("c", nx)
     L = ca.SX.sym("L", nx, nx)
     gradient = 2 * unit * (z - ca.tril(L).T @ c)
-    return ca.Function("bfgs_gradient", [z, loss, c, L], [gradient, unit * (ca.sumsqr(z) + 2 * loss)])
+    return ca.Function(
+        "bfgs_gradient", [z, loss, c, L], [gradient, unit * (ca.sumsqr(z) + 2 * loss)]
+    )
 
 
 def _direction(nx: int, bounded: list[int]) -> ca.Function:
@@ -116,7 +119,7 @@ def _direction(nx: int, bounded: list[int]) -> ca.Function:
     H = ca.if_else(count > 0, updated, identity_in_x)
     d = -H @ g_try
     M = T[bounded, :] @ H @ T[bounded, :].T
-    x_free = x_try[bounded] + T[bounded, :] @ d
+    x_free = x_try[bounded, :] + T[bounded, :] @ d
     return ca.Function(
         "bfgs_direction",
         [z, g, vH, count, z_try, g_try, x_try, L],

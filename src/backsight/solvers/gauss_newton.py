@@ -5,8 +5,9 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.factor import solve_spd
+from backsight.algebra.factor import ldl, solve_spd
 from backsight.algebra.symmetric import unvech, vech
+from backsight.algebra.triangular import forward
 from backsight.engine.loops import iterate
 from backsight.errors import TuningError
 from backsight.solvers.box import dual_active_set
@@ -98,7 +99,7 @@ def minimise(
 
     z_try, x_try = trial(nx)(z, d, t, x_bar, L)
     loss, c, vG_try = evaluate(x_try, *data)
-    z_free, V, M, x_free = _step(nx, bounded)(z_try, x_bar, L, c, vG_try)
+    z_free, V, M, x_free = _step(nx, bounded)(z_try, x_bar, L, c, _hessian(nx)(vG_try, L))
     if bounded:
         lam, side_try, _ = dual_active_set(len(bounded))(M, x_free, lower[bounded], upper[bounded])
     else:
@@ -126,19 +127,24 @@ def trial(nx: int) -> ca.Function:
     return ca.Function("trial", [z, d, t, x_bar, L], [z_try, x_bar + ca.tril(L) @ z_try])
 
 
+def _hessian(nx: int) -> ca.Function:
+    """Hessian I + L' G L of the whole cost in z, ``(G, L) -> A``."""
+    vG, L = ca.SX.sym("G", nx * (nx + 1) // 2), _lower("L", nx)
+    T = ca.tril(L)
+    return ca.Function("gn_hessian", [vG, L], [vech(T.T @ unvech(vG) @ T + ca.SX.eye(nx))])
+
+
 def _step(nx: int, bounded: list[int]) -> ca.Function:
     """Gauss-Newton step without bounds, and what the bounds need: columns V, M = Sigma_bb."""
     z, x_bar, L = ca.SX.sym("z", nx), ca.SX.sym("x_bar", nx), _lower("L", nx)
-    c, vG = ca.SX.sym("c", nx), ca.SX.sym("G", nx * (nx + 1) // 2)
-    T = ca.tril(L)
-    B = T.T @ unvech(vG) @ T
-    A = B + ca.SX.eye(nx)
-    solved = solve_spd(A, ca.horzcat(T.T @ c + B @ z, T[bounded, :].T))
+    c, vA = ca.SX.sym("c", nx), ca.SX.sym("A", nx * (nx + 1) // 2)
+    T, A = ca.tril(L), unvech(vA)
+    solved = solve_spd(A, ca.horzcat(T.T @ c + A @ z - z, T[bounded, :].T))
     z_free, V = solved[:, 0], solved[:, 1:]
     M = T[bounded, :] @ V
-    x_free = x_bar[bounded] + T[bounded, :] @ z_free
+    x_free = x_bar[bounded, :] + T[bounded, :] @ z_free
     return ca.Function(
-        "gn_step", [z, x_bar, L, c, vG], [z_free, V, vech(M) if bounded else ca.SX(0, 1), x_free]
+        "gn_step", [z, x_bar, L, c, vA], [z_free, V, vech(M) if bounded else ca.SX(0, 1), x_free]
     )
 
 
@@ -154,8 +160,9 @@ def _judge(nx: int, nb: int, method: GaussNewton, cost_unit: float) -> ca.Functi
     T = ca.tril(L)
 
     cost_try = ca.sumsqr(z_try) / 2 + loss
-    # Rounding of the cost must not reject a step that is already at the minimum.
-    accept = cost_try <= cost + 1e-4 * t * slope + 1e-13 * ca.fabs(cost)
+    # The cost counts in units of log-likelihood, where 1e-9 means nothing; rounding of residuals
+    # that are small beside the outputs may cost that much and must not reject a good step.
+    accept = cost_try <= cost + 1e-4 * t * slope + 1e-9 * (1 + ca.fabs(cost))
     d_try = z_free + V @ lam - z_try
     slope_try = ca.dot(z_try - T.T @ c, d_try)
     Ld = T @ d_try
@@ -194,20 +201,37 @@ def _judge(nx: int, nb: int, method: GaussNewton, cost_unit: float) -> ca.Functi
 
 
 def finish(nx: int, bounded: list[int], lower: Array, upper: Array) -> ca.Function:
-    """Last step taken, inside the bounds to the last bit, with its covariance."""
-    z, d, t = ca.SX.sym("z", nx), ca.SX.sym("d", nx), ca.SX.sym("t")
-    vG, side = ca.SX.sym("G", nx * (nx + 1) // 2), ca.SX.sym("side", len(bounded))
-    x_bar, L = ca.SX.sym("x_bar", nx), _lower("L", nx)
-    T = ca.tril(L)
-    x = ca.fmin(ca.fmax(x_bar + T @ (z + t * d), lower), upper)
-    A = T.T @ unvech(vG) @ T + ca.SX.eye(nx)
-    Sigma = T @ solve_spd(A, T.T)
+    """Last step taken, inside the bounds to the last bit, with its covariance.
+
+    ``(z, d, t, G, side, x_bar, L) -> (x, Sigma)``.
+    """
+    sizes = {"z": nx, "d": nx, "t": 1, "G": nx * (nx + 1) // 2, "side": len(bounded), "x_bar": nx}
+    z, d, t, vG, side, x_bar = (ca.MX.sym(name, size) for name, size in sizes.items())
+    L = ca.MX.sym("L", nx, nx)
+    _, x = trial(nx)(z, d, t, x_bar, L)
+    free = ca.SX.sym("x", nx)
+    inside = ca.Function("inside", [free], [ca.fmin(ca.fmax(free, lower), upper)])
+    Sigma = _covariance(nx)(_hessian(nx)(vG, L), L)
     if bounded:
-        D = ca.diag(side**2)
-        free = ca.SX.eye(len(bounded)) - D
-        K = solve_spd(D @ Sigma[bounded, bounded] @ D + free, D @ Sigma[bounded, :]).T
-        Sigma = Sigma - K @ D @ Sigma[bounded, :]
-    return ca.Function("finish", [z, d, t, vG, side, x_bar, L], [x, vech(Sigma)])
+        Sigma = _held(nx, bounded)(Sigma, side)
+    return ca.Function("finish", [z, d, t, vG, side, x_bar, L], [inside(x), Sigma])
+
+
+def _covariance(nx: int) -> ca.Function:
+    """Covariance L A^-1 L' of x, ``(A, L) -> Sigma``."""
+    vA, L = ca.SX.sym("A", nx * (nx + 1) // 2), _lower("L", nx)
+    C, D = ldl(unvech(vA))
+    W = ca.horzcat(*(forward(C, column) for column in ca.horzsplit(ca.tril(L).T)))
+    return ca.Function("gn_covariance", [vA, L], [vech(W.T @ ca.diag(1 / D) @ W)])
+
+
+def _held(nx: int, bounded: list[int]) -> ca.Function:
+    """Covariance when the states at a bound are held there, ``(Sigma, side) -> Sigma``."""
+    vSigma, side = ca.SX.sym("Sigma", nx * (nx + 1) // 2), ca.SX.sym("side", len(bounded))
+    Sigma, D = unvech(vSigma), ca.diag(side**2)
+    free = ca.SX.eye(len(bounded)) - D
+    K = solve_spd(D @ Sigma[bounded, bounded] @ D + free, D @ Sigma[bounded, :]).T
+    return ca.Function("held", [vSigma, side], [vech(Sigma - K @ D @ Sigma[bounded, :])])
 
 
 def _lower(name: str, n: int) -> ca.SX:
