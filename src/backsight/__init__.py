@@ -1,0 +1,33 @@
+"""Estimate states, parameters and unknown forces of machines from a model and measurements."""
+
+from importlib.metadata import version as _version
+
+from backsight import errors as errors
+from backsight.data import from_arrays as from_arrays
+from backsight.data import merge as merge
+from backsight.data import read as read
+from backsight.data import resample as resample
+from backsight.discrete.runge_kutta import Integrator as Integrator
+from backsight.estimators import EKF as EKF
+from backsight.estimators import ESTIMATORS as ESTIMATORS
+from backsight.estimators import MHO as MHO
+from backsight.estimators import Noise as Noise
+from backsight.estimators import Prior as Prior
+from backsight.models import Model as Model
+from backsight.models import Signal as Signal
+from backsight.models import augment as augment
+from backsight.models import duffing as duffing
+from backsight.models import friction_drive as friction_drive
+from backsight.models import from_equations as from_equations
+from backsight.models import lti as lti
+from backsight.models import scale as scale
+from backsight.models import sdof as sdof
+from backsight.models import second_order as second_order
+from backsight.report import report as report
+from backsight.run.compare import compare as compare
+from backsight.run.estimate import estimate as estimate
+from backsight.run.simulate import simulate as simulate
+from backsight.run.stream import stream as stream
+from backsight.solvers.gauss_newton import GaussNewton as GaussNewton
+
+__version__ = _version("backsight")

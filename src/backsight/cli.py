@@ -1,0 +1,153 @@
+"""The command line.
+
+Commands import what they need when they run, so that help and version come at once.
+"""
+
+import contextlib
+import importlib.metadata
+import io
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from backsight.errors import BacksightError, ProblemError, nearest
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+study = typer.Typer(no_args_is_help=True, help="Reproduce a paper or work on a real system.")
+app.add_typer(study, name="study")
+
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
+
+WIDEST = 120
+"""Columns of a table at most, however wide the terminal is."""
+
+
+@app.callback(invoke_without_command=True)
+def main(
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+) -> None:
+    """Estimate states, parameters and unknown forces from a model and measurements."""
+    # A pipe may have an encoding without µ and ±: no reason to lose the results.
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    if version:
+        typer.echo(importlib.metadata.version("backsight"))
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
+    out: Out,
+) -> None:
+    """Run the estimators of a problem file over its recording and compare them.
+
+    Exit code 0: all went well; 1: an estimator failed, the others are written; 2: the problem, the
+    recording or the folder is at fault, and nothing is written.
+    """
+    with _told():
+        from backsight.problem import execute, load
+        from backsight.problem.running import ESTIMATES, PAGE
+        from backsight.run.estimate import failure
+
+        read = load(problem)
+        with _bar() as advance:
+            results = execute(read, out, progress=lambda name, k, n: advance(name, k / n))
+        typer.echo(f"{read.title}\n\n{results.table(read.reference, width=_width())}\n")
+        for sentence in results.verdicts():
+            typer.echo(sentence)
+        typer.echo(f"\nReport: {out / PAGE}" if read.report else f"\nEstimates: {out / ESTIMATES}")
+    failures = {name: failure(result) for name, result in results.items()}
+    for name, reason in failures.items():
+        if reason:
+            typer.echo(f"backsight: {name}: {reason}", err=True)
+    if any(failures.values()):
+        raise typer.Exit(1)
+
+
+@app.command()
+def methods() -> None:
+    """List the estimators with the settings that a problem file may give them."""
+    from backsight.problem.methods import methods as listed
+
+    typer.echo(listed())
+
+
+@study.command("list")
+def study_list() -> None:
+    """List the studies."""
+    from backsight.studies import STUDIES
+
+    for name, entry in STUDIES.items():
+        typer.echo(f"{name}: {entry.title}")
+
+
+@study.command("run")
+def study_run(
+    name: Annotated[str, typer.Argument(help="Name of the study, see `backsight study list`.")],
+    out: Out,
+    seeds: Annotated[int, typer.Option(min=1, help="Number of simulated recordings.")] = 5,
+    recording: Annotated[
+        list[Path] | None, typer.Option(help="Further recording; may be given several times.")
+    ] = None,
+) -> None:
+    """Run a study: figures, tables, a page to read, and checks.json."""
+    with _told():
+        from backsight.studies import STUDIES
+
+        if name not in STUDIES:
+            raise ProblemError(f"there is no study '{name}', {nearest(name, STUDIES)}")
+        with _bar() as advance:
+            findings = STUDIES[name].run(
+                out, seeds=range(seeds), recordings=recording or [], progress=advance
+            )
+        typer.echo(f"{findings}\n\nPage: {findings.page}")
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    """Say in one line what the user can mend."""
+    try:
+        yield
+    except BacksightError as error:
+        typer.echo(f"backsight: {' '.join(str(error).split())}", err=True)
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt:
+        typer.echo("backsight: interrupted, nothing is written", err=True)
+        raise typer.Exit(130) from None
+
+
+@contextlib.contextmanager
+def _bar() -> Iterator[Callable[[str, float], None]]:
+    """Show what is being done and the share that is done, on a terminal only."""
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(
+        *columns,
+        console=Console(stderr=True),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    ) as progress:
+        tasks = {}
+
+        def advance(text: str, share: float) -> None:
+            if text not in tasks:
+                tasks[text] = progress.add_task(text, total=1.0)
+            progress.update(tasks[text], completed=share)
+
+        yield advance
+
+
+def _width() -> int:
+    return min(shutil.get_terminal_size().columns, WIDEST) if sys.stdout.isatty() else 80

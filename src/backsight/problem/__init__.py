@@ -1,0 +1,47 @@
+"""Problem files: a recording, a model, what is unknown, and estimators, without any Python.
+
+A problem file is TOML. Its tables, with everything that may be left out in brackets::
+
+    title = "..."                 # [heading of the report]
+
+    [recording]
+    path = "drive.csv"            # relative to this file; ${NAME}: environment variable
+    source = "..."                # [where to get it, told when it is missing]
+    time = "t_s"                  # column of time [s]; or dt = 1e-3
+    inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, remove_mean]
+    outputs.y = { column = "q_m", unit = "m" }
+                                  # [truth.STATE; start, stop, resample [s]; skip_lines]
+    [model]
+    kind = "friction_drive"       # with its arguments; or "equations", "lti", "second_order"
+
+    [estimate]                    # parameters that are not known
+    M = { start = 70.0, sigma = 30.0 }              # [walk, lower, upper, scale, unit]
+
+    [disturbances]                # [unknown quantities added to the rate of a state]
+    w = { acts_on = "v", sigma = 1e5, walk = 1e4 }  # [start, lower, upper, scale, unit]
+
+    [noise]
+    sigma_y = { y = 1e-6 }        # of the measurement; or R
+    sigma_w = { v = 1e-4 }        # [random step per sample; or Q per sample, Qc per second]
+
+    [prior]
+    sigma_x0 = { q = 0.1, v = 0.1 }                 # or P0
+    x0 = { q = 0.0 }              # [0 if not given]
+
+    [integrator]                  # [scheme, substeps, hold]
+    substeps = 2
+
+    [estimators.MHO]              # a name of your own
+    kind = "mho"                  # `backsight methods` lists the kinds and their settings
+    N = 15                        # [settings; integrator, noise, prior of its own]
+
+    [reference]                   # [known values, for errors]
+    M = 95.1
+
+    [output]
+    report = true                 # [whether to write the page]
+"""
+
+from backsight.problem.loading import load as load
+from backsight.problem.problem import Problem as Problem
+from backsight.problem.running import execute as execute

@@ -1,0 +1,43 @@
+"""A problem: everything that a problem file says, checked."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from backsight.estimators.base import AbstractEstimator
+from backsight.models.model import Model
+from backsight.problem.tables import RecordingTable
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A recording, a model with what is unknown among its states, and estimators.
+
+    Parameters
+    ----------
+    title : str
+        Heading of tables and report.
+    path : Path
+        The problem file; paths in it are relative to its folder.
+    text : str
+        The problem file as it was read.
+    recording : RecordingTable
+        Where the data is.
+    model : Model
+        Augmented by the parameters and disturbances to estimate.
+    estimators : dict
+        Name to estimator, in the order of the file.
+    reference : dict
+        State to known value [its unit].
+    report : bool
+        Whether a page is wanted.
+    """
+
+    title: str
+    path: Path
+    text: str
+    recording: RecordingTable
+    model: Model
+    estimators: Mapping[str, AbstractEstimator]
+    reference: Mapping[str, float]
+    report: bool

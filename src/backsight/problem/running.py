@@ -1,0 +1,114 @@
+"""Run a problem and write what came out of it."""
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import xarray as xr
+
+from backsight.analysis.summary import summary
+from backsight.problem.checking import at
+from backsight.problem.problem import Problem
+from backsight.problem.source import recording
+from backsight.problem.whole import whole, writing
+from backsight.report.page import report
+from backsight.run.compare import Comparison, compare
+from backsight.run.estimate import failure
+from backsight.run.match import match
+
+ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
+
+
+def execute(
+    problem: Problem,
+    out: str | os.PathLike[str],
+    *,
+    progress: Callable[[str, int, int], None],
+) -> Comparison:
+    """Run all estimators of a problem over its recording and write the results.
+
+    ``estimates.nc`` holds every result as a group with the name of its estimator,
+    ``summary.json`` the final values and what they are worth, ``report.html`` the report. They
+    appear together at the end; an estimator that diverges is reported and does not hold up the
+    others.
+
+    Parameters
+    ----------
+    problem : Problem
+        From `load`.
+    out : path
+        Folder.
+    progress : callable
+        Told the estimator at work, the samples done, and the number of samples.
+
+    Returns
+    -------
+    Comparison
+        The results by name; failed ones say so in their status.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written.
+    ProblemError, DataError
+        If the recording cannot be read or does not fit the model.
+    """
+    with whole(out) as folder:
+        data = recording(problem)
+        samples = data.sizes["time"]
+        _rehearse(problem, data)
+        results = compare(
+            problem.estimators,
+            problem.model,
+            data,
+            throw=False,
+            progress=lambda name, done: progress(name, done, samples),
+        )
+        with writing(Path(out)):
+            _write(folder, problem, results)
+    return results
+
+
+def _rehearse(problem: Problem, data: xr.Dataset) -> None:
+    """Find out what does not fit before the first estimator has run for minutes."""
+    match(problem.model, data)
+    for name, estimator in problem.estimators.items():
+        with at(f"estimators.{name}"):
+            estimator.compile(problem.model, float(data.attrs["dt"]))
+
+
+def _write(folder: Path, problem: Problem, results: Mapping[str, xr.Dataset]) -> None:
+    about = {"title": problem.title, "problem": problem.text, "backsight": version("backsight")}
+    xr.Dataset(attrs=about).to_netcdf(folder / ESTIMATES, engine="h5netcdf")
+    for name, result in results.items():
+        result.to_netcdf(folder / ESTIMATES, group=name, mode="a", engine="h5netcdf")
+    text = json.dumps(_summary(problem, results), indent=2, allow_nan=False, ensure_ascii=False)
+    (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
+    if problem.report:
+        report(
+            results,
+            folder / PAGE,
+            problem=problem.text,
+            title=problem.title,
+            reference=problem.reference,
+        )
+
+
+def _summary(problem: Problem, results: Mapping[str, xr.Dataset]) -> dict[str, object]:
+    first = next(iter(results.values()))
+    return {
+        "problem": {
+            "title": problem.title,
+            "file": problem.path.name,
+            "recording": problem.recording.path,
+            "model": problem.model.name,
+            "samples": first.sizes["time"],
+            "dt": first.attrs["dt"],
+        },
+        "estimators": {
+            name: summary(result, problem.reference) | {"failure": failure(result) or None}
+            for name, result in results.items()
+        },
+    }

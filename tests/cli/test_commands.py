@@ -1,0 +1,117 @@
+"""What the commands print, and that they come at once."""
+
+import os
+import subprocess
+import sys
+
+import backsight as bs
+import small_problem
+from backsight.studies import STUDIES
+from backsight.studies.study import Findings, Study
+
+
+def test_version(backsight):
+    code, printed, _ = backsight("--version")
+    assert (code, printed.strip()) == (0, bs.__version__)
+
+
+def test_help_names_the_commands(backsight):
+    code, printed, _ = backsight("--help")
+    assert code == 0
+    for command in ("run", "methods", "study"):
+        assert f" {command} " in printed
+
+
+def test_methods_are_those_of_the_table(backsight):
+    code, printed, _ = backsight("methods")
+    assert code == 0
+    assert [line for line in printed.splitlines() if line.startswith("kind = ")] == [
+        f'kind = "{key}"' for key in sorted(bs.ESTIMATORS)
+    ]
+
+
+def test_run_prints_ranking_values_and_place(backsight, tmp_path):
+    out = tmp_path / "out"
+    code, printed, told = backsight("run", small_problem.write(tmp_path), "-o", out)
+    assert (code, told) == (0, "")
+    lines = printed.splitlines()
+    assert lines[0] == "Mass on a spring"
+    assert max(map(len, lines[:-1])) <= 80
+    assert any(line.startswith(" 1   ") for line in lines)
+    assert any(line.startswith(" k [1/s2] ") and "100" in line for line in lines)
+    assert lines[-1] == f"Report: {out / 'report.html'}"
+
+
+def run_apart(*arguments, **environment):
+    return subprocess.run(
+        [sys.executable, "-m", "backsight", *map(str, arguments)],
+        capture_output=True,
+        env={**os.environ, **environment},
+        timeout=60,
+        check=False,
+    )
+
+
+def test_in_a_pipe_that_knows_ascii_only_there_is_no_progress_and_no_error(tmp_path):
+    done = run_apart(
+        "run", small_problem.write(tmp_path), "-o", tmp_path / "out", PYTHONIOENCODING="ascii"
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"100.0" in done.stdout
+    assert b"\x1b" not in done.stdout
+
+
+def test_an_interrupt_leaves_nothing(backsight, tmp_path, monkeypatch):
+    path = small_problem.write(tmp_path)
+    before = sorted(tmp_path.iterdir())
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("backsight.problem.running.report", interrupted)
+    code, printed, told = backsight("run", path, "-o", tmp_path / "out")
+    assert (code, printed) == (130, "")
+    assert told == "backsight: interrupted, nothing is written\n"
+    assert sorted(tmp_path.iterdir()) == before
+
+
+HEAVY = {"plotly", "matplotlib", "typer", "pydantic"}
+
+
+def test_importing_the_package_is_light():
+    code = "import sys, backsight; print(*{m.split('.')[0] for m in sys.modules})"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert not HEAVY & set(done.stdout.split())
+
+
+def test_studies_are_those_of_the_table(backsight):
+    code, printed, _ = backsight("study", "list")
+    assert code == 0
+    assert printed.splitlines() == [f"{name}: {s.title}" for name, s in STUDIES.items()]
+
+
+def test_a_study_is_run_with_its_seeds_and_recordings(backsight, tmp_path, monkeypatch):
+    asked = {}
+
+    def run(out, *, seeds, recordings, progress):
+        progress("at work", 0.5)
+        asked.update(out=out, seeds=list(seeds), recordings=list(recordings))
+        return Findings(page=out / "index.html", checks=(), summary="all is well")
+
+    monkeypatch.setitem(STUDIES, "own", Study(name="own", title="Own", run=run))
+    extra = tmp_path / "more.csv"
+    code, printed, _ = backsight(
+        "study", "run", "own", "-o", tmp_path, "--seeds", 3, "--recording", extra
+    )
+    assert code == 0
+    assert asked == {"out": tmp_path, "seeds": [0, 1, 2], "recordings": [extra]}
+    assert "all is well" in printed
+    assert f"Page: {tmp_path / 'index.html'}" in printed
+
+
+def test_an_unknown_study_is_refused(backsight, tmp_path):
+    code, _, told = backsight("study", "run", "nanopositoner", "-o", tmp_path)
+    assert code == 2
+    assert "there is no study 'nanopositoner', did you mean 'nanopositioner'?" in told

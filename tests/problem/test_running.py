@@ -1,0 +1,87 @@
+"""What a run writes."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import small_problem
+from backsight.problem import execute, load
+from backsight.schema import check_result
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    steps = []
+    results = execute(
+        load(small_problem.write(folder)), folder / "out", progress=lambda *s: steps.append(s)
+    )
+    return folder / "out", results, steps
+
+
+def test_every_result_is_a_group_that_reads_back_the_same(out):
+    folder, results, _ = out
+    for name, result in results.items():
+        with xr.open_dataset(folder / "estimates.nc", group=name) as read:
+            check_result(read)
+            xr.testing.assert_equal(read, result)
+            assert read.attrs == result.attrs
+    with xr.open_dataset(folder / "estimates.nc") as root:
+        assert root.attrs["problem"] == small_problem.TEXT
+
+
+def test_parameters_are_found_and_summed_up(out):
+    folder, results, _ = out
+    written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert written["problem"]["title"] == "Mass on a spring"
+    assert written["problem"]["samples"] == small_problem.SAMPLES
+    assert list(written["estimators"]) == ["EKF", "MHO"]
+    for name, entry in written["estimators"].items():
+        for parameter, true in (("k", small_problem.STIFFNESS), ("b", small_problem.DAMPING)):
+            final = entry["final"][parameter]
+            assert final["value"] == float(results[name]["x_hat"].sel(state=parameter)[-1])
+            assert math.isclose(final["value"], true, rel_tol=0.02)
+            assert math.isclose(final["relative_error"], final["value"] / true - 1, abs_tol=1e-12)
+            assert final["reference"] == true
+        assert entry["final"]["k"]["unit"] == "1/s2"
+        assert {"mean_nis", "us_per_sample", "status"} <= set(entry)
+        assert entry["failure"] is None
+
+
+def test_the_report_is_written_unless_it_is_not_wanted(out, tmp_path):
+    folder, _, _ = out
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "estimates.nc",
+        "report.html",
+        "summary.json",
+    ]
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "Mass on a spring" in page
+    assert "sigma_y = { y = 1e-4 }" in page
+    problem = load(small_problem.write(tmp_path, small_problem.TEXT + "[output]\nreport = false\n"))
+    execute(problem, tmp_path / "out", progress=lambda *_: None)
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["estimates.nc", "summary.json"]
+
+
+def test_progress_ends_with_all_samples(out):
+    _, _, steps = out
+    n = small_problem.SAMPLES
+    assert [s for s in steps if s[1] == n] == [("EKF", n, n), ("MHO", n, n)]
+
+
+def test_the_recording_is_read_as_the_file_says(tmp_path, monkeypatch):
+    monkeypatch.setenv("MY_DATA", str(tmp_path))
+    text = small_problem.changed(
+        'path = "spring.csv"', 'path = "${MY_DATA}/spring.csv"\nstart = 0.5'
+    )
+    text = text.replace('column = "place"', 'column = "place", factor = 2.0, offset = 1.0')
+    text = text.replace('time = "t"', 'time = { column = "t", factor = 10.0 }')
+    problem = load(small_problem.write(tmp_path, text))
+    results = execute(problem, tmp_path / "out", progress=lambda *_: None)
+    table = small_problem.table()
+    kept = 10 * table[:, 0] >= 0.5
+    np.testing.assert_allclose(results["EKF"]["y"].values[:, 0], 2 * table[kept, 2] + 1)
+    np.testing.assert_allclose(results["EKF"]["time"].values, 10 * table[kept, 0])
