@@ -1,0 +1,7 @@
+"""Papers and real systems, worked through: model, data, estimators and checks."""
+
+from backsight.studies.nanopositioner import STUDY as NANOPOSITIONER
+from backsight.studies.study import Study
+
+STUDIES: dict[str, Study] = {s.name: s for s in (NANOPOSITIONER,)}
+"""Every study by its name: the one place where a new one is registered."""

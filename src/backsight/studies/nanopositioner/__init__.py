@@ -1,0 +1,64 @@
+"""Study of Polóni, Eielsen, Rohaľ-Ilkiv, Johansen (2012): moving horizon observer against EKF."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from backsight.problem.whole import whole
+from backsight.report.output import write_whole
+from backsight.studies.checks import write_checks
+from backsight.studies.nanopositioner.claims import judge
+from backsight.studies.nanopositioner.expected import checks
+from backsight.studies.nanopositioner.experiment import Progress, carry_out
+from backsight.studies.nanopositioner.figures import draw
+from backsight.studies.nanopositioner.page import TITLE, build, short
+from backsight.studies.nanopositioner.tables import write_tables
+from backsight.studies.study import Findings, Study
+
+PAGE = "study.html"
+
+
+def run(
+    out: str | os.PathLike[str],
+    *,
+    seeds: Sequence[int] = (0, 1, 2),
+    recordings: Sequence[str | os.PathLike[str]] = (),
+    progress: Progress = lambda _what, _share: None,
+) -> Findings:
+    """Carry out the study and write its page, tables, figures and ``checks.json``.
+
+    Parameters
+    ----------
+    out : path
+        Folder for the results; made if it does not exist.
+    seeds : sequence of int
+        Simulated recordings of every scenario.
+    recordings : sequence of path
+        Files in the form of `plant.read_recording`, judged in the same way.
+    progress : callable
+        Told what is being done and the share of the work that is done.
+
+    Returns
+    -------
+    Findings
+
+    Raises
+    ------
+    DataError
+        If there is nothing to do or a recording cannot be used.
+    OutputError
+        If the folder cannot be written.
+    """
+    with whole(out) as folder:
+        experiment = carry_out(seeds, recordings, progress)
+        verdicts = judge(experiment)
+        found = checks(experiment, verdicts)
+        write_tables(experiment, verdicts, folder)
+        write_checks(folder / "checks.json", found)
+        figures = draw(experiment, folder)
+        write_whole(folder / PAGE, build(experiment, verdicts, found, figures).encode())
+    lines = [f"- {point}" for point in short(experiment, verdicts, found)]
+    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+
+
+STUDY = Study("nanopositioner", TITLE, run)
