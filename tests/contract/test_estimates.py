@@ -1,0 +1,179 @@
+"""What a user may rely on: honest estimates, whatever the units, gaps and bounds."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from backsight.errors import EstimationError
+from backsight.estimators import Noise, Prior
+from backsight.models.model import Model
+from backsight.models.signals import Signal
+from backsight.run.estimate import estimate
+from backsight.schema import Status, check_result
+from closeness import assert_close
+from contract.cases import DT, K_TRUE, Data, Problem, R, runge_kutta, simulate
+
+
+def test_result_has_the_schema(build, hold):
+    data, model = simulate(20, seed=1, hold=hold, noisy=True), Problem().model
+    data.y[4, 1] = np.nan
+    result = estimate(build(Problem()), model, data.recording(model))
+    check_result(result)
+    assert list(result["state"].values) == ["q", "v", "k"]
+    assert list(result["state_unit"].values) == ["length", "length", "1/s2"]
+    np.testing.assert_array_equal(np.isnan(result["e"].values), np.isnan(data.y))
+    np.testing.assert_allclose(
+        result["x_std"].values ** 2, np.einsum("kii->ki", result["P"].values), rtol=1e-14
+    )
+    np.testing.assert_array_equal(result["y_hat"].values, result["x_hat"].values[:, :2])
+    assert result["status"].dtype == np.int32
+    assert not result["status"].any()
+
+
+def test_perfect_model_gives_zero_error(run, build, hold):
+    """Without noise, from the true start and with a wide prior, nothing is there to correct."""
+    data, problem = simulate(200, seed=2, hold=hold, noisy=False), Problem(k_known=True)
+    prior = Prior(sigma_x0=problem.prior.sigma_x0, x0=data.x[0, :2])
+    estimator = dataclasses.replace(build(problem), prior=prior)
+    result = run(estimator.compile(problem.model, DT), data.arrays)
+    assert_close(result["x_hat"], data.x[:, :2], 1e-13)
+    assert np.abs(result["e"]).max() < 1e-13
+
+
+def test_constant_parameter_is_recovered(run, recursion, hold):
+    for seed in range(3):
+        data = simulate(600, seed=seed, hold=hold, noisy=True)
+        result = run(recursion, data.arrays)
+        error = result["x_hat"][-1, 2] - K_TRUE
+        sigma = np.sqrt(result["P"][-1, 2, 2])
+        assert sigma < 1.5
+        assert abs(error) < 3 * sigma
+
+
+def test_nis_is_in_its_band(run, recursion, hold):
+    """The sum of the NIS of all samples is chi-square with 2 degrees of freedom per sample."""
+    total, n = 0.0, 0
+    for seed in range(10):
+        result = run(recursion, simulate(400, seed=seed, hold=hold, noisy=True).arrays)
+        e, S = result["e"], result["S"]
+        total += np.einsum("ki,ki", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
+        n += e.size
+    low, high = chi2.ppf([0.005, 0.995], n)
+    assert low < total < high
+
+
+def test_errors_are_as_large_as_the_covariance_says(run, recursion, hold):
+    """The mean NEES over independent recordings; those of one recording are correlated."""
+    values = []
+    for seed in range(20):
+        data = simulate(120, seed=100 + seed, hold=hold, noisy=True)
+        result = run(recursion, data.arrays)
+        error = result["x_hat"][-1] - data.x[-1]
+        values.append(error @ np.linalg.solve(result["P"][-1], error))
+    low, high = chi2.ppf([0.005, 0.995], 3 * len(values))
+    assert low < sum(values) < high
+
+
+def test_value_under_the_mask_has_no_influence(run, recursion, hold):
+    data = simulate(60, seed=3, hold=hold, noisy=True)
+    u, y, mask = data.arrays
+    mask[7:12, 0] = mask[20] = mask[40:, 1] = 0.0
+    other = np.where(mask == 1, y, 1e6)
+    expected = run(recursion, [u, y, mask])
+    for name, values in run(recursion, [u, other, mask]).items():
+        np.testing.assert_array_equal(values, expected[name], err_msg=name)
+
+
+def test_channel_never_measured_is_a_channel_deleted(build, hold):
+    data, problem = simulate(80, seed=4, hold=hold, noisy=True), Problem()
+    data.y[:, 1] = np.nan
+    model = problem.model
+    lacking = estimate(build(problem), model, data.recording(model))
+    reduced = dataclasses.replace(model, outputs=model.outputs[:1], h=lambda x, u, p: [x.q])
+    without = dataclasses.replace(
+        build(problem), noise=Noise(R=problem.noise.R[:1, :1], sigma_w=problem.noise.sigma_w)
+    )
+    record = Data(data.u, data.x, data.y[:, :1]).recording(reduced)
+    deleted = estimate(without, reduced, record)
+    assert_close(lacking["x_hat"].values, deleted["x_hat"].values, 1e-11)
+    assert_close(lacking["P"].values, deleted["P"].values, 1e-10)
+
+
+def test_units_are_irrelevant(run, build, hold):
+    data = simulate(100, seed=5, hold=hold, noisy=True)
+    data.y[30:33, 0] = np.nan
+    metres, inches = Problem(), Problem(length=1 / 0.0254)
+    expected = run(build(metres).compile(metres.model, DT), data.arrays)
+    result = run(build(inches).compile(inches.model, DT), data.scaled(length=inches.length).arrays)
+    factors = inches.factors
+    assert_close(result["x_hat"], factors * expected["x_hat"], 1e-10)
+    assert_close(result["P"], np.outer(factors, factors) * expected["P"], 1e-9)
+    assert_close(result["e"], inches.length * expected["e"], 1e-9)
+    assert_close(result["S"], inches.length**2 * expected["S"], 1e-9)
+
+
+def test_scales_are_irrelevant(run, build, hold):
+    arrays = simulate(100, seed=6, hold=hold, noisy=True).arrays
+    plain, odd = Problem(), Problem(scales={"q": 3e-4, "v": 20.0, "k": 7e3})
+    expected = run(build(plain).compile(plain.model, DT), arrays)
+    result = run(build(odd).compile(odd.model, DT), arrays)
+    for name in ("x_hat", "P", "e", "S"):
+        assert_close(result[name], expected[name], 1e-9)
+
+
+def test_start_without_measurements_is_prediction(run, build, hold):
+    data, problem = simulate(60, seed=7, hold=hold, noisy=True), Problem(k_known=True)
+    start = data.x[0, :2] + [0.02, 0.0]
+    prior = Prior(sigma_x0=problem.prior.sigma_x0, x0=start)
+    recursion = dataclasses.replace(build(problem), prior=prior).compile(problem.model, DT)
+    u, y, mask = data.arrays
+    late, never = mask.copy(), np.zeros_like(mask)
+    late[:9] = 0.0
+    result, predicted = run(recursion, [u, y, late]), run(recursion, [u, y, never])
+    x = np.array([*start, K_TRUE])
+    for k in range(59):
+        np.testing.assert_allclose(predicted["x_hat"][k], x[:2], rtol=1e-10, atol=1e-13)
+        x = runge_kutta(x, u[k, 0], u[k + (hold == "foh"), 0])
+    for name in ("x_hat", "P"):
+        assert_close(result[name][:9], predicted[name][:9], 1e-14)
+    np.testing.assert_allclose(result["x_hat"][-1], data.x[-1, :2], atol=5 * np.sqrt(R[1, 1]))
+    assert np.all(np.diagonal(result["P"][-1]) < np.diagonal(predicted["P"][-1]) / 2)
+
+
+def test_clipping_is_reported(run, build, hold):
+    data = simulate(150, seed=8, hold=hold, noisy=True)
+    tight = Problem(k_bounds=(100.0, 130.0))
+    result = run(build(tight).compile(tight.model, DT), data.arrays)
+    k = result["x_hat"][:, 2]
+    assert k.max() == pytest.approx(130.0, rel=1e-14)
+    assert k.min() >= 100.0
+    at_bound = k > 130.0 * (1 - 1e-12)
+    clipped = (result["status"].astype(int) & int(Status.CLIPPED)) != 0
+    assert at_bound.sum() > 20
+    assert np.all(clipped[at_bound])
+
+
+def test_breakdown_names_the_sample(build, hold):
+    """A force of 1e200 at sample 30 is squared by the model: the state is infinite from there."""
+    data, problem = simulate(50, seed=9, hold=hold, noisy=True), Problem()
+    data.u[30] = 1e200
+    model = Model(
+        f=lambda x, u, p: [x.v, -x.k * x.q - DT * x.v + u.F**2, 0],
+        h=lambda x, u, p: [x.q, x.v],
+        states={"q": "m", "v": "m/s", "k": Signal("1/s2", 120.0)},
+        inputs={"F": "N"},
+        outputs={"position": "m", "speed": "m/s"},
+    )
+    with pytest.raises(EstimationError) as caught:
+        estimate(build(problem), model, data.recording(model))
+    result = caught.value.results
+    finite = np.isfinite(result["x_hat"].values).all(axis=1)
+    first = int(np.argmin(finite))
+    assert first == (30 if hold == "foh" else 31)
+    assert f"sample {first} (t = {first * DT:g} s)" in str(caught.value)
+    failed = (result["status"].values & int(Status.NOT_FINITE)) != 0
+    np.testing.assert_array_equal(failed, ~finite)
+    silent = estimate(build(problem), model, data.recording(model), throw=False)
+    np.testing.assert_array_equal(silent["x_hat"].values, result["x_hat"].values)

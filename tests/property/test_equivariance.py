@@ -1,0 +1,83 @@
+"""Names, order and units of the states are labels: estimates follow them and nothing else."""
+
+import dataclasses
+import itertools
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.estimators import Noise, Prior
+from backsight.models.model import Model
+from closeness import assert_close
+from contract.cases import CASES, DT, WALK, Problem, R, simulate
+from relations.linear import Run
+
+HELD = Integrator("rk4", 1, "zoh")
+DATA = simulate(40, seed=1, hold="zoh", noisy=True)
+DATA.y[5:8, 0] = np.nan
+SIGMA_X0 = np.array([0.05, 0.5, 40.0])
+
+
+def permuted(model: Model, order: list[int]) -> Model:
+    """The same model with its states in another order."""
+    x, u, p = ca.SX.sym("x", 3), ca.SX.sym("u", 1), ca.SX.sym("p", len(model.parameters))
+    original = x[np.argsort(order).tolist()]
+    return dataclasses.replace(
+        model,
+        states=tuple(model.states[i] for i in order),
+        f=ca.Function("f", [x, u, p], [model.f(original, u, p)[order]]),
+        h=ca.Function("h", [x, u, p], [model.h(original, u, p)]),
+    )
+
+
+@pytest.mark.parametrize("key", CASES)
+@pytest.mark.parametrize("order", list(itertools.permutations(range(3)))[1:])
+@pytest.mark.parametrize("bounds", [(1.0, 1e4), (100.0, 130.0)])
+def test_order_of_the_states(key, order, bounds):
+    order, model = list(order), Problem(k_bounds=bounds).model
+    noise, prior = Noise(R=R, sigma_w=WALK), Prior(sigma_x0=SIGMA_X0)
+    expected = Run(CASES[key](noise, prior, HELD), model, DT)(DATA.u, DATA.y)
+    turned = CASES[key](Noise(R=R, sigma_w=WALK[order]), Prior(sigma_x0=SIGMA_X0[order]), HELD)
+    result = Run(turned, permuted(model, order), DT)(DATA.u, DATA.y)
+    assert_close(result["x_hat"], expected["x_hat"][:, order], 1e-9)
+    assert_close(result["P"], expected["P"][:, order][:, :, order], 1e-9)
+    assert_close(result["e"], expected["e"], 1e-8)
+    np.testing.assert_array_equal(result["status"], expected["status"])
+
+
+@pytest.mark.parametrize("key", CASES)
+@settings(max_examples=8)
+@given(
+    length=st.floats(-9, 9),
+    q=st.floats(-4, 4),
+    v=st.floats(-4, 4),
+    k=st.floats(-4, 4),
+)
+def test_units_and_scales(key, length, q, v, k):
+    """Lengths from nanometres to gigametres, internal scales over eight decades."""
+    base = Problem()
+    other = Problem(length=10.0**length, scales={"q": 10.0**q, "v": 10.0**v, "k": 10.0**k})
+    runs = [Run(CASES[key](p.noise, p.prior, HELD), p.model, DT) for p in (base, other)]
+    scaled = DATA.scaled(other.length)
+    expected, result = runs[0](DATA.u, DATA.y), runs[1](scaled.u, scaled.y)
+    factors = other.factors
+    assert_close(result["x_hat"], factors * expected["x_hat"], 1e-8)
+    assert_close(result["P"], np.outer(factors, factors) * expected["P"], 1e-7)
+    np.testing.assert_array_equal(result["status"], expected["status"])
+
+
+def test_order_of_the_outputs():
+    """Correlated noise and gaps move along with their channels."""
+    model = Problem().model
+    swapped = dataclasses.replace(model, outputs=model.outputs[::-1], h=lambda x, u, p: [x.v, x.q])
+    for build in CASES.values():
+        estimator = build(Noise(R=R, sigma_w=WALK), Prior(sigma_x0=SIGMA_X0), HELD)
+        turned = dataclasses.replace(estimator, noise=Noise(R=R[::-1, ::-1], sigma_w=WALK))
+        expected = Run(estimator, model, DT)(DATA.u, DATA.y)
+        result = Run(turned, swapped, DT)(DATA.u, DATA.y[:, ::-1])
+        assert_close(result["x_hat"], expected["x_hat"], 1e-9)
+        assert_close(result["S"], expected["S"][:, ::-1, ::-1], 1e-9)
