@@ -9,7 +9,6 @@ from pathlib import Path
 from string import Template
 
 import xarray as xr
-from plotly.offline import get_plotlyjs
 
 from backsight.analysis.rounding import whole
 from backsight.analysis.summary import Row, ranked_table
@@ -86,7 +85,7 @@ def report(
         legend=_legend(every, bool(reference)),
         sections="".join(text for text, _ in sections),
         notes=_notes(every),
-        plotly=get_plotlyjs(),
+        plotly=_plotly_js(),
         figures=_data(plots, every),
         script=_resource("page.js"),
     )
@@ -224,6 +223,11 @@ def _style() -> str:
     return Template(_resource("page.css")).substitute(
         light=series_variables(ON_LIGHT, band=0.16), dark=series_variables(ON_DARK, band=0.22)
     )
+
+
+def _plotly_js() -> str:
+    """The drawing library that plotly ships; plotly itself is slow to import and not needed."""
+    return (files("plotly") / "package_data" / "plotly.min.js").read_text("utf-8")
 
 
 def _resource(name: str) -> str:
