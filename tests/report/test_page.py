@@ -38,8 +38,9 @@ def written(results, folder, **more):
 
 
 def figures(page):
-    data = re.search(r'id="figures">(.*?)</script>', page, re.DOTALL)
-    return json.loads(data[1])["figures"]
+    data = re.search(r'id="figures">(.*?)</script>', page, re.DOTALL)[1]
+    assert "<" not in data  # inside a script element it could end the data early
+    return json.loads(data)["figures"]
 
 
 @pytest.fixture(scope="module")

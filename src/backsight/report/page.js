@@ -6,7 +6,6 @@
   const hidden = new Set();
   const touch = matchMedia("(pointer: coarse)").matches;
   const config = {
-    responsive: true,
     displaylogo: false,
     displayModeBar: touch ? false : "hover",
     modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
@@ -89,6 +88,12 @@
 
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   addEventListener("beforeprint", () => places.forEach((place) => drawn.has(place) || draw(place)));
+
+  // Plotly notices a resized window, but not a figure that became narrower within it.
+  const fitter = new ResizeObserver((entries) =>
+    entries.forEach(({ target }) => drawn.has(target) && Plotly.relayout(target, { autosize: true })),
+  );
+  places.forEach((place) => fitter.observe(place));
 
   // A plot is drawn when it comes near the screen: long pages open at once.
   const watcher = new IntersectionObserver(
