@@ -8,6 +8,7 @@ import importlib.metadata
 import io
 import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
@@ -49,8 +50,9 @@ def run(
 ) -> None:
     """Run the estimators of a problem file over its recording and compare them.
 
-    Exit code 0: all went well; 1: an estimator failed, the others are written; 2: the problem, the
-    recording or the folder is at fault, and nothing is written.
+    The exit code is 0 if all went well, 1 if an estimator failed (the
+    others are written), and 2 if the problem, the recording or the folder
+    is at fault and nothing is written.
     """
     with _told():
         from backsight.problem import execute, load
@@ -61,8 +63,8 @@ def run(
         with _bar() as advance:
             results = execute(read, out, progress=lambda name, k, n: advance(name, k / n))
         typer.echo(f"{read.title}\n\n{results.table(read.reference, width=_width())}\n")
-        for sentence in results.verdicts():
-            typer.echo(sentence)
+        for sentence in results.verdicts(read.reference):
+            typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
         typer.echo(f"\nReport: {out / PAGE}" if read.report else f"\nEstimates: {out / ESTIMATES}")
     failures = {name: failure(result) for name, result in results.items()}
     for name, reason in failures.items():
@@ -93,7 +95,7 @@ def study_list() -> None:
 def study_run(
     name: Annotated[str, typer.Argument(help="Name of the study, see `backsight study list`.")],
     out: Out,
-    seeds: Annotated[int, typer.Option(min=1, help="Number of simulated recordings.")] = 5,
+    seeds: Annotated[int, typer.Option(min=0, help="Number of simulated recordings.")] = 3,
     recording: Annotated[
         list[Path] | None, typer.Option(help="Further recording; may be given several times.")
     ] = None,

@@ -36,6 +36,8 @@ class Status(enum.IntFlag):
     NOT_FINITE = 16
     NOT_EXCITED = 32
     UNDEFINED = 64
+    UNOBSERVED = 128
+    INFEASIBLE = 256
 
 
 STATUS_TEXT = {
@@ -63,6 +65,14 @@ STATUS_TEXT = {
     Status.UNDEFINED: (
         "a combination of parameters passed through zero, so that a parameter is undefined; its "
         "last value is kept; lower the gain or start nearer"
+    ),
+    Status.UNOBSERVED: (
+        "the measurements in the window do not determine the state, so that the estimate leans on "
+        "what was known before; lengthen the window or measure more often"
+    ),
+    Status.INFEASIBLE: (
+        "no trajectory satisfies all constraints; the estimate is the one without them, and the "
+        "variable 'infeasible' names the constraints that contradict each other"
     ),
 }
 """Cause and remedy of every status bit."""

@@ -13,26 +13,64 @@ import numpy as np
 
 from backsight import schema
 from backsight.discrete.runge_kutta import Integrator
-from backsight.estimators import EKF, MHO, Noise, Prior
+from backsight.estimators import AHG, EKF, HGO, MHO, UKF, Noise, Prior
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 
-Build = Callable[[Noise, Prior, Integrator], AbstractEstimator]
+Build = Callable[["Problem", Integrator], AbstractEstimator]
 
-CASES: dict[str, Build] = {
-    "ekf": lambda noise, prior, integrator: EKF(noise, prior, integrator=integrator),
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """An estimator and what it is asked for.
+
+    Parameters
+    ----------
+    build : callable
+        The estimator in a setting in which its statistics hold.
+    k_known : bool
+        The stiffness is given, for estimators that do not estimate parameters; the model is then
+        linear.
+    outputs : tuple of str
+        What is measured.
+    """
+
+    build: Build
+    k_known: bool = False
+    outputs: tuple[str, ...] = ("position", "speed")
+
+    @property
+    def problem(self) -> "Problem":
+        return Problem(k_known=self.k_known, outputs=self.outputs)
+
+
+CASES: dict[str, Case] = {
+    "ekf": Case(lambda on, integrator: EKF(on.noise, on.prior, integrator=integrator)),
     # The observer uses the measurements of its window in the filters and in the cost, but counts
     # them once in P. With alpha = 1 its mean NIS is 3 to 5 % too high for that reason; with
     # alpha = 0.1 the effect is below the width of the chi-square band used here.
-    "mho": lambda noise, prior, integrator: MHO(
-        noise, prior, N=5, alpha=0.1, integrator=integrator
+    "mho": Case(
+        lambda on, integrator: MHO(on.noise, on.prior, N=5, alpha=0.1, integrator=integrator)
+    ),
+    "ukf": Case(lambda on, integrator: UKF(on.noise, on.prior, integrator=integrator)),
+    "hgo": Case(
+        lambda on, integrator: HGO(on.noise, on.prior, lam=15.0, integrator=integrator),
+        k_known=True,
+        outputs=("position",),
+    ),
+    "ahg": Case(
+        lambda on, integrator: AHG(
+            on.noise, on.prior, lam=15.0, Gamma=500 / on.length**2, integrator=integrator
+        ),
+        outputs=("position",),
     ),
 }
-"""Every estimator by its key, in a setting in which its statistics hold."""
+"""Every estimator by its key."""
 
 DT = 0.02
+UNITS = {"position": "length", "speed": "length/s"}
 DAMPING = 2.0
 K_TRUE = 150.0
 WALK = np.array([1e-3, 2e-2, 0.0])
@@ -53,12 +91,19 @@ class Problem:
         Lower and upper bound of the stiffness per mass.
     k_known : bool
         The stiffness is given: the states are then q and v and the model is linear.
+    outputs : tuple of str
+        What is measured, one or both of "position" and "speed", in this order.
     """
 
     length: float = 1.0
     scales: dict[str, float] = dataclasses.field(default_factory=dict)
     k_bounds: tuple[float, float] = (1.0, 1e4)
     k_known: bool = False
+    outputs: tuple[str, ...] = ("position", "speed")
+
+    @property
+    def ny(self) -> int:
+        return len(self.outputs)
 
     @property
     def nx(self) -> int:
@@ -71,7 +116,8 @@ class Problem:
 
     @property
     def noise(self) -> Noise:
-        return Noise(R=self.length**2 * R, sigma_w=WALK[: self.nx] * self.factors)
+        of_sensors = self.length**2 * R[: self.ny, : self.ny]
+        return Noise(R=of_sensors, sigma_w=WALK[: self.nx] * self.factors)
 
     @property
     def prior(self) -> Prior:
@@ -84,18 +130,22 @@ class Problem:
         k = Signal("1/s2", value, scale=self.scales.get("k"), lower=lower, upper=upper)
         plant = Model(
             f=lambda x, u, p: [x.v, -p.k * x.q - p.b * x.v + u.F],
-            h=lambda x, u, p: [x.q, x.v],
+            h=lambda x, u, p: [x.q, x.v][: self.ny],
             states={n: Signal("length", scale=self.scales.get(n)) for n in ("q", "v")},
             inputs={"F": "length/s2"},
-            outputs={"position": "length", "speed": "length/s"},
+            outputs={n: u for n, u in UNITS.items() if n in self.outputs},
             parameters={"k": k, "b": (DAMPING, "1/s")},
         )
         return plant if self.k_known else augment(plant, ["k"])
 
+    def simulate(self, n: int, *, seed: int, hold: str, noisy: bool) -> "Data":
+        """A motion as the problem's sensors see it, in metres."""
+        return simulate(n, seed=seed, hold=hold, noisy=noisy, ny=self.ny)
+
 
 @dataclasses.dataclass(frozen=True)
 class Data:
-    """Inputs (n, 1), true states (n, 3) and outputs (n, 2)."""
+    """Inputs (n, 1), true states (n, 3) and outputs (n, ny)."""
 
     u: np.ndarray
     x: np.ndarray
@@ -124,7 +174,7 @@ class Data:
         )
 
 
-def simulate(n: int, *, seed: int, hold: str, noisy: bool, k: float = K_TRUE) -> Data:
+def simulate(n: int, *, seed: int, hold: str, noisy: bool, ny: int = 2) -> Data:
     """Motion under a random staircase force (ramps, if the input is interpolated).
 
     Half of the random walk is added before and half after each step: that is what the trapezoidal
@@ -132,7 +182,7 @@ def simulate(n: int, *, seed: int, hold: str, noisy: bool, k: float = K_TRUE) ->
     """
     rng = np.random.default_rng(seed)
     u = np.repeat(5.0 * rng.standard_normal(n // 5 + 2), 5)[: n + 1]
-    x = np.array([0.02, -0.1, k])
+    x = np.array([0.02, -0.1, K_TRUE])
     states = []
     for i in range(n):
         states.append(x)
@@ -140,7 +190,7 @@ def simulate(n: int, *, seed: int, hold: str, noisy: bool, k: float = K_TRUE) ->
         x = runge_kutta(x + walks[0], u[i], u[i + 1] if hold == "foh" else u[i]) + walks[1]
     noise = noisy * rng.multivariate_normal(np.zeros(2), R, size=n)
     truth = np.array(states)
-    return Data(u[:n, None], truth, truth[:, :2] + noise)
+    return Data(u[:n, None], truth, (truth[:, :2] + noise)[:, :ny])
 
 
 def runge_kutta(x: np.ndarray, ua: float, ub: float) -> np.ndarray:

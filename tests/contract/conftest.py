@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine import vm
+from backsight.engine import native, vm
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
-from contract.cases import CASES, DT, Build, Problem
+from contract.cases import CASES, DT, Case, Problem
 
-ENGINES = {"vm": vm.run}
+ENGINES = {"vm": vm.run, "native": native.run}
 """Every engine by its name."""
 
 
@@ -26,16 +26,26 @@ def hold(request) -> str:
 
 
 @pytest.fixture(params=list(CASES))
-def build(request, hold) -> Callable[[Problem], AbstractEstimator]:
-    """The estimator for a problem."""
-    chosen: Build = CASES[request.param]
-    return lambda problem: chosen(problem.noise, problem.prior, Integrator("rk4", 1, hold))
+def case(request) -> Case:
+    return CASES[request.param]
 
 
 @pytest.fixture
-def recursion(build) -> Recursion:
-    """The estimator compiled for the problem in its original form."""
-    return build(Problem()).compile(Problem().model, DT)
+def problem(case) -> Problem:
+    """What the estimator has to solve."""
+    return case.problem
+
+
+@pytest.fixture
+def build(case, hold) -> Callable[[Problem], AbstractEstimator]:
+    """The estimator for a problem."""
+    return lambda problem: case.build(problem, Integrator("rk4", 1, hold))
+
+
+@pytest.fixture
+def recursion(build, problem) -> Recursion:
+    """The estimator compiled for its problem in the original form."""
+    return build(problem).compile(problem.model, DT)
 
 
 @pytest.fixture

@@ -8,33 +8,32 @@ from scipy.stats import chi2
 
 from backsight.errors import EstimationError
 from backsight.estimators import Noise, Prior
-from backsight.models.model import Model
-from backsight.models.signals import Signal
 from backsight.run.estimate import estimate
 from backsight.schema import Status, check_result
 from closeness import assert_close
-from contract.cases import DT, K_TRUE, Data, Problem, R, runge_kutta, simulate
+from contract.cases import DT, K_TRUE, Data, Problem, R, runge_kutta
 
 
-def test_result_has_the_schema(build, hold):
-    data, model = simulate(20, seed=1, hold=hold, noisy=True), Problem().model
-    data.y[4, 1] = np.nan
-    result = estimate(build(Problem()), model, data.recording(model))
+def test_result_has_the_schema(build, problem, hold):
+    data, model = problem.simulate(20, seed=1, hold=hold, noisy=True), problem.model
+    data.y[4, -1] = np.nan
+    result = estimate(build(problem), model, data.recording(model))
     check_result(result)
-    assert list(result["state"].values) == ["q", "v", "k"]
-    assert list(result["state_unit"].values) == ["length", "length", "1/s2"]
+    assert list(result["state"].values) == ["q", "v", "k"][: problem.nx]
+    assert list(result["state_unit"].values) == ["length", "length", "1/s2"][: problem.nx]
     np.testing.assert_array_equal(np.isnan(result["e"].values), np.isnan(data.y))
     np.testing.assert_allclose(
         result["x_std"].values ** 2, np.einsum("kii->ki", result["P"].values), rtol=1e-14
     )
-    np.testing.assert_array_equal(result["y_hat"].values, result["x_hat"].values[:, :2])
+    np.testing.assert_array_equal(result["y_hat"].values, result["x_hat"].values[:, : problem.ny])
     assert result["status"].dtype == np.int32
     assert not result["status"].any()
 
 
-def test_perfect_model_gives_zero_error(run, build, hold):
+def test_perfect_model_gives_zero_error(run, build, problem, hold):
     """Without noise, from the true start and with a wide prior, nothing is there to correct."""
-    data, problem = simulate(200, seed=2, hold=hold, noisy=False), Problem(k_known=True)
+    problem = dataclasses.replace(problem, k_known=True)
+    data = problem.simulate(200, seed=2, hold=hold, noisy=False)
     prior = Prior(sigma_x0=problem.prior.sigma_x0, x0=data.x[0, :2])
     estimator = dataclasses.replace(build(problem), prior=prior)
     result = run(estimator.compile(problem.model, DT), data.arrays)
@@ -42,21 +41,22 @@ def test_perfect_model_gives_zero_error(run, build, hold):
     assert np.abs(result["e"]).max() < 1e-13
 
 
-def test_constant_parameter_is_recovered(run, recursion, hold):
+def test_constant_parameter_is_recovered(run, recursion, problem, hold):
+    only_with_parameter(problem)
     for seed in range(3):
-        data = simulate(600, seed=seed, hold=hold, noisy=True)
+        data = problem.simulate(600, seed=seed, hold=hold, noisy=True)
         result = run(recursion, data.arrays)
         error = result["x_hat"][-1, 2] - K_TRUE
         sigma = np.sqrt(result["P"][-1, 2, 2])
-        assert sigma < 1.5
+        assert sigma < 3.0
         assert abs(error) < 3 * sigma
 
 
-def test_nis_is_in_its_band(run, recursion, hold):
-    """The sum of the NIS of all samples is chi-square with 2 degrees of freedom per sample."""
+def test_nis_is_in_its_band(run, recursion, problem, hold):
+    """The sum of the NIS of all samples is chi-square with ny degrees of freedom per sample."""
     total, n = 0.0, 0
     for seed in range(10):
-        result = run(recursion, simulate(400, seed=seed, hold=hold, noisy=True).arrays)
+        result = run(recursion, problem.simulate(400, seed=seed, hold=hold, noisy=True).arrays)
         e, S = result["e"], result["S"]
         total += np.einsum("ki,ki", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
         n += e.size
@@ -64,30 +64,32 @@ def test_nis_is_in_its_band(run, recursion, hold):
     assert low < total < high
 
 
-def test_errors_are_as_large_as_the_covariance_says(run, recursion, hold):
+def test_errors_are_as_large_as_the_covariance_says(run, recursion, problem, hold):
     """The mean NEES over independent recordings; those of one recording are correlated."""
     values = []
     for seed in range(20):
-        data = simulate(120, seed=100 + seed, hold=hold, noisy=True)
+        data = problem.simulate(120, seed=100 + seed, hold=hold, noisy=True)
         result = run(recursion, data.arrays)
-        error = result["x_hat"][-1] - data.x[-1]
+        error = result["x_hat"][-1] - data.x[-1, : problem.nx]
         values.append(error @ np.linalg.solve(result["P"][-1], error))
-    low, high = chi2.ppf([0.005, 0.995], 3 * len(values))
+    low, high = chi2.ppf([0.005, 0.995], problem.nx * len(values))
     assert low < sum(values) < high
 
 
-def test_value_under_the_mask_has_no_influence(run, recursion, hold):
-    data = simulate(60, seed=3, hold=hold, noisy=True)
+def test_value_under_the_mask_has_no_influence(run, recursion, problem, hold):
+    data = problem.simulate(60, seed=3, hold=hold, noisy=True)
     u, y, mask = data.arrays
-    mask[7:12, 0] = mask[20] = mask[40:, 1] = 0.0
+    mask[7:12, 0] = mask[20] = mask[40:, -1] = 0.0
     other = np.where(mask == 1, y, 1e6)
     expected = run(recursion, [u, y, mask])
     for name, values in run(recursion, [u, other, mask]).items():
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
 
 
-def test_channel_never_measured_is_a_channel_deleted(build, hold):
-    data, problem = simulate(80, seed=4, hold=hold, noisy=True), Problem()
+def test_channel_never_measured_is_a_channel_deleted(build, problem, hold):
+    if problem.ny < 2:
+        pytest.skip("takes one output only")
+    data = problem.simulate(80, seed=4, hold=hold, noisy=True)
     data.y[:, 1] = np.nan
     model = problem.model
     lacking = estimate(build(problem), model, data.recording(model))
@@ -101,10 +103,10 @@ def test_channel_never_measured_is_a_channel_deleted(build, hold):
     assert_close(lacking["P"].values, deleted["P"].values, 1e-10)
 
 
-def test_units_are_irrelevant(run, build, hold):
-    data = simulate(100, seed=5, hold=hold, noisy=True)
+def test_units_are_irrelevant(run, build, problem, hold):
+    data = problem.simulate(100, seed=5, hold=hold, noisy=True)
     data.y[30:33, 0] = np.nan
-    metres, inches = Problem(), Problem(length=1 / 0.0254)
+    metres, inches = problem, dataclasses.replace(problem, length=1 / 0.0254)
     expected = run(build(metres).compile(metres.model, DT), data.arrays)
     result = run(build(inches).compile(inches.model, DT), data.scaled(length=inches.length).arrays)
     factors = inches.factors
@@ -114,17 +116,18 @@ def test_units_are_irrelevant(run, build, hold):
     assert_close(result["S"], inches.length**2 * expected["S"], 1e-9)
 
 
-def test_scales_are_irrelevant(run, build, hold):
-    arrays = simulate(100, seed=6, hold=hold, noisy=True).arrays
-    plain, odd = Problem(), Problem(scales={"q": 3e-4, "v": 20.0, "k": 7e3})
+def test_scales_are_irrelevant(run, build, problem, hold):
+    arrays = problem.simulate(100, seed=6, hold=hold, noisy=True).arrays
+    plain, odd = problem, dataclasses.replace(problem, scales={"q": 3e-4, "v": 20.0, "k": 7e3})
     expected = run(build(plain).compile(plain.model, DT), arrays)
     result = run(build(odd).compile(odd.model, DT), arrays)
     for name in ("x_hat", "P", "e", "S"):
         assert_close(result[name], expected[name], 1e-9)
 
 
-def test_start_without_measurements_is_prediction(run, build, hold):
-    data, problem = simulate(60, seed=7, hold=hold, noisy=True), Problem(k_known=True)
+def test_start_without_measurements_is_prediction(run, build, problem, hold):
+    problem = dataclasses.replace(problem, k_known=True)
+    data = problem.simulate(60, seed=7, hold=hold, noisy=True)
     start = data.x[0, :2] + [0.02, 0.0]
     prior = Prior(sigma_x0=problem.prior.sigma_x0, x0=start)
     recursion = dataclasses.replace(build(problem), prior=prior).compile(problem.model, DT)
@@ -142,30 +145,29 @@ def test_start_without_measurements_is_prediction(run, build, hold):
     assert np.all(np.diagonal(result["P"][-1]) < np.diagonal(predicted["P"][-1]) / 2)
 
 
-def test_clipping_is_reported(run, build, hold):
-    data = simulate(150, seed=8, hold=hold, noisy=True)
-    tight = Problem(k_bounds=(100.0, 130.0))
+def test_clipping_is_reported(run, build, problem, hold):
+    only_with_parameter(problem)
+    data = problem.simulate(150, seed=8, hold=hold, noisy=True)
+    tight = dataclasses.replace(problem, k_bounds=(100.0, 130.0))
     result = run(build(tight).compile(tight.model, DT), data.arrays)
     k = result["x_hat"][:, 2]
-    assert k.max() == pytest.approx(130.0, rel=1e-14)
-    assert k.min() >= 100.0
-    at_bound = k > 130.0 * (1 - 1e-12)
     clipped = (result["status"].astype(int) & int(Status.CLIPPED)) != 0
-    assert at_bound.sum() > 20
-    assert np.all(clipped[at_bound])
+    assert clipped.sum() > 20
+    assert np.all(clipped[k > 130.0 * (1 - 1e-12)])
+    assert 128.0 < k[-1] < k.max() * (1 + 1e-14) <= 130.0 * (1 + 1e-13)
+    assert k.min() >= 100.0
 
 
-def test_breakdown_names_the_sample(build, hold):
+def test_breakdown_names_the_sample(build, problem, hold):
     """A force of 1e200 at sample 30 is squared by the model: the state is infinite from there."""
-    data, problem = simulate(50, seed=9, hold=hold, noisy=True), Problem()
+    data = problem.simulate(50, seed=9, hold=hold, noisy=True)
     data.u[30] = 1e200
-    model = Model(
-        f=lambda x, u, p: [x.v, -x.k * x.q - DT * x.v + u.F**2, 0],
-        h=lambda x, u, p: [x.q, x.v],
-        states={"q": "m", "v": "m/s", "k": Signal("1/s2", 120.0)},
-        inputs={"F": "N"},
-        outputs={"position": "m", "speed": "m/s"},
-    )
+
+    def f(x, u, p):
+        k = 120.0 if problem.k_known else x.k
+        return [x.v, -k * x.q - DT * x.v + u.F**2, 0.0][: problem.nx]
+
+    model = dataclasses.replace(problem.model, f=f)
     with pytest.raises(EstimationError) as caught:
         estimate(build(problem), model, data.recording(model))
     result = caught.value.results
@@ -177,3 +179,8 @@ def test_breakdown_names_the_sample(build, hold):
     np.testing.assert_array_equal(failed, ~finite)
     silent = estimate(build(problem), model, data.recording(model), throw=False)
     np.testing.assert_array_equal(silent["x_hat"].values, result["x_hat"].values)
+
+
+def only_with_parameter(problem: Problem) -> None:
+    if problem.k_known:
+        pytest.skip("estimates no parameter")

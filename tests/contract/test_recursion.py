@@ -10,7 +10,7 @@ from backsight.estimators import ESTIMATORS
 from backsight.run.estimate import estimate
 from backsight.run.stream import stream
 from closeness import assert_close
-from contract.cases import CASES, Problem, simulate
+from contract.cases import CASES
 
 
 def test_every_estimator_has_a_case():
@@ -18,8 +18,8 @@ def test_every_estimator_has_a_case():
     assert all(key == estimator.key for key, estimator in ESTIMATORS.items())
 
 
-def test_pure(engine, recursion, hold):
-    arrays = simulate(40, seed=1, hold=hold, noisy=True).arrays
+def test_pure(engine, recursion, problem, hold):
+    arrays = problem.simulate(40, seed=1, hold=hold, noisy=True).arrays
     carry = recursion.carry0.copy()
     untouched = [carry.copy(), *(a.copy() for a in arrays)]
     first = engine(recursion, arrays, carry=carry)
@@ -31,23 +31,24 @@ def test_pure(engine, recursion, hold):
         np.testing.assert_array_equal(a, b)
 
 
-def test_sizes(engine, recursion, hold):
-    data = simulate(7, seed=1, hold=hold, noisy=True)
+def test_sizes(engine, recursion, problem, hold):
+    data = problem.simulate(7, seed=1, hold=hold, noisy=True)
     carry, outputs = engine(recursion, data.arrays, carry=recursion.carry0)
     assert carry.shape == recursion.carry0.shape
-    assert recursion.input_sizes == (1, 2, 2)
+    assert recursion.input_sizes == (1, problem.ny, problem.ny)
     for output, size, channel in zip(
         outputs, recursion.output_sizes, recursion.channels, strict=True
     ):
-        sizes = {"state": 3, "state_": 3, "output": 2, "output_": 2}
+        sizes = {"state": problem.nx, "output": problem.ny, "parameter": 1}
         assert output.shape == (7, size)
-        assert channel.unpack(output).shape == (7, *(sizes[d] for d in channel.dims))
+        dims = [d.rstrip("_") for d in channel.dims]
+        assert channel.unpack(output).shape == (7, *(sizes[d] for d in dims))
 
 
-def test_engine_does_what_one_step_after_the_other_does(engine, recursion, hold):
-    data = simulate(60, seed=2, hold=hold, noisy=True)
+def test_engine_does_what_one_step_after_the_other_does(engine, recursion, problem, hold):
+    data = problem.simulate(60, seed=2, hold=hold, noisy=True)
     data.y[3:5] = np.nan
-    data.y[::4, 1] = np.nan
+    data.y[::4, -1] = np.nan
     carry, outputs = engine(recursion, data.arrays, carry=recursion.carry0)
     expected_carry, expected = step_by_step(recursion, data.arrays)
     assert_close(carry, expected_carry, 1e-10)
@@ -55,16 +56,16 @@ def test_engine_does_what_one_step_after_the_other_does(engine, recursion, hold)
         assert_close(output, reference, 1e-10)
 
 
-def test_block_size_is_irrelevant(engine, recursion, hold):
-    arrays = simulate(50, seed=3, hold=hold, noisy=True).arrays
+def test_block_size_is_irrelevant(engine, recursion, problem, hold):
+    arrays = problem.simulate(50, seed=3, hold=hold, noisy=True).arrays
     _, whole = engine(recursion, arrays, carry=recursion.carry0)
     _, blocks = engine(recursion, arrays, carry=recursion.carry0, block=7)
     for a, b in zip(whole, blocks, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
-def test_carry_is_all_the_memory(engine, recursion, hold):
-    arrays = simulate(50, seed=3, hold=hold, noisy=True).arrays
+def test_carry_is_all_the_memory(engine, recursion, problem, hold):
+    arrays = problem.simulate(50, seed=3, hold=hold, noisy=True).arrays
     end, whole = engine(recursion, arrays, carry=recursion.carry0)
     carry, head = engine(recursion, [a[:23] for a in arrays], carry=recursion.carry0)
     later, tail = engine(recursion, [a[23:] for a in arrays], carry=carry)
@@ -73,18 +74,18 @@ def test_carry_is_all_the_memory(engine, recursion, hold):
         np.testing.assert_array_equal(a, np.vstack([b, c]))
 
 
-def test_progress_ends_with_the_number_of_samples(engine, recursion, hold):
-    arrays = simulate(25, seed=3, hold=hold, noisy=True).arrays
+def test_progress_ends_with_the_number_of_samples(engine, recursion, problem, hold):
+    arrays = problem.simulate(25, seed=3, hold=hold, noisy=True).arrays
     told = []
     engine(recursion, arrays, carry=recursion.carry0, block=10, progress=told.append)
     assert told == [10, 20, 25]
 
 
-def test_stream_is_the_batch(build, hold):
-    data = simulate(40, seed=4, hold=hold, noisy=True)
+def test_stream_is_the_batch(build, problem, hold):
+    data = problem.simulate(40, seed=4, hold=hold, noisy=True)
     data.y[2] = np.nan
     data.y[::3, 0] = np.nan
-    estimator, model = build(Problem()), Problem().model
+    estimator, model = build(problem), problem.model
     batch = estimate(estimator, model, data.recording(model))
     live = stream(estimator, model, batch.attrs["dt"])
     for k in range(len(data.u)):
@@ -93,20 +94,20 @@ def test_stream_is_the_batch(build, hold):
             np.testing.assert_array_equal(sample[name], batch[name].values[k], err_msg=name)
 
 
-def test_pickles(run, build, recursion, hold):
-    arrays = simulate(30, seed=5, hold=hold, noisy=True).arrays
+def test_pickles(run, build, recursion, problem, hold):
+    arrays = problem.simulate(30, seed=5, hold=hold, noisy=True).arrays
     expected = run(recursion, arrays)
-    estimator = pickle.loads(pickle.dumps(build(Problem())))
+    estimator = pickle.loads(pickle.dumps(build(problem)))
     thawed = pickle.loads(pickle.dumps(recursion))
-    for revived in (thawed, estimator.compile(Problem().model, recursion.dt)):
+    for revived in (thawed, estimator.compile(problem.model, recursion.dt)):
         assert revived.channels == recursion.channels
         for name, values in run(revived, arrays).items():
             np.testing.assert_array_equal(values, expected[name])
 
 
 @pytest.mark.parametrize("hold", ["zoh"])
-def test_long_runs_keep_the_covariance_positive(run, recursion, hold):
-    data = simulate(20_000, seed=6, hold=hold, noisy=True)
+def test_long_runs_keep_the_covariance_positive(run, recursion, problem, hold):
+    data = problem.simulate(20_000, seed=6, hold=hold, noisy=True)
     P = run(recursion, data.arrays)["P"]
     np.testing.assert_array_equal(P, P.transpose(0, 2, 1))
     size = np.sqrt(np.einsum("kii->ki", P))

@@ -97,6 +97,16 @@ def test_one_at_a_time_finds_the_same(monkeypatch, block_passes):
         np.testing.assert_allclose(single, expected, rtol=1e-7, atol=1e-12)
 
 
+def test_where_block_pivoting_runs_in_circles():
+    """Here all wrong indices at once come back to the start for ever; one at a time ends it."""
+    M = np.array([[10.0, 4.0, 7.0], [4.0, 49.0, 28.0], [7.0, 28.0, 20.0]])
+    problem = M, np.array([4.0, -6.0, -2.0]), np.array([-2.0, 0.0, -1.0]), np.array([2.0, 3.0, 1.0])
+    lam, side, passes = solve(*problem)
+    assert passes > box.BLOCK_PASSES
+    np.testing.assert_array_equal(side, [-1, 1, 0])
+    np.testing.assert_allclose(lam, enumerated(*problem)[0], rtol=1e-12)
+
+
 def test_many_bounds_stay_affordable():
     """The number of passes provided for grows with the number of bounds, not exponentially."""
     M, x, low, high = random_problem(24, 1)

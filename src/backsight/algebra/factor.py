@@ -55,6 +55,23 @@ def cholesky_semidefinite(A: ca.SX) -> ca.SX:
     return ca.tril(L)
 
 
+def smallest_pivot(A: ca.SX) -> ca.SX:
+    """Smallest pivot of A = L D L' in units of its diagonal entry: negative if A is indefinite.
+
+    A zero pivot (a direction without variance) ends its column instead of dividing.
+    """
+    n = A.shape[0]
+    L, d = ca.SX.zeros(n, n), []
+    for j in range(n):
+        d.append(A[j, j] - sum((L[j, k] ** 2 * d[k] for k in range(j)), ca.SX(0)))
+        keep = ca.fabs(d[j]) > 1e-14 * ca.fabs(A[j, j])
+        for i in range(j + 1, n):
+            done = sum((L[i, k] * L[j, k] * d[k] for k in range(j)), ca.SX(0))
+            L[i, j] = ca.if_else(keep, (A[i, j] - done) / ca.if_else(keep, d[j], 1), 0)
+    sizes = [ca.if_else(A[j, j] == 0, 1, ca.fabs(A[j, j])) for j in range(n)]
+    return ca.mmin(ca.vertcat(*(p / s for p, s in zip(d, sizes, strict=True))))
+
+
 def quadratic(A: ca.SX, x: ca.SX) -> ca.SX:
     """x' A x."""
     return ca.dot(x, A @ x)

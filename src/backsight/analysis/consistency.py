@@ -12,7 +12,6 @@ import math
 
 import numpy as np
 import xarray as xr
-from scipy.special import gammaincinv
 
 from backsight.errors import DataError
 from backsight.types import Array
@@ -111,7 +110,10 @@ def windowed_nis(result: xr.Dataset, window: int, *, level: float = 0.95) -> xr.
 def _mean_band(freedom: Array, samples: Array, level: float) -> tuple[Array, Array]:
     tail = 0.5 * (1.0 - level)
     known = np.where(samples > 0, samples, np.nan)
-    # The quantile of the chi-square distribution; scipy.stats takes a second to import.
+    # The quantile of the chi-square distribution. scipy.stats takes a second to import, this half
+    # of the time of `import backsight`; only a report needs it.
+    from scipy.special import gammaincinv
+
     half = np.maximum(freedom, 1) / 2
     low, high = (2 * gammaincinv(half, q) / known for q in (tail, 1.0 - tail))
     return low, high

@@ -4,9 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
-import scipy.io
 import xarray as xr
 
 from backsight.data.pick import pick
@@ -21,10 +19,15 @@ def read_npz(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
 
 def read_mat(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
     """Read columns of a MATLAB file of version 5 to 7.3; a field of a structure is ``data/u``."""
+    from scipy.io import loadmat  # Half of the time of `import backsight`, for one format.
+    from scipy.io.matlab import MatReadError
+
     try:
-        variables = scipy.io.loadmat(path, simplify_cells=True)
+        variables = loadmat(path, simplify_cells=True)
     except NotImplementedError:  # version 7.3 is HDF5
         return _read_hdf5(path, wanted, column_major=True)
+    except MatReadError as error:
+        raise ValueError(str(error)) from error
     return pick(_flat({k: v for k, v in variables.items() if not k.startswith("__")}), wanted)
 
 
@@ -47,6 +50,8 @@ def read_netcdf(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
 
 
 def _read_hdf5(path: Path, wanted: Sequence[str], *, column_major: bool) -> dict[str, Array]:
+    import h5py
+
     datasets: dict[str, Any] = {}
 
     def collect(name: str, entry: Any) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from scipy.io.matlab import MatReadError
 
 from backsight.data import checks
 from backsight.data.columns import Column, ColumnLike, column, columns
@@ -39,7 +38,6 @@ UNREADABLE = (
     LookupError,
     EOFError,
     RuntimeError,
-    MatReadError,
     csv.Error,
     struct.error,
     zipfile.BadZipFile,

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra import bounds
+from backsight.algebra.factor import smallest_pivot
 from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.update import gain, joseph, masked
 from backsight.discrete.runge_kutta import Integrator
@@ -39,14 +40,19 @@ def innovation(s: Setting) -> ca.Function:
     return ca.Function("innovation", [x, vP, u, y, mask], [mask * (y - y_prior), vech(S)])
 
 
-def correct(s: Setting) -> ca.Function:
+def correct(s: Setting, *, check: bool = False) -> ca.Function:
     r"""Measurement update with clipping, eq. 17-21: ``(x, P, u, y, mask) -> (x, P, flags)``.
 
     P is stored as its lower triangle. Only measured rows are used. States outside their bounds are
-    set to them and P stays as it is (section VI.C). The flags are those of `FLAGS`.
+    set to them and P stays as it is (section VI.C). The flags are those of `FLAGS`. With `check`
+    the pivots of P are looked at, where the time update does not keep P positive by itself.
     """
     x, vP, u, y, mask = _update_symbols(s)
     x_post, P_post, flags = updated(s, x, unvech(vP), u, y, mask, ca.SX(s.R))
+    if check:
+        indefinite = smallest_pivot(unvech(vP)) < -1e-10
+        flags[FLAGS.index(Status.NOT_POSITIVE_DEFINITE)] += ca.if_else(indefinite, 1, 0)
+        flags = ca.fmin(flags, 1)
     return ca.Function("correct", [x, vP, u, y, mask], [x_post, vech(P_post), flags])
 
 
@@ -98,7 +104,7 @@ def predict(s: Setting, integrator: Integrator, covariance: str) -> ca.Function:
     if not s.model.continuous:
         return _predict_discrete(s)
     h = s.dt / integrator.substeps
-    leaf = {"transition": _transition, "ode": _ode, "discrete": _sensitivity}[covariance](
+    leaf = {"transition": transition, "ode": _ode, "discrete": _sensitivity}[covariance](
         s, integrator, h
     )
     carry = [x, vP]
@@ -147,7 +153,8 @@ def _symbols(s: Setting) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     )
 
 
-def _transition(s: Setting, integrator: Integrator, h: float) -> ca.Function:
+def transition(s: Setting, integrator: Integrator, h: float) -> ca.Function:
+    """One sub-step of length h, see `predict`: ``(x, P, ua, ub) -> (x, P)``."""
     x, vP, ua, ub = _symbols(s)
     x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h)
     Phi = ca.jacobian(x_next, x)

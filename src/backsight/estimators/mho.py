@@ -16,7 +16,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting, setting
 from backsight.estimators.filtering import carry_inputs, choose, data_inputs, packed, physical
-from backsight.estimators.gaussian import correct, flow, innovation, predict, substep_inputs
+from backsight.estimators.gaussian import FLAGS, correct, flow, innovation, predict, substep_inputs
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.solvers.bfgs import QuasiNewton
@@ -115,7 +115,7 @@ class MHO(AbstractEstimator):
         full = present[0]
 
         time_update = predict(s, self.integrator, self.covariance)
-        update = correct(s)
+        update = correct(s, check=self.covariance == "ode")
         prior = choose(called, time_update.call([x_last, P_last, U[:, N - 1], u]), [x_last, P_last])
         x_start, P_start = choose(began, [x_start, P_start], prior)
         e, S = innovation(s)(*prior, u, y, mask)
@@ -173,18 +173,24 @@ def _factor(nx: int) -> ca.Function:
 def _post_filter(s: Setting, predict: ca.Function, correct: ca.Function) -> ca.Function:
     """Step i of the post-filter, eq. 32; samples before the start of the data change nothing."""
     nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    x, P, flags = ca.MX.sym("x", nx), ca.MX.sym("P", nx * (nx + 1) // 2), ca.MX.sym("flags", 4)
+    x, P, flags = (
+        ca.MX.sym("x", nx),
+        ca.MX.sym("P", nx * (nx + 1) // 2),
+        ca.MX.sym("flags", len(FLAGS)),
+    )
     u_last, u = ca.MX.sym("u_last", nu), ca.MX.sym("u", nu)
     y, mask = ca.MX.sym("y", ny), ca.MX.sym("mask", ny)
     before, here = ca.MX.sym("before"), ca.MX.sym("here")
     prior = choose(before, predict.call([x, P, u_last, u]), [x, P])
     x_post, P_post, raised = correct(*prior, u, y, here * mask)
-    a, b = ca.SX.sym("a", 4), ca.SX.sym("b", 4)
-    either = ca.Function("either", [a, b], [ca.fmax(a, b)])
+    a, b = ca.SX.sym("a", len(FLAGS)), ca.SX.sym("b", len(FLAGS))
+    # Clipping is reported of the present sample only, a covariance that fails of the whole window.
+    together = ca.vertcat(b[:-1], ca.fmax(a[-1], b[-1]))
+    merge = ca.Function("merge_flags", [a, b], [together])
     return ca.Function(
         "post_filter",
         [x, P, flags, u_last, u, y, mask, before, here],
-        [x_post, P_post, either(flags, raised)],
+        [x_post, P_post, merge(flags, raised)],
     )
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import xarray as xr
 
 from backsight.analysis.summary import summary
+from backsight.output import whole, writing
 from backsight.problem.checking import at
 from backsight.problem.problem import Problem
 from backsight.problem.source import recording
-from backsight.problem.whole import whole, writing
 from backsight.report.page import report
 from backsight.run.compare import Comparison, compare
 from backsight.run.estimate import failure

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from backsight.report.output import write_whole
+from backsight.output import write_whole
 from backsight.report.palette import ON_LIGHT
 from backsight.types import Array
 

@@ -14,8 +14,8 @@ from backsight.analysis.rounding import whole
 from backsight.analysis.summary import Row, ranked_table
 from backsight.analysis.verdict import verdicts
 from backsight.errors import DataError
+from backsight.output import write_whole
 from backsight.report import tables
-from backsight.report.output import write_whole
 from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
 from backsight.report.plots import (
     innovation_plots,

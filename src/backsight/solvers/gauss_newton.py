@@ -21,7 +21,8 @@ class GaussNewton:
     Parameters
     ----------
     max_iterations : int
-        Largest number of evaluations of model and sensitivities.
+        Largest number of evaluations of model and sensitivities. If it is reached, the result is
+        the best point that was evaluated.
     tolerance : float
         The iterations end when the next step is shorter than this, measured in standard
         deviations of the estimate. With 0 exactly `max_iterations` are made.
@@ -181,11 +182,14 @@ def _judge(nx: int, nb: int, method: GaussNewton, cost_unit: float) -> ca.Functi
     halved = t / 2
     stalled = ca.logic_and(ca.logic_not(accept), halved < 1e-8)
     go = ca.logic_not(ca.logic_or(stalled, ca.logic_and(accept, done)))
+    # A step that nobody will evaluate is taken only where the number of steps is fixed.
+    last = ca.logic_and(go, count + 1 >= method.max_iterations)
+    held = ca.logic_or(stalled, last) if method.tolerance > 0 else stalled
     outputs = [
         go,
         ca.if_else(accept, z_try, z),
         ca.if_else(accept, d_try, d),
-        ca.if_else(accept, 1, ca.if_else(stalled, 0, halved)),
+        ca.if_else(held, 0, ca.if_else(accept, 1, halved)),
         ca.if_else(accept, cost_try, cost),
         ca.if_else(accept, slope_try, slope),
         ca.if_else(accept, vG_try, vG),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.report.output import write_whole
+from backsight.output import write_whole
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,8 +4,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.problem.whole import whole
-from backsight.report.output import write_whole
+from backsight.output import whole, write_whole
 from backsight.studies.checks import write_checks
 from backsight.studies.nanopositioner.claims import judge
 from backsight.studies.nanopositioner.expected import checks

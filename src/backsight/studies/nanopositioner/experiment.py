@@ -3,7 +3,7 @@
 import dataclasses
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import xarray as xr
@@ -39,7 +39,7 @@ Progress = Callable[[str, float], None]
 """Told what is being done and the share of the work that is done, 0 to 1."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Trial:
     """A recording.
 
@@ -133,31 +133,24 @@ def carry_out(
         raise DataError("the study has neither seeds nor recordings: give at least one")
     if any(seed < 0 for seed in seeds):
         raise DataError(f"seeds must not be negative: {', '.join(map(str, seeds))}")
-    files = _read(recordings)
-    works = len(compared()) * (len(files) + len(SCENARIOS) * len(set(seeds)))
-    works += len(explored()) * len(SCENARIOS) * bool(seeds)
-    rows: list[Row] = []
-    shown: Trial | None = None
-    results: dict[str, xr.Dataset] = {}
-    for trial, first in [*_simulated(seeds), *((t, False) for t in files)]:
-        if shown is None or (first and trial.scenario == "mode2"):
-            shown, results = trial, {}
-        for variant in compared() + (explored() if first else []):
-            progress(f"{trial.label}: {variant.label}", len(rows) / works)
-            result = run_variant(variant, trial.stage)
-            rows.append(Row(trial, variant, measure(result, trial.stage)))
-            if trial is shown:
-                results[variant.label] = result
+    simulated = [
+        Trial(scenario, seed, simulate_stage(seed, mode2=gain))
+        for scenario, gain in SCENARIOS.items()
+        for seed in dict.fromkeys(seeds)
+    ]
+    trials = simulated + _read(recordings)
+    firsts = [t for t in simulated if t.seed == seeds[0]]
+    shown = firsts[-1] if firsts else trials[0]
+    jobs = [(t, v) for t in trials for v in compared() + (explored() if t in firsts else [])]
+    rows, results = [], {}
+    for i, (trial, variant) in enumerate(jobs):
+        progress(f"{trial.label}: {variant.label}", i / len(jobs))
+        result = run_variant(variant, trial.stage)
+        rows.append(Row(trial, variant, measure(result, trial.stage)))
+        if trial is shown:
+            results[variant.label] = result
     progress("", 1.0)
-    assert shown is not None
     return Experiment(tuple(rows), shown, results)
-
-
-def _simulated(seeds: Sequence[int]) -> Iterator[tuple[Trial, bool]]:
-    """The recordings of all scenarios, and whether it is the first of its scenario."""
-    for scenario, gain in SCENARIOS.items():
-        for i, seed in enumerate(dict.fromkeys(seeds)):
-            yield Trial(scenario, seed, simulate_stage(seed, mode2=gain)), i == 0
 
 
 def _read(recordings: Sequence[str | os.PathLike[str]]) -> list[Trial]:

@@ -179,9 +179,11 @@ def _ms(experiment: Experiment) -> Array:
 def _zoom(axes: list[Axes], drawn: list[Array]) -> None:
     """Show everything but the first samples, whose errors would set the scale."""
     shown = np.concatenate([values[START_UP:] for values in drawn])
-    low, high = np.nanmin(shown), np.nanmax(shown)
-    margin = 0.06 * (high - low)
-    axes[0].set_ylim(low - margin, high + margin)
+    shown = shown[np.isfinite(shown)]
+    if len(shown) == 0:
+        return
+    margin = 0.06 * np.ptp(shown)
+    axes[0].set_ylim(np.min(shown) - margin, np.max(shown) + margin)
 
 
 def _mark_removal(ax: Axes, experiment: Experiment) -> None:

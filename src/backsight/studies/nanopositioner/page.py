@@ -65,7 +65,7 @@ def short(
     points = []
     for prefix, what in (
         ("independent implementation", "numbers of an independent implementation are met"),
-        ("Table I", "ratios of Table I are met within their tolerance (other data than the paper)"),
+        ("Table I", "improvements over the EKF in Table I have the size of the paper's"),
     ):
         those = [c for c in checks if c.name.startswith(prefix)]
         if those:
@@ -151,7 +151,8 @@ def _accuracy(experiment: Experiment) -> str:
         f"against the true displacement they have rms errors of {1e3 * min(same):.4g} to "
         f"{1e3 * max(same):.4g} nm.",
         f"In RSE x2 the true speed itself would get {floor:.0f} µm/s, because eq. 39 makes a sine "
-        f"of 450 Hz smaller by 1.3 %: that is {100 * floor / settled:.0f} % of the EKF's value.",
+        f"of 450 Hz smaller by 1.3 %: that is {100 * floor / settled:.0f} % of the EKF's value "
+        "after start-up.",
         f"The first {START_UP} samples, where the parameters are still wrong, raise the EKF's "
         f"RSE x2 from {settled:.0f} to {whole:.0f} µm/s.",
     ]

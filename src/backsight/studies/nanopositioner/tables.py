@@ -6,7 +6,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.report.output import write_whole
+from backsight.output import write_whole
 from backsight.studies.nanopositioner.claims import Verdict
 from backsight.studies.nanopositioner.evaluate import Measures, speed_floor
 from backsight.studies.nanopositioner.expected import TABLE_I

@@ -3,7 +3,7 @@
 import pytest
 
 from backsight.errors import OutputError
-from backsight.problem.whole import whole
+from backsight.output import whole
 
 
 def test_files_appear_when_the_block_ends(tmp_path):

@@ -1,0 +1,111 @@
+"""The dual active set method against conditions of optimality and a general-purpose solver."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog, lsq_linear
+
+from backsight.solvers.inequalities import limited
+
+
+def random_problem(seed: int, *, n: int, nx: int):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((n, nx))
+    L = rng.standard_normal((nx, nx)) * 10 ** rng.uniform(-1, 1, nx)
+    x = 3 * rng.standard_normal(nx)
+    point = rng.standard_normal(nx)
+    width = rng.uniform(0.1, 2.0, (2, n))
+    lower, upper = A @ point - width[0], A @ point + width[1]
+    lower[rng.random(n) < 0.3] = -np.inf
+    upper[rng.random(n) < 0.3] = np.inf
+    return A, L @ L.T, x, lower, upper
+
+
+def solve(A, Sigma, x, lower, upper, tried=None):
+    n = len(A)
+    tried = np.zeros(n) if tried is None else tried
+    found = limited(n)(A @ Sigma @ A.T, A @ x, lower, upper, tried)
+    lam, side, conflict, infeasible, exhausted = (np.array(f)[:, 0] for f in found)
+    return lam, side, conflict, infeasible[0], exhausted[0]
+
+
+@pytest.mark.parametrize(("n", "nx"), [(1, 1), (4, 6), (12, 5), (30, 8)])
+def test_conditions_of_optimality(n, nx):
+    solved = 0
+    for seed in range(25):
+        A, Sigma, x, lower, upper = random_problem(seed, n=n, nx=nx)
+        lam, side, _, infeasible, exhausted = solve(A, Sigma, x, lower, upper)
+        assert infeasible == 0
+        assert exhausted == 0
+        moved = A @ (x + Sigma @ A.T @ lam)
+        size = np.sqrt(np.diag(A @ Sigma @ A.T))
+        assert np.all((moved - lower) / size > -1e-7)
+        assert np.all((upper - moved) / size > -1e-7)
+        assert np.all(lam[side == 0] == 0)
+        assert np.all(lam * side >= 0)
+        at = np.where(side > 0, lower, upper)
+        assert np.all(np.abs(moved - at)[side != 0] < 1e-7 * size[side != 0])
+        solved += bool(side.any())
+    assert solved > 5
+
+
+def test_box_is_bounded_least_squares():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        root = rng.standard_normal((6, 6))
+        x = 2 * rng.standard_normal(6)
+        lower, upper = -rng.random(6), rng.random(6)
+        Sigma = np.linalg.inv(root.T @ root)
+        lam, *_ = solve(np.eye(6), Sigma, x, lower, upper)
+        expected = lsq_linear(root, root @ x, (lower, upper), method="bvls", tol=1e-14).x
+        np.testing.assert_allclose(x + Sigma @ lam, expected, rtol=1e-7, atol=1e-8)
+
+
+def test_start_does_not_change_the_result():
+    for seed in range(10):
+        problem = random_problem(seed, n=12, nx=5)
+        cold, side, *_ = solve(*problem)
+        for tried in (np.abs(side), np.ones(12), (np.arange(12) % 3 == 0).astype(float)):
+            warm, *_ = solve(*problem, tried)
+            A, Sigma = problem[:2]
+            np.testing.assert_allclose(Sigma @ A.T @ warm, Sigma @ A.T @ cold, rtol=1e-6, atol=1e-8)
+
+
+def test_contradictions_are_found_and_named():
+    """Rows 1 and 3 ask for the impossible together; row 0 and 2 have nothing to do with it."""
+    A = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0], [0.0, 2.0, 2.0]])
+    lower = np.array([0.5, 1.0, -np.inf, -np.inf])
+    upper = np.array([np.inf, np.inf, 5.0, 1.0])
+    _, _, conflict, infeasible, _ = solve(A, np.diag([1.0, 4.0, 0.2]), np.zeros(3), lower, upper)
+    assert infeasible == 1
+    np.testing.assert_array_equal(conflict, [0, 1, 0, 1])
+
+
+def test_random_contradictions():
+    """Feasible or not is what a linear program says."""
+    verdicts = []
+    for seed in range(40):
+        A, Sigma, x, lower, upper = random_problem(seed, n=8, nx=3)
+        rng = np.random.default_rng(seed)
+        shift = 2 * rng.standard_normal(8)
+        lower, upper = lower + shift, upper + shift
+        *_, infeasible, exhausted = solve(A, Sigma, x, lower, upper)
+        bounds = [(None, None)] * 3
+        rows = np.vstack([A, -A])
+        limits = np.concatenate([upper, -lower])
+        keep = np.isfinite(limits)
+        feasible = linprog(np.zeros(3), rows[keep], limits[keep], bounds=bounds).status == 0
+        assert exhausted == 0
+        assert infeasible == (not feasible)
+        verdicts.append(feasible)
+    assert 5 < sum(verdicts) < 35
+
+
+def test_row_without_variance_cannot_be_moved():
+    A = np.eye(2)
+    Sigma = np.diag([1.0, 0.0])
+    lam, _, conflict, infeasible, _ = solve(A, Sigma, np.zeros(2), [0.5, -1.0], [2.0, 1.0])
+    assert infeasible == 0
+    np.testing.assert_allclose(lam, [0.5, 0.0])
+    _, _, conflict, infeasible, _ = solve(A, Sigma, np.zeros(2), [-1.0, 0.5], [2.0, 1.0])
+    assert infeasible == 1
+    np.testing.assert_array_equal(conflict, [0, 1])
