@@ -168,7 +168,7 @@ equations = { q = "v", v = "FORMULA" }"""
         ("N = 5", "N = 0", "estimators.MHO: the horizon N is 0"),
         ("N = 5", "optimiser.limit = 3", "estimators.MHO.optimiser.limit: unknown key, "),
         ("N = 5", "covariance = 'odd'", "estimators.MHO: unknown covariance 'odd'"),
-        ('"mho"', '"mhe"', "estimators.MHO.kind: unknown kind 'mhe', did you mean 'mho'?"),
+        ('"mho"', '"mh0"', "estimators.MHO.kind: unknown kind 'mh0', did you mean 'mho'?"),
         ("[estimators.EKF]", '[estimators."a/b"]', "estimators.a/b: use letters, digits"),
         ('"sdof"', '"sodf"', "model.kind: unknown kind 'sodf', did you mean 'sdof'?"),
         ('kind = "sdof"\n', "", "model.kind: is missing; known: duffing, equations, "),

@@ -12,7 +12,7 @@ from backsight.cli import app
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 MEASURED = pytest.mark.skipif(
-    "BACKSIGHT_DATA" not in os.environ,
+    not os.environ.get("BACKSIGHT_DATA"),
     reason="needs the recordings of nonlinearbenchmark.org; the problem files in examples/ say "
     "which, and the variable BACKSIGHT_DATA where they are",
 )
