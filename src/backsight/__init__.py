@@ -8,9 +8,12 @@ from backsight.data import merge as merge
 from backsight.data import read as read
 from backsight.data import resample as resample
 from backsight.discrete.runge_kutta import Integrator as Integrator
+from backsight.estimators import AHG as AHG
 from backsight.estimators import EKF as EKF
 from backsight.estimators import ESTIMATORS as ESTIMATORS
+from backsight.estimators import HGO as HGO
 from backsight.estimators import MHO as MHO
+from backsight.estimators import UKF as UKF
 from backsight.estimators import Noise as Noise
 from backsight.estimators import Prior as Prior
 from backsight.models import Model as Model
@@ -26,6 +29,7 @@ from backsight.models import second_order as second_order
 from backsight.report import report as report
 from backsight.run.compare import compare as compare
 from backsight.run.estimate import estimate as estimate
+from backsight.run.many import estimate_many as estimate_many
 from backsight.run.simulate import simulate as simulate
 from backsight.run.stream import stream as stream
 from backsight.solvers.gauss_newton import GaussNewton as GaussNewton

@@ -61,7 +61,9 @@ def run(
 
         read = load(problem)
         with _bar() as advance:
-            results = execute(read, out, progress=lambda name, k, n: advance(name, k / n))
+            results = execute(
+                read, out, progress=lambda name, k, n: advance(name, k / n), tell=_warn
+            )
         typer.echo(f"{read.title}\n\n{results.table(read.reference, width=_width())}\n")
         for sentence in results.verdicts(read.reference):
             typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
@@ -72,6 +74,56 @@ def run(
             typer.echo(f"backsight: {name}: {reason}", err=True)
     if any(failures.values()):
         raise typer.Exit(1)
+
+
+@app.command()
+def check(problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")]) -> None:
+    """Say whether the recording can show what is asked for, and which sensor would help.
+
+    The exit code is 0 if every state that does not fade by itself can be
+    seen, 1 if not, and 2 if the problem or the recording is at fault.
+    """
+    with _told():
+        from backsight.problem import load
+        from backsight.problem.seeing import examine
+        from backsight.problem.source import recording
+
+        read = load(problem)
+        found = examine(read, recording(read))
+        typer.echo(f"{read.title}\n\n{read.model}\n")
+        for sentence in found.lines():
+            typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
+    if not found.detectable:
+        raise typer.Exit(1)
+
+
+@app.command()
+def export(
+    problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
+    estimator: Annotated[str, typer.Option("--estimator", "-e", help="Its name in the file.")],
+    out: Out,
+    name: Annotated[str | None, typer.Option(help="Prefix in C [name of the estimator].")] = None,
+    precision: Annotated[str, typer.Option(help="double or float.")] = "double",
+) -> None:
+    """Write an estimator as C99 for a controller, with a self-test from the recording."""
+    with _told():
+        from backsight.export import export_c
+        from backsight.problem import load
+        from backsight.problem.source import recording
+
+        read = load(problem)
+        if estimator not in read.estimators:
+            hint = nearest(estimator, read.estimators)
+            raise ProblemError(f"estimators: there is no '{estimator}', {hint}")
+        export_c(
+            read.estimators[estimator],
+            read.model,
+            recording(read),
+            out,
+            name=name or estimator.lower(),
+            precision=precision,
+        )
+        typer.echo(f"Code: {out}\nTest: make -C {out} test")
 
 
 @app.command()
@@ -111,6 +163,10 @@ def study_run(
                 out, seeds=range(seeds), recordings=recording or [], progress=advance
             )
         typer.echo(f"{findings}\n\nPage: {findings.page}")
+
+
+def _warn(sentence: str) -> None:
+    typer.echo(f"backsight: warning: {sentence}", err=True)
 
 
 @contextlib.contextmanager

@@ -55,9 +55,9 @@ class Comparison(Mapping[str, xr.Dataset]):
             tables.append(true_errors(rows))
         return as_text(tables, width)
 
-    def verdicts(self) -> list[str]:
-        """Return what the ranking means, in a few sentences."""
-        return verdicts(ranked_table(self.results))
+    def verdicts(self, reference: Mapping[str, float] | None = None) -> list[str]:
+        """Return what the tables mean, in a few sentences; arguments as in `table`."""
+        return verdicts(ranked_table(self.results, reference))
 
 
 def compare(

@@ -8,12 +8,13 @@ import psutil
 import xarray as xr
 
 from backsight.engine.execute import choose, execute, prepare
-from backsight.engine.recursion import Channel, Recursion
+from backsight.engine.recursion import Recursion
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.match import match
-from backsight.schema import FAILURES, RESULT_VARIABLES, SCHEMA_VERSION, STATUS_TEXT, Status
+from backsight.run.result import as_result
+from backsight.schema import FAILURES, STATUS_TEXT
 
 
 def estimate(
@@ -61,23 +62,16 @@ def estimate(
     """
     u, y, mask = match(model, recording)
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
-    _check_memory(recursion, len(u))
+    check_length(recursion, len(u))
+    check_memory(recursion, len(u))
     chosen = choose(engine, len(u))
     prepare(recursion, chosen)
     started = time.perf_counter()
     outputs = execute(recursion, [u, y, mask], engine=chosen, progress=progress)
     seconds = time.perf_counter() - started
-    values = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
-    result = _dataset(values, recursion.channels, model, recording)
-    result.attrs |= {
-        "estimator": estimator.key,
-        "model": model.name,
-        "engine": chosen,
-        "dt": recursion.dt,
-        "seconds": seconds,
-        "us_per_sample": seconds / len(u) * 1e6,
-        "schema": SCHEMA_VERSION,
-    }
+    result = as_result(
+        outputs, recursion, estimator, model, recording, engine=chosen, seconds=seconds
+    )
     failed = np.flatnonzero(result["status"].values & int(FAILURES))
     if throw and len(failed):
         raise EstimationError(failure(result), result)
@@ -96,59 +90,17 @@ def failure(result: xr.Dataset) -> str:
     return f"{result.attrs['estimator']} failed at sample {k} (t = {moment:g} s): {causes[0]}"
 
 
-def _dataset(
-    values: dict[str, np.ndarray],
-    channels: tuple[Channel, ...],
-    model: Model,
-    recording: xr.Dataset,
-) -> xr.Dataset:
-    names = [s.name for s in model.states]
-    outputs = [s.name for s in model.outputs]
-    inputs = [s.name for s in model.inputs]
-    measured = recording["y"].sel(output=outputs)
-    values["e"] = np.where(np.isfinite(measured.values), values["e"], np.nan)
-    finite = np.isfinite(values["x_hat"]).all(axis=1)
-    raised = np.nan_to_num(values["status"]).astype(np.int32)
-    values["status"] = np.where(finite, raised, raised | int(Status.NOT_FINITE)).astype(np.int32)
-    dims = {c.name: ("time", *c.dims) for c in channels}
-    variance = np.einsum("kii->ki", values["P"])
-    values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
-    flags = [bit for bit in Status if bit]
-    result = xr.Dataset(
-        {n: (dims[n], v, {"long_name": _long_name(n)}) for n, v in values.items()},
-        coords={
-            "time": recording["time"],
-            "state": names,
-            "state_": names,
-            "output": outputs,
-            "output_": outputs,
-            "input": inputs,
-            "state_unit": ("state", [s.unit for s in model.states]),
-            "output_unit": ("output", [s.unit for s in model.outputs]),
-            "input_unit": ("input", [s.unit for s in model.inputs]),
-        },
-    )
-    for channel in channels:
-        if channel.labels:
-            result[channel.dims[0]] = list(channel.labels)
-    result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
-    result["y"] = (("time", "output"), measured.values)
-    result["status"].attrs |= {
-        "flag_masks": [int(f) for f in flags],
-        "flag_meanings": " ".join(f.name.lower() for f in flags if f.name),
-    }
-    if "x_true" in recording:
-        truth = recording["x_true"]
-        known = [n for n in names if n in truth["state"].values]
-        result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
-    return result
+def check_length(recursion: Recursion, samples: int) -> None:
+    """Raise `DataError` if the recording is shorter than one window."""
+    if samples < recursion.least_samples:
+        raise DataError(
+            f"the recording has {samples} samples; a window of '{recursion.name}' alone takes "
+            f"{recursion.least_samples}: shorten the window or record longer"
+        )
 
 
-def _long_name(variable: str) -> str:
-    return RESULT_VARIABLES[variable][1] if variable in RESULT_VARIABLES else variable
-
-
-def _check_memory(recursion: Recursion, samples: int) -> None:
+def check_memory(recursion: Recursion, samples: int) -> None:
+    """Raise `DataError` if the result of so many samples would not fit into memory."""
     doubled = [2 if c.symmetric else 1 for c in recursion.channels]
     numbers = sum(
         size * (1 + factor) for size, factor in zip(recursion.output_sizes, doubled, strict=True)

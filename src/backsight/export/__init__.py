@@ -1,0 +1,3 @@
+"""Code for a controller."""
+
+from backsight.export.c import export_c as export_c

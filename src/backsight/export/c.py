@@ -1,0 +1,181 @@
+"""An estimator as C99 for a controller, with a test that runs there."""
+
+import os
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from backsight.engine import c99, vm
+from backsight.engine.c99_leaf import Precision
+from backsight.engine.program import While, flat
+from backsight.engine.recursion import Recursion
+from backsight.engine.walk import walk
+from backsight.errors import DataError, EngineError
+from backsight.estimators.base import AbstractEstimator
+from backsight.export.selftest import Vectors, selftest
+from backsight.models.model import Model
+from backsight.output import whole
+from backsight.run.match import match
+
+SAMPLES = 200
+"""Samples of the recording that the self-test runs through."""
+
+SINGLE = """In single precision no step of an optimiser is as short as 1e-6 standard deviations:
+export it with `tolerance = 1e-3`, or with a fixed number of iterations.
+
+"""
+
+TOLERANCE = {"double": 1e-10, "float": 1e-2}
+"""Largest deviation from Python, relative to the largest value of the output."""
+
+
+def export_c(
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    out: str | os.PathLike[str],
+    *,
+    name: str = "estimator",
+    precision: str = "double",
+) -> Path:
+    """Write ``name.c``, ``name.h``, a self-test, a Makefile and a README.
+
+    The code is C99 that needs nothing but ``<math.h>``: no allocation, no recursion, no global
+    variables, and loops whose largest number of passes is fixed. The self-test compares it with
+    Python on the first samples of the recording.
+
+    Parameters
+    ----------
+    estimator : AbstractEstimator
+    model : Model
+    recording : xarray.Dataset
+        Gives the sampling period and the data of the self-test.
+    out : path
+        Folder.
+    name : str
+        Prefix of files, types and functions.
+    precision : {"double", "float"}
+        Type of all numbers. In ``float`` an estimator with a wide range of covariances may lose
+        accuracy; the self-test says how much.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    EngineError
+        If the name is no identifier or the estimator cannot be written in C.
+    DataError
+        If the recording does not fit the model or the self-test would not be finite.
+    OutputError
+        If the folder cannot be written.
+    """
+    if not (name.isidentifier() and name.isascii()):
+        raise EngineError(f"'{name}' is no name in C: use letters, digits and underscores")
+    kind = Precision(precision)
+    recursion = estimator.compile(model, float(recording.attrs["dt"]))
+    program = walk(recursion.step)
+    source = c99.write(
+        program,
+        name=name,
+        start=recursion.carry0.tolist(),
+        results=[c.name for c in recursion.channels],
+        precision=kind,
+        about=f"{estimator.title} for '{model.name}', every {recursion.dt:g} s.\n"
+        f"Written by Backsight {version('backsight')}; change the model, not this file.",
+    )
+    vectors = _vectors(recursion, model, recording)
+    passes = [s.limit for s in flat(program.body) if isinstance(s, While)]
+    with whole(out) as folder:
+        files = {
+            f"{name}.h": source.header,
+            f"{name}.c": source.code,
+            f"{name}_selftest.c": selftest(vectors, name, kind, TOLERANCE[precision]),
+            "Makefile": _makefile(name),
+            "README.md": _readme(source, name, kind, passes, recursion, model),
+        }
+        for file, text in files.items():
+            (folder / file).write_text(text, encoding="utf-8")
+    return Path(out)
+
+
+def _vectors(recursion: Recursion, model: Model, recording: xr.Dataset) -> Vectors:
+    data = [d[:SAMPLES] for d in match(model, recording)]
+    _, outputs = vm.run(recursion, data, carry=recursion.carry0)
+    for channel, values in zip(recursion.channels, outputs, strict=True):
+        if not np.all(np.isfinite(values)):
+            raise DataError(
+                f"'{channel.name}' is not finite within the first {len(values)} samples, so that "
+                "there is nothing to test against; run the estimator on the recording first"
+            )
+    names = ("u", "y", "mask")
+    return Vectors(
+        inputs=dict(zip(names, data, strict=True)),
+        outputs={c.name: o for c, o in zip(recursion.channels, outputs, strict=True)},
+    )
+
+
+def _makefile(name: str) -> str:
+    return f"""CC ?= cc
+CFLAGS ?= -std=c99 -pedantic -Wall -Wextra -Werror -O2
+
+test: {name}_selftest
+\t./{name}_selftest
+
+{name}_selftest: {name}.c {name}_selftest.c {name}.h
+\t$(CC) $(CFLAGS) -o $@ {name}.c {name}_selftest.c -lm
+
+clean:
+\trm -f {name}_selftest
+
+.PHONY: test clean
+"""
+
+
+def _readme(
+    source: c99.Source,
+    name: str,
+    kind: Precision,
+    passes: list[int],
+    recursion: Recursion,
+    model: Model,
+) -> str:
+    # A multiplication with its operands takes a dozen bytes on common processors.
+    flash = 1.5 * kind.bytes * source.operations / 1000
+    states = ", ".join(f"{s.name} [{s.unit}]" if s.unit else s.name for s in model.states)
+    inputs = ", ".join(s.name for s in model.inputs) or "none"
+    outputs = ", ".join(s.name for s in model.outputs)
+    limits = ", ".join(map(str, passes)) or "none: every sample takes the same time"
+    return f"""# {name}
+
+`{name}.c` and `{name}.h` estimate the states {states}, every {recursion.dt:g} s. They are C99 and
+need nothing but `<math.h>`. `make test` compiles them with all warnings as errors and compares them
+with Python on the first samples of your recording.
+
+```c
+static {name}_memory memory;        /* survives from sample to sample */
+static {name}_workspace work;       /* scratch; may be shared with others between two calls */
+
+{name}_init(&memory);
+for (;;) {{
+    /* physical units; mask is 1 where y was measured, else 0 */
+    {name}_step(&memory, &work, u, y, mask, ...);
+}}
+```
+
+| | |
+|---|---|
+| u | {inputs} |
+| y, mask | {outputs} |
+| numbers | {kind.name}, {kind.bytes} bytes |
+| RAM | {kind.bytes * source.memory} bytes memory, {kind.bytes * source.workspace} bytes workspace |
+| flash | about {flash:.0f} kB; `size` of the object file tells exactly |
+| largest number of passes of the loops inside each other | {limits} |
+
+{SINGLE if kind.name == "float" else ""}There is no allocation, no recursion and no global variable;
+several instances may run side by side, each with its own memory.
+"""

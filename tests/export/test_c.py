@@ -1,0 +1,129 @@
+"""Exported C: compiles without a warning and gives what Python gives."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.c99_leaf import Precision
+from backsight.errors import DataError, EngineError
+from backsight.estimators import EKF, MHO
+from backsight.export import export_c
+from backsight.solvers.gauss_newton import GaussNewton
+from contract.cases import CASES, Problem
+
+STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1"]
+COMPILER = shutil.which("cc")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="needs a C compiler called cc")
+
+
+def recorded(problem, hold="zoh"):
+    """A noisy recording with gaps."""
+    data = problem.simulate(60, seed=5, hold=hold, noisy=True)
+    data.y[20:30] = np.nan
+    data.y[::7, 0] = np.nan
+    return data.recording(problem.model)
+
+
+def run_selftest(folder, name):
+    """Compile the export and run its self-test."""
+    files = [str(folder / f) for f in (f"{name}.c", f"{name}_selftest.c")]
+    program = folder / "selftest"
+    built = subprocess.run(
+        [str(COMPILER), *STRICT, "-o", str(program), *files, "-lm"], capture_output=True, text=True
+    )
+    assert built.returncode == 0, built.stderr
+    return subprocess.run([str(program)], capture_output=True, text=True)
+
+
+@needs_compiler
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@pytest.mark.parametrize("key", list(CASES))
+def test_every_estimator_equals_python(key, hold, tmp_path):
+    problem = CASES[key].problem
+    estimator = CASES[key].build(problem, Integrator("rk4", 2, hold))
+    export_c(estimator, problem.model, recorded(problem, hold), tmp_path / "c", name=key)
+    ran = run_selftest(tmp_path / "c", key)
+    assert ran.returncode == 0, ran.stdout
+    assert f"{key}: 60 samples passed" in ran.stdout
+
+
+@needs_compiler
+def test_single_precision(tmp_path):
+    problem = Problem()
+    estimator = MHO(
+        problem.noise, problem.prior, N=5, alpha=0.1, optimiser=GaussNewton(tolerance=1e-3)
+    )
+    recording = recorded(problem)
+    export_c(estimator, problem.model, recording, tmp_path, name="mho", precision="float")
+    ran = run_selftest(tmp_path, "mho")
+    assert ran.returncode == 0, ran.stdout
+    code = (tmp_path / "mho.c").read_text()
+    assert "double" not in code
+    assert "sqrtf(" in code
+
+
+@needs_compiler
+def test_the_selftest_can_fail(tmp_path):
+    problem = Problem()
+    export_c(EKF(problem.noise, problem.prior), problem.model, recorded(problem), tmp_path)
+    code = (tmp_path / "estimator.c").read_text()
+    start = code.index("start[")
+    broken = code[:start] + code[start:].replace("= {", "= {0.001 + ", 1)
+    (tmp_path / "estimator.c").write_text(broken)
+    ran = run_selftest(tmp_path, "estimator")
+    assert ran.returncode == 1
+    assert "FAILED" in ran.stdout
+
+
+def test_nothing_but_arithmetic(tmp_path):
+    problem = Problem()
+    estimator = MHO(problem.noise, problem.prior, N=5)
+    export_c(estimator, problem.model, recorded(problem), tmp_path, name="mho")
+    code = (tmp_path / "mho.c").read_text()
+    for word in ("malloc", "free(", "memcpy", "memmove", "printf"):
+        assert word not in code
+    assert code.count("#include") == 2
+    assert "pass < 20" in code
+    assert "20" in (tmp_path / "README.md").read_text()
+
+
+def test_names_and_precisions(tmp_path):
+    problem = Problem()
+    recording, estimator = recorded(problem), EKF(problem.noise, problem.prior)
+    with pytest.raises(EngineError, match="'my ekf' is no name in C"):
+        export_c(estimator, problem.model, recording, tmp_path / "a", name="my ekf")
+    with pytest.raises(EngineError, match="unknown precision 'half'"):
+        export_c(estimator, problem.model, recording, tmp_path / "a", precision="half")
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_recording_that_diverges_is_no_test(tmp_path):
+    problem = Problem()
+    recording = recorded(problem)
+    recording["u"][10] = 1e308
+    with pytest.raises(DataError, match="is not finite within the first 60 samples"):
+        export_c(EKF(problem.noise, problem.prior), problem.model, recording, tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize(
+    ("value", "double", "single"),
+    [
+        (0.1, "0.1", "0.100000001f"),
+        (3.0, "3.0", "3.0f"),
+        (-2.5e-20, "(-2.5e-20)", "(-2.49999999e-20f)"),
+        (float("inf"), "INFINITY", "INFINITY"),
+        (float("nan"), "NAN", "NAN"),
+        (1e300, "1e+300", "INFINITY"),
+    ],
+)
+def test_constants(value, double, single):
+    assert Precision("double").number(value) == double
+    written = Precision("float").number(value)
+    if written[0] not in "IN":
+        assert np.float32(written.strip("()f")) == np.float32(single.strip("()f"))
+    else:
+        assert written == single
