@@ -3,17 +3,31 @@
 The problem is an oscillator with unknown stiffness, mildly nonlinear in the joint state
 (q, v, k): measured displacement and speed with correlated noise, known force. It can be posed in
 other units and with other internal scales; the truth is computed here in NumPy by the same
-Runge-Kutta steps that the estimators use, so that the model is perfect.
+Runge-Kutta steps that the estimators use, or by the matrix exponential for those that use it, so
+that the model is perfect.
 """
 
 import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from scipy.linalg import expm
 
 from backsight import schema
 from backsight.discrete.runge_kutta import Integrator
-from backsight.estimators import AHG, EKF, HGO, MHO, UKF, Noise, Prior
+from backsight.estimators import (
+    AHG,
+    EKF,
+    HGO,
+    MHO,
+    UKF,
+    KalmanFilter,
+    LinearMHE,
+    Luenberger,
+    Noise,
+    Prior,
+    RecursiveMHE,
+)
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.augment import augment
 from backsight.models.model import Model
@@ -35,15 +49,23 @@ class Case:
         linear.
     outputs : tuple of str
         What is measured.
+    exact : bool
+        The estimator is for linear models only and discretises them exactly.
     """
 
     build: Build
     k_known: bool = False
     outputs: tuple[str, ...] = ("position", "speed")
+    exact: bool = False
 
     @property
     def problem(self) -> "Problem":
-        return Problem(k_known=self.k_known, outputs=self.outputs)
+        return Problem(k_known=self.k_known, outputs=self.outputs, exact=self.exact)
+
+
+def linear(build: Build, *, outputs: tuple[str, ...] = ("position", "speed")) -> Case:
+    """Case of an estimator for linear models."""
+    return Case(build, k_known=True, outputs=outputs, exact=True)
 
 
 CASES: dict[str, Case] = {
@@ -63,6 +85,19 @@ CASES: dict[str, Case] = {
     "ahg": Case(
         lambda on, integrator: AHG(
             on.noise, on.prior, lam=15.0, Gamma=500 / on.length**2, integrator=integrator
+        ),
+        outputs=("position",),
+    ),
+    "kf": linear(lambda on, integrator: KalmanFilter(on.noise, on.prior, hold=integrator.hold)),
+    "lmhe": linear(lambda on, integrator: LinearMHE(on.noise, on.prior, N=8, hold=integrator.hold)),
+    # A gain that was computed for two outputs is not the one for the first of them.
+    "rmhe": linear(
+        lambda on, integrator: RecursiveMHE(on.noise, on.prior, N=8, hold=integrator.hold),
+        outputs=("position",),
+    ),
+    "luenberger": linear(
+        lambda on, integrator: Luenberger(
+            on.noise, on.prior, poles=(0.7 + 0.2j, 0.7 - 0.2j), hold=integrator.hold
         ),
         outputs=("position",),
     ),
@@ -93,6 +128,8 @@ class Problem:
         The stiffness is given: the states are then q and v and the model is linear.
     outputs : tuple of str
         What is measured, one or both of "position" and "speed", in this order.
+    exact : bool
+        The true motion is that of the matrix exponential; needs `k_known`.
     """
 
     length: float = 1.0
@@ -100,6 +137,12 @@ class Problem:
     k_bounds: tuple[float, float] = (1.0, 1e4)
     k_known: bool = False
     outputs: tuple[str, ...] = ("position", "speed")
+    exact: bool = False
+
+    @property
+    def step(self) -> Callable[[np.ndarray, float, float], np.ndarray]:
+        """The true motion over one period, ``(x, ua, ub) -> x``."""
+        return exponential if self.exact else runge_kutta
 
     @property
     def ny(self) -> int:
@@ -140,7 +183,7 @@ class Problem:
 
     def simulate(self, n: int, *, seed: int, hold: str, noisy: bool) -> "Data":
         """A motion as the problem's sensors see it, in metres."""
-        return simulate(n, seed=seed, hold=hold, noisy=noisy, ny=self.ny)
+        return simulate(n, seed=seed, hold=hold, noisy=noisy, ny=self.ny, step=self.step)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -174,20 +217,28 @@ class Data:
         )
 
 
-def simulate(n: int, *, seed: int, hold: str, noisy: bool, ny: int = 2) -> Data:
+def simulate(
+    n: int,
+    *,
+    seed: int,
+    hold: str,
+    noisy: bool,
+    ny: int = 2,
+    step: Callable[[np.ndarray, float, float], np.ndarray] | None = None,
+) -> Data:
     """Motion under a random staircase force (ramps, if the input is interpolated).
 
     Half of the random walk is added before and half after each step: that is what the trapezoidal
     rule of the default covariance propagation stands for.
     """
-    rng = np.random.default_rng(seed)
+    rng, advance = np.random.default_rng(seed), step or runge_kutta
     u = np.repeat(5.0 * rng.standard_normal(n // 5 + 2), 5)[: n + 1]
     x = np.array([0.02, -0.1, K_TRUE])
     states = []
     for i in range(n):
         states.append(x)
         walks = noisy * WALK * rng.standard_normal((2, 3)) / np.sqrt(2)
-        x = runge_kutta(x + walks[0], u[i], u[i + 1] if hold == "foh" else u[i]) + walks[1]
+        x = advance(x + walks[0], u[i], u[i + 1] if hold == "foh" else u[i]) + walks[1]
     noise = noisy * rng.multivariate_normal(np.zeros(2), R, size=n)
     truth = np.array(states)
     return Data(u[:n, None], truth, (truth[:, :2] + noise)[:, :ny])
@@ -205,3 +256,13 @@ def runge_kutta(x: np.ndarray, ua: float, ub: float) -> np.ndarray:
     k3 = f(x + DT / 2 * k2, middle)
     k4 = f(x + DT * k3, ub)
     return x + DT / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def exponential(x: np.ndarray, ua: float, ub: float) -> np.ndarray:
+    """Exact step of the oscillator with the true stiffness; the input goes from ua to ub."""
+    held = EXACT @ np.array([x[0], x[1], ua, (ub - ua) / DT])
+    return np.array([held[0], held[1], x[2]])
+
+
+EXACT = expm(DT * np.array([[0.0, 1, 0, 0], [-K_TRUE, -DAMPING, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0]]))
+"""Of displacement, speed, force and its slope."""

@@ -15,11 +15,11 @@ PAIRS = rng.standard_normal((2, 10))
 
 
 def body() -> ca.Function:
-    """Carry: a vector and a matrix; per pass: a vector and two columns; one constant."""
-    x, M = ca.SX.sym("x", 2), ca.SX.sym("M", 2, 2)
+    """Carry: vector, matrix, number; per pass: a vector and two columns; one constant."""
+    x, M, t = ca.SX.sym("x", 2), ca.SX.sym("M", 2, 2), ca.SX.sym("t")
     u, W, a = ca.SX.sym("u", 3), ca.SX.sym("W", 2, 2), ca.SX.sym("a", 2, 2)
     x_next = ca.tanh(a @ x + M @ u[:2] + W[:, 1] * u[2])
-    return ca.Function("body", [x, M, u, W, a], [x_next, M @ W / 2 + a, x * u[0], W @ M])
+    return ca.Function("body", [x, M, t, u, W, a], [x_next, M @ W / 2 + a, t + 1, x * u[0], W @ M])
 
 
 def plain(length: int) -> tuple[np.ndarray, ...]:
@@ -29,24 +29,27 @@ def plain(length: int) -> tuple[np.ndarray, ...]:
         vectors.append(x * u[0])
         matrices.append(W @ M)
         x, M = np.tanh(A @ x + M @ u[:2] + W[:, 1:] * u[2]), M @ W / 2 + A
-    return x, M, np.hstack(vectors), np.hstack(matrices)
+    return x, M, np.array([[length]]), np.hstack(vectors), np.hstack(matrices)
 
 
 def scanned(length: int) -> ca.Function:
-    symbols = [
-        ca.MX.sym(n, *shape)
-        for n, shape in (
-            ("x", (2, 1)), ("M", (2, 2)), ("U", (3, length)), ("W", (2, 2 * length)), ("a", (2, 2)),
-        )
-    ]  # fmt: skip
-    x, M, u, W, a = symbols
-    carry, ys = scan(body(), length, carry=[x, M], xs=[u, W], constants=[a])
+    shapes = {
+        "x": (2, 1),
+        "M": (2, 2),
+        "t": (1, 1),
+        "U": (3, length),
+        "W": (2, 2 * length),
+        "a": (2, 2),
+    }
+    symbols = [ca.MX.sym(name, *shape) for name, shape in shapes.items()]
+    x, M, t, u, W, a = symbols
+    carry, ys = scan(body(), length, carry=[x, M, t], xs=[u, W], constants=[a])
     return ca.Function("scanned", symbols, [*carry, *ys])
 
 
 @pytest.mark.parametrize("length", [1, 2, 5])
 def test_scan_is_a_for_loop(length):
-    results = scanned(length)(X0, M0, U[:, :length], PAIRS[:, : 2 * length], A)
+    results = scanned(length)(X0, M0, 0, U[:, :length], PAIRS[:, : 2 * length], A)
     for result, expected in zip(results, plain(length), strict=True):
         np.testing.assert_allclose(np.asarray(result), expected, rtol=1e-14, atol=1e-15)
 
@@ -106,9 +109,9 @@ def called_loop(function: ca.Function) -> Loop:
 def test_loops_are_recognised(thaw):
     loop = called_loop(thaw(scanned(5)))
     assert (loop.kind, loop.length) == ("scan", 5)
-    assert (loop.n_carry, loop.n_xs, loop.n_constants) == (2, 2, 1)
-    results = loop.body(X0, M0, U[:, 0], PAIRS[:, :2], A)
-    for result, expected in zip(results, body()(X0, M0, U[:, 0], PAIRS[:, :2], A), strict=True):
+    assert (loop.n_carry, loop.n_xs, loop.n_constants) == (3, 2, 1)
+    results = loop.body(X0, M0, 0, U[:, 0], PAIRS[:, :2], A)
+    for result, expected in zip(results, body()(X0, M0, 0, U[:, 0], PAIRS[:, :2], A), strict=True):
         np.testing.assert_array_equal(np.asarray(result), np.asarray(expected))
 
     loop = called_loop(thaw(iterated(12)))

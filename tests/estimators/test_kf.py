@@ -82,7 +82,7 @@ def test_many_states(hold, steady):
 def steady_model():
     decaying = A.copy()
     decaying[2, 2] = 0.95
-    return lti(decaying, SYSTEM["B"], C, states={n: "" for n in "abc"}, inputs={"f": "", "g": ""},
+    return lti(decaying, SYSTEM["B"], C, states=dict.fromkeys("abc", ""), inputs={"f": "", "g": ""},
                outputs={"y": "", "z": ""}, dt=DT), decaying  # fmt: skip
 
 
@@ -131,9 +131,9 @@ def test_wrong_descriptions():
     noise, prior = Noise(0.1, 0.01), Prior(1.0)
     with pytest.raises(TuningError, match="unknown hold 'cubic'"):
         KalmanFilter(noise, prior, hold="cubic").compile(oscillator(), DT)
-    with pytest.raises(TuningError, match="foh.*continuous"):
+    with pytest.raises(TuningError, match=r"foh.*continuous"):
         KalmanFilter(Noise(R=R, Q=Q), Prior(1.0), hold="foh").compile(model(), DT)
-    with pytest.raises(ModelError, match="'v' is nonlinear.*EKF"):
+    with pytest.raises(ModelError, match=r"'v' is nonlinear.*EKF"):
         KalmanFilter(noise, prior).compile(duffing(k1=1.0, d=0.1, k3=3.0), DT)
     with pytest.raises(TuningError, match="no steady state"):
         KalmanFilter(Noise(R=R, Q=Q), Prior(1.0), steady_state=True).compile(model(), DT)

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from backsight.errors import ProblemError, TuningError
-from backsight.estimators import ESTIMATORS
+from backsight.estimators import ESTIMATORS, Limit, LinearMHE
 from backsight.problem.methods import methods
 from backsight.problem.settings import built
 from backsight.types import Array
@@ -98,3 +98,13 @@ def test_the_list_of_methods_names_every_setting():
         assert kind.title in listed
         for field in dataclasses.fields(kind):
             assert field.name in ("noise", "prior") or f"{field.name} = " in listed
+
+
+def test_limits_are_a_list_of_tables():
+    limit = {"name": "push", "weights": {"v": 2, "q": 1.5}, "upper": 3.0, "of": "noise"}
+    fixed = {"noise": None, "prior": None}
+    found = built(LinearMHE, {"limits": [limit]}, where="m.A", fixed=fixed)
+    assert found.limits == (Limit("push", {"v": 2.0, "q": 1.5}, upper=3.0, of="noise"),)
+    wrong = limit | {"weights": {"v": "much"}}
+    with pytest.raises(ProblemError, match=r"m\.A\.limits\[0\]\.weights\.v: must be a number"):
+        built(LinearMHE, {"limits": [wrong]}, where="m.A", fixed=fixed)

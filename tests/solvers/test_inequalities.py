@@ -80,6 +80,26 @@ def test_contradictions_are_found_and_named():
     np.testing.assert_array_equal(conflict, [0, 1, 0, 1])
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_units_of_rows_are_irrelevant(unit):
+    A = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0], [0.0, 2.0, 2.0]])
+    lower = np.array([0.5, 1.0, -np.inf, -np.inf])
+    upper = np.array([np.inf, np.inf, 5.0, 1.0])
+    D = np.diag([1.0, unit, 1.0, 1.0 / unit])
+    Sigma, x = np.diag([1.0, 4.0, 0.2]), np.zeros(3)
+    _, _, conflict, infeasible, _ = solve(D @ A, Sigma, x, np.diag(D) * lower, np.diag(D) * upper)
+    assert infeasible == 1
+    np.testing.assert_array_equal(conflict, [0, 1, 0, 1])
+    for seed in range(5):
+        A, Sigma, x, lower, upper = random_problem(seed, n=8, nx=4)
+        D = unit ** np.linspace(-1, 1, 8)
+        plain, *_ = solve(A, Sigma, x, lower, upper)
+        scaled, *_ = solve(D[:, None] * A, Sigma, x, D * lower, D * upper)
+        np.testing.assert_allclose(
+            Sigma @ A.T @ (D * scaled), Sigma @ A.T @ plain, rtol=1e-6, atol=1e-8
+        )
+
+
 def test_random_contradictions():
     """Feasible or not is what a linear program says."""
     verdicts = []

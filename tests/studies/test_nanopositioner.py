@@ -198,6 +198,19 @@ def test_a_study_of_a_recording(stages, tmp_path):
     assert "9 statements" in str(findings)
 
 
+def test_a_diverged_estimator_does_not_end_the_study(stages, tmp_path, monkeypatch):
+    def diverged(variant, stage):
+        result = run_variant(ekf(), stage)
+        gone = result["x_hat"].where((result["time"] < 0.001) | (variant.method == "EKF"))
+        return result.assign(x_hat=gone)
+
+    monkeypatch.setattr("backsight.studies.nanopositioner.experiment.run_variant", diverged)
+    file = write(short_stage(stages["nominal"]), tmp_path / "short.csv")
+    findings = STUDIES["nanopositioner"].run(tmp_path / "out", seeds=(), recordings=[file])
+    assert not any(c.passed for c in findings.checks)
+    assert json.loads((tmp_path / "out" / "checks.json").read_text())
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -11,6 +11,7 @@ Wiley 2001, section 5.4, https://doi.org/10.1002/0471221279.
 import math
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from backsight.errors import DataError
@@ -110,12 +111,9 @@ def windowed_nis(result: xr.Dataset, window: int, *, level: float = 0.95) -> xr.
 def _mean_band(freedom: Array, samples: Array, level: float) -> tuple[Array, Array]:
     tail = 0.5 * (1.0 - level)
     known = np.where(samples > 0, samples, np.nan)
-    # The quantile of the chi-square distribution. scipy.stats takes a second to import, this half
-    # of the time of `import backsight`; only a report needs it.
-    from scipy.special import gammaincinv
-
+    # The quantile of the chi-square distribution; scipy.stats takes a second to import.
     half = np.maximum(freedom, 1) / 2
-    low, high = (2 * gammaincinv(half, q) / known for q in (tail, 1.0 - tail))
+    low, high = (2 * scipy.special.gammaincinv(half, q) / known for q in (tail, 1.0 - tail))
     return low, high
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from backsight.data.pick import pick
@@ -19,14 +20,11 @@ def read_npz(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
 
 def read_mat(path: Path, wanted: Sequence[str]) -> dict[str, Array]:
     """Read columns of a MATLAB file of version 5 to 7.3; a field of a structure is ``data/u``."""
-    from scipy.io import loadmat  # Half of the time of `import backsight`, for one format.
-    from scipy.io.matlab import MatReadError
-
     try:
-        variables = loadmat(path, simplify_cells=True)
+        variables = scipy.io.loadmat(path, simplify_cells=True)
     except NotImplementedError:  # version 7.3 is HDF5
         return _read_hdf5(path, wanted, column_major=True)
-    except MatReadError as error:
+    except scipy.io.matlab.MatReadError as error:
         raise ValueError(str(error)) from error
     return pick(_flat({k: v for k, v in variables.items() if not k.startswith("__")}), wanted)
 

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
 
 from backsight.errors import ModelError
 from backsight.types import Array
@@ -46,7 +46,7 @@ def zoh(A: ArrayLike, B: ArrayLike, *, dt: float) -> tuple[Array, Array]:
     nx, nu = b.shape
     block = np.zeros((nx + nu, nx + nu))
     block[:nx] = np.hstack([a, b]) * dt
-    top = np.asarray(expm(block), float)[:nx]
+    top = np.asarray(scipy.linalg.expm(block), float)[:nx]
     return top[:, :nx], top[:, nx:]
 
 
@@ -89,7 +89,7 @@ def foh(A: ArrayLike, B: ArrayLike, *, dt: float) -> tuple[Array, Array, Array]:
     block = np.zeros((nx + 2 * nu, nx + 2 * nu))
     block[:nx, : nx + nu] = np.hstack([a, b]) * dt
     block[nx : nx + nu, nx + nu :] = np.eye(nu)
-    top = np.asarray(expm(block), float)[:nx]
+    top = np.asarray(scipy.linalg.expm(block), float)[:nx]
     held, ramp = top[:, nx : nx + nu], top[:, nx + nu :]
     return top[:, :nx], held - ramp, ramp
 

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import expm, matrix_balance
 
 from backsight.errors import ModelError, TuningError
 from backsight.types import Array
@@ -55,11 +55,11 @@ def discretise_noise(A: ArrayLike, Qc: ArrayLike, *, dt: float) -> tuple[Array, 
     give the rest; they only add positive semidefinite matrices.
     """
     a, q = _checked(A, Qc, dt)
-    _, (scale, _) = matrix_balance(a, permute=False, separate=True)
+    _, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
     a, q = a * scale / scale[:, None], q / np.outer(scale, scale)
     doublings = _doublings(float(np.linalg.norm(a, 1)) * dt)
     h = dt / 2**doublings
-    phi, term = np.asarray(expm(a * h), float), q * h
+    phi, term = np.asarray(scipy.linalg.expm(a * h), float), q * h
     total = term
     for k in range(2, _TERMS):
         term = h / k * (a @ term + term @ a.T)

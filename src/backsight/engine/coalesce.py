@@ -69,6 +69,11 @@ def _first_use(block: Block, k: int, copy: Copy, uses: dict[Buffer, int]) -> int
     # The first statement must fill the buffer; it may read the target, since it reads first.
     if not isinstance(start, Call | Copy) or any(s.buffer == buffer for s in reads(start)):
         return None
+    if copy.target.buffer not in uses and sum(inside) > 2:
+        return None  # memory of the caller is slower than a local variable
+    source = start.source if isinstance(start, Copy) else None
+    if source is not None and source != copy.target and source.overlaps(copy.target):
+        return None  # within one buffer a copy must not move numbers up
     touched = [s for x in block[first + 1 : k] for s in _all(x)]
     touched += [s for s in operands(start) if s not in reads(start)]
     return None if any(copy.target.overlaps(s) for s in touched) else first

@@ -1,11 +1,16 @@
 """Operations of an MX function between its calls, as small SX functions."""
 
+import functools
 from collections.abc import Callable
 
 import casadi as ca
 
 from backsight.engine.leaf import operation_name
 from backsight.errors import EngineError
+
+ELEMENTWISE = {*range(ca.OP_ASSIGN, ca.OP_CONST), ca.OP_ATAN2, ca.OP_LOG1P, ca.OP_EXPM1}
+ELEMENTWISE |= {ca.OP_HYPOT, ca.OP_REMAINDER, ca.OP_ERFINV}
+"""Operations that work on entry after entry."""
 
 Rule = Callable[[ca.MX, list[ca.SX]], list[ca.SX]]
 
@@ -28,18 +33,31 @@ def glue(node: ca.MX, operation: int, name: str) -> ca.Function:
     """
     symbols = [ca.SX.sym("x", node.dep(i).sparsity()) for i in range(node.n_dep())]
     rule = RULES.get(operation)
-    if rule is not None:
+    if operation in ELEMENTWISE:
+        results = [_elementwise(operation, symbols)]
+    elif rule is not None:
         results = rule(node, symbols)
-    elif operation in _ELEMENTWISE and len(symbols) == 1:
-        results = [ca.SX.unary(operation, symbols[0])]
-    elif operation in _ELEMENTWISE and len(symbols) == 2:
-        results = [ca.SX.binary(operation, *symbols)]
     else:
         raise EngineError(
             f"'{name}' uses the operation {operation_name(operation)} outside of a leaf, which "
             "cannot be compiled; use engine='vm' or put it into an SX function"
         )
     return ca.Function(operation_name(operation).lower(), symbols, results)
+
+
+@functools.cache
+def scalar(operation: int, n: int) -> ca.Function:
+    """Return an elementwise operation as a function of n numbers."""
+    symbols = [ca.SX.sym("x") for _ in range(n)]
+    return ca.Function(
+        operation_name(operation).lower(), symbols, [_elementwise(operation, symbols)]
+    )
+
+
+def _elementwise(operation: int, operands: list[ca.SX]) -> ca.SX:
+    if len(operands) == 1:
+        return ca.SX.unary(operation, operands[0])
+    return ca.SX.binary(operation, *operands)
 
 
 def _constant(node: ca.MX, _: list[ca.SX]) -> list[ca.SX]:
@@ -125,10 +143,6 @@ RULES: dict[int, Rule] = {
     ca.OP_NORMINF: lambda _, x: [ca.norm_inf(x[0])],
     ca.OP_MMIN: lambda _, x: [ca.mmin(x[0])],
     ca.OP_MMAX: lambda _, x: [ca.mmax(x[0])],
-    ca.OP_INVERSE: lambda _, x: [ca.inv(x[0])],
     ca.OP_DETERMINANT: lambda _, x: [ca.det(x[0])],
 }
 """How the operations that are not elementwise are written; sparse entries stay in their order."""
-
-_ELEMENTWISE = {*range(ca.OP_ASSIGN, ca.OP_CONST), ca.OP_ATAN2, ca.OP_LOG1P, ca.OP_EXPM1}
-_ELEMENTWISE |= {ca.OP_HYPOT, ca.OP_REMAINDER, ca.OP_ERFINV, ca.OP_INV}

@@ -1,6 +1,9 @@
 """Straight-line arithmetic: an SX function as a list of numbered operations."""
 
 import dataclasses
+import itertools
+from collections.abc import Sequence
+from typing import TypeAlias
 
 import casadi as ca
 
@@ -125,11 +128,58 @@ def leaf_of(function: ca.Function) -> Leaf:
     return _without_unused(Leaf(function.name(), sizes, tuple(record.operations), results))
 
 
+Part: TypeAlias = tuple[Leaf, list[tuple[int, int]]]
+"""A leaf for some of the results of another, and for each where it begins: output and number."""
+
+LARGEST_WHOLE = 1000
+"""Operations in a leaf that is not taken apart; compilers take time with the square of them."""
+
+PART = 300
+"""Operations in a part of a leaf."""
+
+
+def parts_of(leaf: Leaf) -> list[Part]:
+    """Take a large leaf apart into leaves for some of the results, if these share little."""
+    whole = [(leaf, [(j, 0) for j in range(len(leaf.outputs))])]
+    if len(leaf.operations) <= LARGEST_WHOLE:
+        return whole
+    parts, total = [], 0
+    wanted: list[tuple[int, int]] = []
+    needed: set[int] = set()
+    for j, output in enumerate(leaf.outputs):
+        for i, k in enumerate(output):
+            wanted.append((j, i))
+            needed |= _needed(leaf.operations, {k} - needed)
+            if len(needed) > PART:
+                parts.append(wanted)
+                total += len(needed)
+                wanted, needed = [], set()
+    if total + len(needed) > 1.5 * len(leaf.operations):
+        return whole
+    return [_part(leaf, places) for places in (*parts, wanted) if places]
+
+
+def _part(leaf: Leaf, places: list[tuple[int, int]]) -> Part:
+    pieces = [list(group) for _, group in itertools.groupby(places, lambda place: place[0])]
+    outputs = tuple(tuple(leaf.outputs[j][i] for j, i in piece) for piece in pieces)
+    part = dataclasses.replace(leaf, outputs=outputs)
+    return _without_unused(part), [piece[0] for piece in pieces]
+
+
+def _needed(operations: Sequence[Operation], wanted: set[int]) -> set[int]:
+    """The given operations and all on which they depend."""
+    needed, new = set(wanted), list(wanted)
+    while new:
+        operation = operations[new.pop()]
+        if operation.kind != "input":
+            added = set(operation.arguments) - needed
+            needed |= added
+            new += added
+    return needed
+
+
 def _without_unused(leaf: Leaf) -> Leaf:
-    needed = {k for output in leaf.outputs for k in output}
-    for k in reversed(range(len(leaf.operations))):
-        if k in needed and leaf.operations[k].kind != "input":
-            needed.update(leaf.operations[k].arguments)
+    needed = _needed(leaf.operations, {k for output in leaf.outputs for k in output})
     new = {old: position for position, old in enumerate(sorted(needed))}
     operations = (leaf.operations[old] for old in new)
     return Leaf(

@@ -1,13 +1,17 @@
 """A loop program in LLVM's language."""
 
+from backsight.engine.leaf import Leaf
 from backsight.engine.llvm_lanes import Lanes
 from backsight.engine.llvm_leaf import Width, declarations, write_leaf
 from backsight.engine.llvm_statements import Statements
 from backsight.engine.llvm_text import Text
-from backsight.engine.program import Buffer, Program
+from backsight.engine.program import Buffer, Call, Loop, Program, Table, While, flat
+
+LARGEST_INLINE = 250
+"""Operations of a leaf that becomes part of its caller even where it is used only once a step."""
 
 LARGEST_LOCAL = 1024
-"""Numbers in a buffer that is a local variable; larger ones belong to the caller."""
+"""Numbers, of all lanes, in a buffer that is a local variable; larger ones are the caller's."""
 
 
 def write(program: Program, width: Width) -> str:
@@ -21,66 +25,80 @@ def write(program: Program, width: Width) -> str:
     parts = [
         declarations(width),
         *(_constant(b, width) for b in constants),
-        *(write_leaf(leaf, width) for leaf in program.leaves),
+        *(_table(t) for t in program.tables),
+        *(write_leaf(f, width, inline=_inline(f, program)) for f in program.leaves),
         _steps(program, width),
-        _run(program),
+        _run(program, width),
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def given(program: Program) -> tuple[Buffer, ...]:
+def given(program: Program, width: Width) -> tuple[Buffer, ...]:
     """Return the working buffers that are too large to be local variables."""
-    return tuple(b for b in program.buffers if b.values is None and b.size > LARGEST_LOCAL)
+    largest = LARGEST_LOCAL // width.lanes
+    return tuple(b for b in program.buffers if b.values is None and b.size > largest)
+
+
+def _inline(leaf: Leaf, program: Program) -> bool:
+    """Large leaves are only worth their time of compilation inside loops."""
+    loops = (s for s in program.body if isinstance(s, Loop | While))
+    repeated = any(isinstance(s, Call) and s.leaf is leaf for s in flat(loops))
+    return repeated or len(leaf.operations) <= LARGEST_INLINE
 
 
 def _constant(buffer: Buffer, width: Width) -> str:
     values = ", ".join(f"{width.number} {width.constant(v)}" for v in buffer.values or ())
     kind = f"[{buffer.size} x {width.number}]"
-    return f"@{buffer.name} = private unnamed_addr constant {kind} [{values}], align 64"
+    return f"@data.{buffer.name} = private unnamed_addr constant {kind} [{values}], align 64"
 
 
-def _run(program: Program) -> str:
+def _table(table: Table) -> str:
+    values = ", ".join(f"i64 {v}" for v in table.values)
+    kind = f"[{len(table.values)} x i64]"
+    return f"@table.{table.name} = private unnamed_addr constant {kind} [{values}]"
+
+
+def _run(program: Program, width: Width) -> str:
     text = Text()
-    own = [program.carry, *given(program)]
-    pointers = [text.pointer("%pointers", k) for k in range(len(own))]
-    pointers.append(text.address("ptr", "%pointers", len(own)))
-    arguments = ", ".join(["i64 %n", *(f"ptr {p}" for p in pointers)])
-    text.add(f"call void @steps({arguments})")
-    return text.function("define void @run(i64 %n, ptr %pointers) nounwind")
+    own = [program.carry, *given(program, width)]
+    pointers = [text.pointer("%.pointers", k) for k in range(len(own))]
+    pointers.append(text.address("ptr", "%.pointers", len(own)))
+    arguments = ", ".join(["i64 %.n", *(f"ptr {p}" for p in pointers)])
+    text.add(f"call void @.steps({arguments})")
+    return text.function("define void @run(i64 %.n, ptr %.pointers) nounwind")
 
 
 def _steps(program: Program, width: Width) -> str:
     """The loop over the samples, in a function that knows that the buffers are distinct."""
     text = Text()
-    own = [program.carry, *given(program)]
+    own = [program.carry, *given(program, width)]
     data = [*program.inputs, *program.outputs]
     base = {b: f"%{b.name}" for b in (*program.interface, *program.buffers)}
-    base |= {b: f"@{b.name}" for b in program.buffers if b.values is not None}
+    base |= {b: f"@data.{b.name}" for b in program.buffers if b.values is not None}
     for buffer in program.buffers:
         if buffer.values is None and buffer not in own:
             kind = f"[{max(buffer.size, 1)} x {width.number}]"
             text.add(f"{base[buffer]} = alloca {kind}, align 64")
     n = width.lanes
     rows = {
-        b: [text.pointer("%rows", n * i + lane) for lane in range(n)] for i, b in enumerate(data)
+        b: [text.pointer("%.rows", n * i + lane) for lane in range(n)] for i, b in enumerate(data)
     }
     statements = Statements(text, width, base)
     if n == 1:
-        text.repeat("sample", "%n", lambda: _sample(program, text, statements, rows))
+        text.repeat(".sample", "%.n", lambda: _sample(program, text, statements, rows))
     else:
-        lanes = Lanes(program, text, width, rows, text.pointer("%rows", n * len(data)))
-        text.repeat("sample", "%n", lambda: lanes.write(statements))
-    parameters = ", ".join(["i64 %n", *(f"ptr noalias {base[b]}" for b in own), "ptr %rows"])
-    # Without the attribute some processors have vectors of 8 numbers cut in two.
-    wide = f'"min-legal-vector-width"="{64 * n}"'
-    return text.function(f"define internal void @steps({parameters}) noinline nounwind {wide}")
+        lanes = Lanes(program, text, width, rows, text.pointer("%.rows", n * len(data)))
+        text.repeat(".sample", "%.n", lambda: lanes.write(statements))
+    parameters = ", ".join(["i64 %.n", *(f"ptr noalias {base[b]}" for b in own), "ptr %.rows"])
+    attributes = f"noinline nounwind {width.attribute}"
+    return text.function(f"define internal void @.steps({parameters}) {attributes}")
 
 
 def _sample(
     program: Program, text: Text, statements: Statements, rows: dict[Buffer, list[str]]
 ) -> None:
     for buffer, (first,) in rows.items():
-        start = text.new(f"mul nuw nsw i64 %sample, {buffer.size}")
+        start = text.new(f"mul nuw nsw i64 %.sample, {buffer.size}")
         text.add(f"%{buffer.name} = getelementptr inbounds double, ptr {first}, i64 {start}")
     statements.write(program.body)
     statements.update(program.update, None)

@@ -35,7 +35,7 @@ class Lanes:
         for buffer in (*program.inputs, *program.outputs):
             text.add(f"%{buffer.name} = alloca [{buffer.size} x {width.number}], align 64")
         largest = max((b.size for b in program.outputs), default=1)
-        text.add(f"%nowhere = alloca [{largest} x double], align 64")
+        text.add(f"%.nowhere = alloca [{largest} x double], align 64")
         places = [text.address("i64", lengths, lane) for lane in range(width.lanes)]
         self._lengths = [text.new(f"load i64, ptr {p}, align 8") for p in places]
         more = [text.new(f"icmp ugt i64 {length}, 1") for length in self._lengths]
@@ -45,43 +45,47 @@ class Lanes:
         ]
 
     def write(self, statements: Statements) -> None:
-        """Write the step for the counter ``%sample``."""
+        """Write the step for the counter ``%.sample``."""
         text, n = self._text, self._width.lanes
-        going = [text.new(f"icmp ult i64 %sample, {length}") for length in self._lengths]
+        going = [text.new(f"icmp ult i64 %.sample, {length}") for length in self._lengths]
         now = [
-            text.new(f"select i1 {go}, i64 %sample, i64 {last}")
+            text.new(f"select i1 {go}, i64 %.sample, i64 {last}")
             for go, last in zip(going, self._last, strict=True)
         ]
         statements.active = self._together("i1", going)
         for buffer in self._program.inputs:
             rows = [self._row(buffer, lane, now[lane]) for lane in range(n)]
-            vectors = [self._read(rows, k) for k in range(buffer.size)]
-            statements.store(buffer.whole(), vectors)
+            text.each(
+                buffer.size,
+                lambda k, b=buffer, r=rows: statements.store(b.whole(), k, self._read(r, k)),
+            )
         statements.write(self._program.body)
         statements.update(self._program.update, statements.active)
         for buffer in self._program.outputs:
             rows = [self._row(buffer, lane, now[lane]) for lane in range(n)]
             targets = [
-                text.new(f"select i1 {go}, ptr {row}, ptr %nowhere")
+                text.new(f"select i1 {go}, ptr {row}, ptr %.nowhere")
                 for go, row in zip(going, rows, strict=True)
             ]
-            for k, vector in enumerate(statements.load(buffer.whole())):
-                self._spread(vector, targets, k)
+            text.each(
+                buffer.size,
+                lambda k, b=buffer, t=targets: self._spread(statements.load(b.whole(), k), t, k),
+            )
 
     def _row(self, buffer: Buffer, lane: int, sample: str) -> str:
         start = self._text.new(f"mul nuw nsw i64 {sample}, {buffer.size}")
         return self._text.address("double", self._rows[buffer][lane], start)
 
-    def _read(self, rows: list[str], k: int) -> str:
-        places = [self._text.address("double", row, k) for row in rows]
+    def _read(self, rows: list[str], k: int | str) -> str:
+        places = [self._text.address("double", row, _index(k)) for row in rows]
         return self._together(
             "double", [self._text.new(f"load double, ptr {p}, align 8") for p in places]
         )
 
-    def _spread(self, vector: str, rows: list[str], k: int) -> None:
+    def _spread(self, vector: str, rows: list[str], k: int | str) -> None:
         for lane, row in enumerate(rows):
             number = self._text.new(f"extractelement {self._width.number} {vector}, i32 {lane}")
-            place = self._text.address("double", row, k)
+            place = self._text.address("double", row, _index(k))
             self._text.add(f"store double {number}, ptr {place}, align 8")
 
     def _together(self, kind: str, values: list[str]) -> str:
@@ -91,3 +95,7 @@ class Lanes:
                 f"insertelement <{n} x {kind}> {vector}, {kind} {value}, i32 {lane}"
             )
         return vector
+
+
+def _index(k: int | str) -> int | str:
+    return k if isinstance(k, int) else f"%{k}"

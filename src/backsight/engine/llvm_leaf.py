@@ -49,6 +49,11 @@ class Width:
         """Type as part of the name of an intrinsic function."""
         return "f64" if self.lanes == 1 else f"v{self.lanes}f64"
 
+    @property
+    def attribute(self) -> str:
+        """Attribute of functions, without which some processors cut wide vectors in two."""
+        return f'"min-legal-vector-width"="{64 * self.lanes}"'
+
     def constant(self, value: float) -> str:
         """Write a number, the same in all lanes."""
         text = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
@@ -74,7 +79,7 @@ def declarations(width: Width) -> str:
 def _each_lane(name: str, n: int, width: Width) -> str:
     t = width.number
     lines = [
-        f"define internal {t} @lanes_{name}({', '.join(f'{t} %a{i}' for i in range(n))}) "
+        f"define internal {t} @lanes.{name}({', '.join(f'{t} %a{i}' for i in range(n))}) "
         "alwaysinline nounwind {"
     ]
     result = "poison"
@@ -88,15 +93,17 @@ def _each_lane(name: str, n: int, width: Width) -> str:
     return "\n".join([*lines, f"  ret {t} {result}", "}"])
 
 
-def write_leaf(leaf: Leaf, width: Width) -> str:
+def write_leaf(leaf: Leaf, width: Width, *, inline: bool) -> str:
     """Write a leaf as a function of pointers to its inputs and outputs.
 
     All inputs are read before an output is written, so that they may be the same memory.
     """
     t = width.number
-    parameters = [f"ptr %i{k}" for k in range(len(leaf.inputs))]
-    parameters += [f"ptr %o{k}" for k in range(len(leaf.outputs))]
-    lines = [f"define internal void @{leaf.name}({', '.join(parameters)}) alwaysinline nounwind {{"]
+    names = [f"%i{k}" for k in range(len(leaf.inputs))]
+    names += [f"%o{k}" for k in range(len(leaf.outputs))]
+    parameters = ", ".join(f"ptr {name}" for name in names)
+    attributes = f"{'alwaysinline' if inline else 'noinline'} nounwind {width.attribute}"
+    lines = [f"define internal void @leaf.{leaf.name}({parameters}) {attributes} {{"]
     values: list[str] = []
     for k, operation in enumerate(leaf.operations):
         added, value = _operation(operation, values, k, width)
@@ -132,7 +139,7 @@ def _operation(
         name = f"@llvm.{INTRINSICS[kind]}.{width.suffix}"
         return [f"  {me} = call {FLAGS} {t} {name}({', '.join(typed)})"], me
     if kind in LIBRARY:
-        name = f"@{kind}" if width.lanes == 1 else f"@lanes_{kind}"
+        name = f"@{kind}" if width.lanes == 1 else f"@lanes.{kind}"
         return [f"  {me} = call {t} {name}({', '.join(typed)})"], me
     if kind in COMPARE:
         condition = f"  %c{k} = fcmp {COMPARE[kind]} {t} {x[0]}, {x[1]}"

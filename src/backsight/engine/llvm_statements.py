@@ -1,11 +1,8 @@
 """Statements of a loop program in LLVM's language."""
 
 from backsight.engine.llvm_leaf import Width
-from backsight.engine.llvm_text import Text
-from backsight.engine.program import Buffer, Call, Copy, Loop, Slice, Statement, While
-
-LARGEST_INLINE = 64
-"""Numbers that are copied one by one; more are copied by the library."""
+from backsight.engine.llvm_text import LARGEST_UNROLLED, Text
+from backsight.engine.program import Buffer, Call, Copy, Loop, Slice, Statement, Table, While
 
 
 class Statements:
@@ -32,7 +29,7 @@ class Statements:
             match statement:
                 case Call(leaf, inputs, outputs):
                     arguments = ", ".join(f"ptr {self._at(s)}" for s in (*inputs, *outputs))
-                    self._text.add(f"call void @{leaf.name}({arguments})")
+                    self._text.add(f"call void @leaf.{leaf.name}({arguments})")
                 case Copy():
                     self._copy(statement)
                 case Loop(counter, length, body):
@@ -45,29 +42,30 @@ class Statements:
         for copy in copies:
             if where is None:
                 self._copy(copy)
-                continue
-            kind = self._width.number
-            chosen = [
-                self._text.new(f"select {self._width.truth} {where}, {kind} {new}, {kind} {old}")
-                for new, old in zip(self.load(copy.source), self.load(copy.target), strict=True)
-            ]
-            self.store(copy.target, chosen)
+            else:
+                self._text.each(copy.source.size, lambda k, c=copy: self._choose(c, k, where))
 
-    def load(self, place: Slice) -> list[str]:
-        """Read all numbers of a slice."""
+    def load(self, place: Slice, k: int | str) -> str:
+        """Read number k of a slice."""
+        address = self._at(_number(place, k))
+        return self._text.new(f"load {self._width.number}, ptr {address}, align 8")
+
+    def store(self, place: Slice, k: int | str, value: str) -> None:
+        """Write number k of a slice."""
+        address = self._at(_number(place, k))
+        self._text.add(f"store {self._width.number} {value}, ptr {address}, align 8")
+
+    def _choose(self, copy: Copy, k: int | str, where: str) -> None:
         kind = self._width.number
-        places = [self._at(place.part(k, 1)) for k in range(place.size)]
-        return [self._text.new(f"load {kind}, ptr {p}, align 8") for p in places]
-
-    def store(self, place: Slice, values: list[str]) -> None:
-        """Write all numbers of a slice."""
-        for k, value in enumerate(values):
-            address = self._at(place.part(k, 1))
-            self._text.add(f"store {self._width.number} {value}, ptr {address}, align 8")
+        new, old = self.load(copy.source, k), self.load(copy.target, k)
+        chosen = f"select {self._width.truth} {where}, {kind} {new}, {kind} {old}"
+        self.store(copy.target, k, self._text.new(chosen))
 
     def _copy(self, copy: Copy) -> None:
-        if copy.source.size <= LARGEST_INLINE:
-            self.store(copy.target, self.load(copy.source))
+        if copy.source.size <= LARGEST_UNROLLED:
+            values = [self.load(copy.source, k) for k in range(copy.source.size)]
+            for k, value in enumerate(values):
+                self.store(copy.target, k, value)
             return
         addresses = f"ptr {self._at(copy.target)}, ptr {self._at(copy.source)}"
         size = 8 * self._width.lanes * copy.source.size
@@ -77,7 +75,7 @@ class Statements:
         where: list[str | None] = []
 
         def test() -> str:
-            lanes, any_lane = self._running(self.load(loop.flag)[0])
+            lanes, any_lane = self._running(self.load(loop.flag, 0))
             where.append(lanes)
             return any_lane
 
@@ -100,6 +98,14 @@ class Statements:
     def _at(self, place: Slice) -> str:
         index = str(place.offset)
         for counter, stride in place.strides:
-            moved = self._text.new(f"mul nuw nsw i64 %{counter}, {stride}")
+            if isinstance(stride, Table):
+                entry = self._text.address("i64", f"@table.{stride.name}", f"%{counter}")
+                moved = self._text.new(f"load i64, ptr {entry}, align 8")
+            else:
+                moved = self._text.new(f"mul nuw nsw i64 %{counter}, {stride}")
             index = self._text.new(f"add nuw nsw i64 {index}, {moved}")
         return self._text.address(self._width.number, self._base[place.buffer], index)
+
+
+def _number(place: Slice, k: int | str) -> Slice:
+    return place.part(k, 1) if isinstance(k, int) else place.part(0, 1).moving(k, 1)

@@ -1,15 +1,21 @@
-"""Lines of LLVM's language, with names for values and blocks."""
+"""Lines of LLVM's language, with names for values and blocks.
+
+All names that are made here have a dot in them; names of the program have none.
+"""
 
 from collections.abc import Callable
+
+LARGEST_UNROLLED = 64
+"""Passes of a simple loop that is written out."""
 
 
 class Text:
     """A function's body while it is written."""
 
     def __init__(self) -> None:
-        self._lines = ["entry:"]
+        self._lines = [".entry:"]
         self._count = 0
-        self._block = "entry"
+        self._block = ".entry"
 
     def add(self, line: str) -> None:
         """Write an instruction that has no value, or a named one."""
@@ -18,8 +24,8 @@ class Text:
     def new(self, instruction: str) -> str:
         """Write an instruction and return the name of its value."""
         self._count += 1
-        self.add(f"%t{self._count} = {instruction}")
-        return f"%t{self._count}"
+        self.add(f"%.{self._count} = {instruction}")
+        return f"%.{self._count}"
 
     def address(self, kind: str, base: str, index: int | str) -> str:
         """Return the address of element `index` of an array."""
@@ -29,16 +35,28 @@ class Text:
         """Load a pointer from a table of pointers."""
         return self.new(f"load ptr, ptr {self.address('ptr', table, index)}, align 8")
 
+    def each(self, n: int, body: Callable[[int | str], None]) -> None:
+        """Write a body for k = 0 ... n - 1: one after the other or, if n is large, as a loop.
+
+        The body is given the number, or the name of the counter.
+        """
+        if n > LARGEST_UNROLLED:
+            counter = self._label("each")
+            self.repeat(counter, str(n), lambda: body(counter))
+        else:
+            for k in range(n):
+                body(k)
+
     def repeat(self, counter: str, length: str, body: Callable[[], None]) -> None:
         """Write ``for counter in range(length)``; there is at least one pass."""
         before, head, after = self._block, self._label(counter), self._label("after")
         latch = self._label("next")
         self._start(head)
-        self.add(f"%{counter} = phi i64 [ 0, %{before} ], [ %{counter}_next, %{latch} ]")
+        self.add(f"%{counter} = phi i64 [ 0, %{before} ], [ %{counter}.more, %{latch} ]")
         body()
         self._start(latch)
-        self.add(f"%{counter}_next = add nuw nsw i64 %{counter}, 1")
-        more = self.new(f"icmp ult i64 %{counter}_next, {length}")
+        self.add(f"%{counter}.more = add nuw nsw i64 %{counter}, 1")
+        more = self.new(f"icmp ult i64 %{counter}.more, {length}")
         self._branch(more, head, after)
 
     def repeat_while(self, limit: int, test: Callable[[], str], body: Callable[[], None]) -> None:
@@ -62,7 +80,7 @@ class Text:
 
     def _label(self, wish: str) -> str:
         self._count += 1
-        return f"{wish}.{self._count}"
+        return f".{wish}.{self._count}"
 
     def _branch(self, condition: str, yes: str, no: str, following: str | None = None) -> None:
         self.add(f"br i1 {condition}, label %{yes}, label %{no}")

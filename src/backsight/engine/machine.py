@@ -23,14 +23,14 @@ def widest() -> int:
     return 8 if llvm.get_host_cpu_features().get("avx512f") else 4
 
 
-def assemble(text: str, *, lanes: int) -> bytes:
+def assemble(text: str) -> bytes:
     """Compile a module for this processor to an object file."""
     target = _target()
     module = llvm.parse_assembly(text)
     module.triple, module.data_layout = target.triple, str(target.target_data)
-    # Within a single recording operations are paired to vectors; with lanes all are already.
     tuning = llvm.create_pipeline_tuning_options(speed_level=2)
-    tuning.slp_vectorization = lanes == 1
+    # Pairing straight-line operations to vectors takes longer than all the rest and gains nothing.
+    tuning.slp_vectorization = False
     builder = llvm.create_pass_builder(target, tuning)
     builder.getModulePassManager().run(module, builder)
     return target.emit_object(module)
@@ -53,8 +53,17 @@ class Code:
 
     def __call__(self, samples: int, arrays: Sequence[np.ndarray]) -> None:
         """Run on the memory of the arrays; other threads run meanwhile."""
+        self.bound(samples, arrays)()
+
+    def bound(self, samples: int, arrays: Sequence[np.ndarray]) -> Callable[[], None]:
+        """Return a call that runs on the memory of these arrays again and again."""
         addresses = (ctypes.c_void_p * len(arrays))(*[a.ctypes.data for a in arrays])
-        self.function(samples, addresses)
+        kept = (addresses, *arrays)
+
+        def call() -> None:
+            self.function(samples, kept[0])
+
+        return call
 
 
 def load(content: bytes) -> Code:

@@ -7,7 +7,10 @@ from backsight.engine.program import Copy, Slice
 
 
 def in_order(copies: Iterable[Copy], scratch: Callable[[int], Slice]) -> list[Copy]:
-    """Order simultaneous copies so that none overwrites what another still reads.
+    """Order simultaneous copies so that none overwrites what is still to be read.
+
+    No copy then moves numbers up within the memory that it reads, so that each may be written as
+    a loop that counts up.
 
     Parameters
     ----------
@@ -20,15 +23,19 @@ def in_order(copies: Iterable[Copy], scratch: Callable[[int], Slice]) -> list[Co
     ordered: list[Copy] = []
     while waiting:
         free = [c for c in waiting if not _is_read(c.target, waiting, c)]
-        if free:
-            ordered += free[:1]
-            waiting.remove(free[0])
+        first = (free or waiting)[0]
+        if free and not _moves_up(first):
+            ordered.append(first)
+            waiting.remove(first)
         else:
-            first = waiting[0]
             saved = scratch(first.source.size)
             ordered.append(Copy(first.source, saved))
-            waiting[0] = dataclasses.replace(first, source=saved)
+            waiting[waiting.index(first)] = dataclasses.replace(first, source=saved)
     return ordered
+
+
+def _moves_up(copy: Copy) -> bool:
+    return copy.source.overlaps(copy.target) and copy.target.offset > copy.source.offset
 
 
 def _is_read(target: Slice, copies: list[Copy], itself: Copy) -> bool:

@@ -57,8 +57,7 @@ def compiled(recursion: Recursion, *, lanes: int = 1) -> Compiled:
     EngineError
         If the recursion contains something that cannot be compiled.
     """
-    digest = hashlib.sha256(recursion.step.serialize().encode()).hexdigest()
-    return _compiled(_Source(digest, recursion.step), lanes)
+    return _compiled(recursion.step, lanes)
 
 
 def run(
@@ -107,6 +106,36 @@ def run(
     return memory, outputs
 
 
+class Stepper:
+    """A recursion that is applied to one sample after the other, as they come.
+
+    Parameters
+    ----------
+    recursion : Recursion
+
+    Raises
+    ------
+    EngineError
+        If the recursion cannot be compiled.
+    """
+
+    def __init__(self, recursion: Recursion) -> None:
+        program = compiled(recursion)
+        self.carry = np.array(recursion.carry0, dtype=np.float64)
+        """The memory (nc,) before the coming sample; may be overwritten in place."""
+        self._inputs = [np.zeros(size) for size in recursion.input_sizes]
+        self._outputs = [np.zeros(size) for size in recursion.output_sizes]
+        arrays = [self.carry, *program.workspace(), *self._inputs, *self._outputs]
+        self._step = program.code.bound(1, arrays)
+
+    def step(self, data: Sequence[Array]) -> list[Array]:
+        """Apply the step to the data (m_i,) of one sample and return its outputs (l_j,)."""
+        for place, values in zip(self._inputs, data, strict=True):
+            place[:] = values
+        self._step()
+        return [output.copy() for output in self._outputs]
+
+
 def checked(recursion: Recursion, data: Sequence[Array], carry: Array) -> tuple[list[Array], Array]:
     """Data with rows one after the other in memory, and a copy of the carry.
 
@@ -139,21 +168,15 @@ def blocks(n: int, size: int | None) -> Iterator[slice]:
         start = stop
 
 
-@dataclasses.dataclass(frozen=True)
-class _Source:
-    digest: str
-    step: ca.Function = dataclasses.field(compare=False)
-
-
 @functools.lru_cache(maxsize=64)
-def _compiled(source: _Source, lanes: int) -> Compiled:
-    key = json.dumps([source.digest, lanes, _versions(), machine.processor()])
-    name = f"{source.step.name()}_{hashlib.sha256(key.encode()).hexdigest()[:32]}"
+def _compiled(step: ca.Function, lanes: int) -> Compiled:
+    key = json.dumps([step.serialize(), lanes, _versions(), machine.processor()])
+    name = f"{step.name()}_{hashlib.sha256(key.encode()).hexdigest()[:32]}"
     kept = cache.read(name)
     if kept is None:
-        program = walk(source.step)
-        given = [buffer.size for buffer in llvm.given(program)]
-        code = machine.assemble(llvm.write(program, Width(lanes)), lanes=lanes)
+        program = walk(step)
+        given = [buffer.size for buffer in llvm.given(program, Width(lanes))]
+        code = machine.assemble(llvm.write(program, Width(lanes)))
         kept = json.dumps(given).encode() + b"\n" + code
         cache.keep(name, kept)
     head, _, code = kept.partition(b"\n")

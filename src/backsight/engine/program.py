@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from typing import TypeAlias
 
 from backsight.engine.leaf import Leaf
+from backsight.errors import EngineError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +36,14 @@ class Buffer:
 
 
 @dataclasses.dataclass(frozen=True)
+class Table:
+    """Whole numbers, one for each value of a counter."""
+
+    name: str
+    values: tuple[int, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Slice:
     """Neighbouring numbers of a buffer, possibly moving with the counters of loops.
 
@@ -44,20 +53,24 @@ class Slice:
     offset : int
         First number where all counters are 0.
     size : int
-    strides : tuple of (str, int)
-        Counters of enclosing loops, and by how much the slice moves with each.
+    strides : tuple of (str, int or Table)
+        Counters of enclosing loops, and by how much the slice moves with each, or whereto.
     """
 
     buffer: Buffer
     offset: int
     size: int
-    strides: tuple[tuple[str, int], ...] = ()
+    strides: tuple[tuple[str, int | Table], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.offset < 0 or self.offset + self.size > self.buffer.size:
+            raise EngineError(f"'{self.buffer.name}' is used beyond its end")
 
     def part(self, offset: int, size: int) -> "Slice":
         """Return `size` numbers from `offset` on."""
         return dataclasses.replace(self, offset=self.offset + offset, size=size)
 
-    def moving(self, counter: str, stride: int) -> "Slice":
+    def moving(self, counter: str, stride: int | Table) -> "Slice":
         """Return the slice that moves with a counter."""
         return dataclasses.replace(self, strides=(*self.strides, (counter, stride)))
 
@@ -78,13 +91,25 @@ class Call:
     inputs: tuple[Slice, ...]
     outputs: tuple[Slice, ...]
 
+    def __post_init__(self) -> None:
+        sizes = *self.leaf.inputs, *map(len, self.leaf.outputs)
+        if tuple(s.size for s in (*self.inputs, *self.outputs)) != sizes:
+            raise EngineError(f"'{self.leaf.name}' is called with slices of wrong sizes")
+
 
 @dataclasses.dataclass(frozen=True)
 class Copy:
-    """Copy a slice to another of the same size; all is read before anything is written."""
+    """Copy a slice to another of the same size, number after number.
+
+    They may overlap if the target lies before the source.
+    """
 
     source: Slice
     target: Slice
+
+    def __post_init__(self) -> None:
+        if self.source.size != self.target.size:
+            raise EngineError(f"'{self.source.buffer.name}' is copied to another size")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -152,6 +177,13 @@ class Program:
         """Constants and working memory, in the order of their first use."""
         used = (s.buffer for statement in self.statements for s in operands(statement))
         return tuple(dict.fromkeys(b for b in used if b not in self.interface))
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """Tables by which slices move."""
+        places = (s for statement in self.statements for s in operands(statement))
+        steps = (step for place in places for _, step in place.strides)
+        return tuple(dict.fromkeys(step for step in steps if isinstance(step, Table)))
 
     @property
     def statements(self) -> Iterator[Statement]:

@@ -57,12 +57,15 @@ class Recursion:
         What the outputs are, in order.
     dt : float
         Sampling period [s].
+    least_samples : int
+        A shorter recording does not fill a window without which the method is not itself.
     """
 
     step: ca.Function
     carry0: Array
     channels: tuple[Channel, ...]
     dt: float
+    least_samples: int = 1
 
     @property
     def name(self) -> str:

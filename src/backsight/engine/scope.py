@@ -6,7 +6,7 @@ import re
 
 import casadi as ca
 
-from backsight.engine.leaf import Leaf, leaf_of
+from backsight.engine.leaf import Leaf, Part, leaf_of, parts_of
 from backsight.engine.program import Buffer, Slice
 
 
@@ -19,6 +19,7 @@ class Scope:
         self._constants: dict[tuple[float, ...], Slice] = {}
         # The functions are kept, since the address of one that is gone may be used again.
         self._leaves: dict[int, tuple[ca.Function, Leaf]] = {}
+        self._parts: dict[str, list[Part]] = {}
 
     def name(self, wish: str) -> str:
         """Return the name itself or, if it is taken, with the first free number."""
@@ -48,6 +49,19 @@ class Scope:
         key = function.__hash__()
         if key not in self._leaves:
             leaf = leaf_of(function)
-            leaf = dataclasses.replace(leaf, name=self.name(leaf.name))
-            self._leaves[key] = function, leaf
+            self._leaves[key] = function, dataclasses.replace(leaf, name=self.name(leaf.name))
         return self._leaves[key][1]
+
+    def parts(self, leaf: Leaf) -> list[Part]:
+        """Return the parts of a leaf, see `backsight.engine.leaf.parts_of`."""
+        if leaf.name not in self._parts:
+            parts = parts_of(leaf)
+            self._parts[leaf.name] = (
+                parts
+                if len(parts) == 1
+                else [
+                    (dataclasses.replace(part, name=self.name(leaf.name)), places)
+                    for part, places in parts
+                ]
+            )
+        return self._parts[leaf.name]

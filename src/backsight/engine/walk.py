@@ -8,7 +8,7 @@ import casadi as ca
 from backsight.engine import loops
 from backsight.engine.coalesce import without_copies
 from backsight.engine.dense import dense_of
-from backsight.engine.glue import glue
+from backsight.engine.glue import ELEMENTWISE, glue, scalar
 from backsight.engine.leaf import Leaf
 from backsight.engine.moves import in_order
 from backsight.engine.program import Call, Copy, Loop, Program, Slice, Statement, While
@@ -74,10 +74,17 @@ def _function(function: ca.Function, arguments: Sequence[Slice], scope: Scope) -
 
 def _call(leaf: Leaf, arguments: Sequence[Slice], scope: Scope) -> Walked:
     results = [
-        scope.buffer(f"{leaf.name}_{k}", len(output)).whole()
-        for k, output in enumerate(leaf.outputs)
+        scope.buffer(f"{leaf.name}_{j}", len(output)).whole()
+        for j, output in enumerate(leaf.outputs)
     ]
-    return [Call(leaf, tuple(arguments), tuple(results))], [[r] for r in results]
+    calls: list[Statement] = []
+    for part, places in scope.parts(leaf):
+        targets = [
+            results[j].part(first, len(output))
+            for (j, first), output in zip(places, part.outputs, strict=True)
+        ]
+        calls.append(Call(part, tuple(arguments), tuple(targets)))
+    return calls, [[r] for r in results]
 
 
 def _instructions(function: ca.Function, arguments: Sequence[Slice], scope: Scope) -> Walked:
@@ -100,6 +107,9 @@ def _instructions(function: ca.Function, arguments: Sequence[Slice], scope: Scop
             if operation == ca.OP_CALL:
                 called = node.which_function()
                 added, results = _function(called, values, scope)
+            elif operation in ELEMENTWISE and node.nnz() > MOST_AT_ONCE:
+                called = scalar(operation, len(values))
+                added, results = _each(called, values, node.nnz(), scope)
             else:
                 called = glue(node, operation, scope.recursion)
                 added, results = _glue(called, values, scope)
@@ -112,6 +122,19 @@ def _instructions(function: ca.Function, arguments: Sequence[Slice], scope: Scop
 
 MOST_PIECES = 16
 """Results in more pieces are put together by a leaf."""
+
+
+MOST_AT_ONCE = 64
+"""Larger results of an elementwise operation are computed in a loop."""
+
+
+def _each(function: ca.Function, arguments: Sequence[Slice], size: int, scope: Scope) -> Walked:
+    """Apply a function of numbers to each entry; single numbers go with all."""
+    result, counter = scope.buffer(function.name(), size).whole(), scope.name("k")
+    operands = [a if a.size == 1 else a.part(0, 1).moving(counter, 1) for a in arguments]
+    target = result.part(0, 1).moving(counter, 1)
+    call = Call(scope.leaf(function), tuple(operands), (target,))
+    return [Loop(counter, size, (call,))], [[result]]
 
 
 def _glue(function: ca.Function, arguments: Sequence[Slice], scope: Scope) -> Walked:

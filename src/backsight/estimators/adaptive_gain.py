@@ -14,6 +14,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate, scan
 from backsight.errors import TuningError
 from backsight.models.affine import AffineForm
+from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,8 +39,9 @@ class AdaptiveGain:
     gamma : float
         Innovation at which the gain switches [output unit * s]. It must exceed the innovation that
         noise alone causes at lambda_max, see `backsight.tune.propose_threshold`.
-    beta : float
-        Sharpness [1/(output unit * s)].
+    beta : float, optional
+        Sharpness [1/(output unit * s)]; 20 / gamma if not given, so that S is next to nothing
+        without innovation.
     window : float
         T [s].
     every : float
@@ -50,7 +52,7 @@ class AdaptiveGain:
 
     lower: float
     gamma: float
-    beta: float
+    beta: float | None = None
     window: float = 0.04
     every: float = 0.001
     up: float = 500.0
@@ -58,19 +60,29 @@ class AdaptiveGain:
 
     def __post_init__(self) -> None:
         for name in ("lower", "gamma", "beta", "window", "every", "up", "down"):
-            if not getattr(self, name) > 0:
-                raise TuningError(f"adaptive gain: {name} is {getattr(self, name)}; it must be > 0")
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise TuningError(f"adaptive gain: {name} is {value}; it must be positive")
         if not self.window >= self.every:
-            raise TuningError("adaptive gain: the window is shorter than the time between checks")
+            raise TuningError(
+                f"adaptive gain: the window ({self.window:g} s) is shorter than the time between "
+                f"evaluations ({self.every:g} s)"
+            )
 
     def lengths(self, dt: float) -> tuple[int, int]:
         """Samples between evaluations and evaluations per window."""
         stride = max(1, round(self.every / dt))
         return stride, max(1, round(self.window / (stride * dt)))
 
+    def samples(self, dt: float) -> int:
+        """Samples of a window, both ends included."""
+        stride, evaluations = self.lengths(dt)
+        return stride * evaluations + 1
+
     def sigmoid(self, innovation: ca.SX) -> ca.SX:
         """S of eq. 19, with the sign corrected."""
-        return 1 / (1 + ca.exp(-self.beta * (innovation - self.gamma)))
+        beta = 20 / self.gamma if self.beta is None else self.beta
+        return 1 / (1 + ca.exp(-beta * (innovation - self.gamma)))
 
 
 def gain_step(gain: AdaptiveGain, upper: float, dt: float) -> ca.Function:
@@ -82,46 +94,6 @@ def gain_step(gain: AdaptiveGain, upper: float, dt: float) -> ca.Function:
     return ca.Function("gain_step", [lam, S], [rest + (lam - rest) * ca.exp(-rate * dt)])
 
 
-def evaluation(
-    form: AffineForm, gain: AdaptiveGain, integrator: Integrator, dt: float
-) -> ca.Function:
-    """Evaluate S where it is due, else keep it.
-
-    ``(due, S, count, history, x, theta, U, Y, M) -> (S, count, history)``: the history holds the
-    estimates at the evaluations of the window, oldest first; U, Y and M the samples of the window,
-    both ends included. Before the window is full S stays as it is.
-    """
-    stride, evaluations = gain.lengths(dt)
-    n, p, nu = form.n, form.p, form.nu
-    samples = stride * evaluations
-    due, S, count = ca.MX.sym("due"), ca.MX.sym("S"), ca.MX.sym("count")
-    history = ca.MX.sym("history", n + p, evaluations)
-    x, theta = ca.MX.sym("x", n), ca.MX.sym("theta", p)
-    U, Y, M = (ca.MX.sym(k, m, samples + 1) for k, m in (("U", nu), ("Y", 1), ("M", 1)))
-
-    oldest = history[:, 0]
-    (_, area), _ = scan(
-        _prediction_error(form, integrator, dt),
-        samples,
-        carry=[oldest[:n], ca.MX(0)],
-        xs=[U[:, :-1], U[:, 1:], Y[:, :-1], Y[:, 1:], M[:, :-1], M[:, 1:]],
-        constants=[oldest[n:]],
-    )
-    a, s, k = ca.SX.sym("a"), ca.SX.sym("s"), ca.SX.sym("k")
-    full = k >= evaluations
-    decide = ca.Function("decide", [a, s, k], [ca.if_else(full, gain.sigmoid(a), s), k + 1])
-    S_new, count_new = decide(area, S, count)
-    history_new = ca.horzcat(history[:, 1:], ca.vertcat(x, theta))
-    constants = [x, theta, U, Y, M]
-    body = ca.Function(
-        "evaluate_gain",
-        [due, S, count, history, *constants],
-        [ca.MX(0), S_new, count_new, history_new],
-    )
-    once = iterate(body, 1, carry=[due, S, count, history], constants=constants)
-    return ca.Function("evaluation", [due, S, count, history, *constants], once[1:])
-
-
 def adapt(
     gain: AdaptiveGain,
     form: AffineForm,
@@ -130,10 +102,15 @@ def adapt(
     upper: float,
     dt: float,
     memory: list[ca.MX],
+    last: tuple[ca.MX, ca.MX, ca.MX],
     data: tuple[ca.MX, ca.MX, ca.MX],
     estimate: tuple[ca.MX, ca.MX, ca.MX],
 ) -> tuple[list[ca.MX], ca.MX]:
     """Memory of the gain after this sample, and lambda of the next one.
+
+    Every evaluation needs the response from the estimates one window ago. The responses of all
+    coming evaluations are therefore under way at the same time, each a step further with every
+    sample: the work per sample is the same always, and no sample has to be remembered.
 
     Parameters
     ----------
@@ -143,24 +120,40 @@ def adapt(
         lambda_max [1/s] and sampling period [s].
     memory : list of MX
         As from `start`, one symbol for each entry.
-    data, estimate : tuple of MX
-        u, y, mask and x, theta, lambda of this sample.
+    last, data : tuple of MX
+        u, y, mask of the last sample and of this one.
+    estimate : tuple of MX
+        x, theta, lambda of this sample.
     """
     x, theta, lam = estimate
-    stride, evaluations = gain.lengths(dt)
-    samples = stride * evaluations + 1
-    S, evaluated, elapsed, history, *windows = memory
-    history = ca.reshape(history, form.n + form.p, evaluations)
-    U, Y, M = (
-        ca.horzcat(ca.reshape(w, d.numel(), samples)[:, 1:], d)
-        for w, d in zip(windows, data, strict=True)
-    )
+    stride, count = gain.lengths(dt)
+    S, evaluated, elapsed, X, T, areas = memory
+    columns = [ca.reshape(v, rows, count) for v, rows in ((X, form.n), (areas, 1), (T, form.p))]
+    ends = [end for pair in zip(last, data, strict=True) for end in pair]
+    step = prediction_error(form, integrator, dt)
+    _, (X, areas) = scan(step, count, carry=[], xs=columns, constants=ends)
     due, elapsed = _clock(stride)(elapsed)
-    S, evaluated, history = evaluation(form, gain, integrator, dt)(
-        due, S, evaluated, history, x, theta, U, Y, M
+    state = [due, S, evaluated, ca.vec(X), T, ca.vec(areas)]
+    _, *after = iterate(_turn(form, gain, count), 1, carry=state, constants=[x, theta])
+    S, evaluated, X, T, areas = after
+    return [S, evaluated, elapsed, X, T, areas], gain_step(gain, upper, dt)(lam, S)
+
+
+def _turn(form: AffineForm, gain: AdaptiveGain, count: int) -> ca.Function:
+    """Evaluate the oldest response and begin a new one.
+
+    ``(due, S, evaluated, X, T, areas, x, theta)`` to the first six, oldest first; S stays as it is
+    before the first window is full.
+    """
+    n, p = form.n, form.p
+    due, S, evaluated = ca.SX.sym("due"), ca.SX.sym("S"), ca.SX.sym("evaluated")
+    X, T, areas = (ca.SX.sym(k, m * count) for k, m in (("X", n), ("T", p), ("areas", 1)))
+    x, theta = ca.SX.sym("x", n), ca.SX.sym("theta", p)
+    S_new = ca.if_else(evaluated >= count, gain.sigmoid(areas[0]), S)
+    moved = [ca.vertcat(X[n:], x), ca.vertcat(T[p:], theta), ca.vertcat(areas[1:], 0)]
+    return ca.Function(
+        "turn", [due, S, evaluated, X, T, areas, x, theta], [0, S_new, evaluated + 1, *moved]
     )
-    lam = gain_step(gain, upper, dt)(lam, S)
-    return [ca.vec(m) for m in (S, evaluated, elapsed, history, U, Y, M)], lam
 
 
 def _clock(stride: int) -> ca.Function:
@@ -170,30 +163,29 @@ def _clock(stride: int) -> ca.Function:
     return ca.Function("clock", [elapsed], [ca.if_else(elapsed > 0, 0, 1), following])
 
 
-def _prediction_error(form: AffineForm, integrator: Integrator, dt: float) -> ca.Function:
-    """One sample of the model from fixed estimates, and the area |y - y_bar| by trapezoids."""
+def prediction_error(form: AffineForm, integrator: Integrator, dt: float) -> ca.Function:
+    """One sample of the model from fixed estimates, and the area |y - y_bar| by trapezoids.
+
+    ``(x, area, theta, ua, ub, ya, yb, ma, mb) -> (x, area)``.
+    """
     x, area = ca.SX.sym("x", form.n), ca.SX.sym("area")
     theta, ua, ub = (ca.SX.sym(k, m) for k, m in (("t", form.p), ("ua", form.nu), ("ub", form.nu)))
     ya, yb, ma, mb = (ca.SX.sym(k) for k in ("ya", "yb", "ma", "mb"))
     x_next = integrator.substep(lambda v, w: form.rhs(v, theta, w), x, ua=ua, ub=ub, h=dt)
     added = dt / 2 * (ma * ca.fabs(ya - x[0]) + mb * ca.fabs(yb - x_next[0]))
     return ca.Function(
-        "prediction_error",
-        [x, area, ua, ub, ya, yb, ma, mb, theta],
-        [x_next, area + added],
+        "prediction_error", [x, area, theta, ua, ub, ya, yb, ma, mb], [x_next, area + added]
     )
 
 
-def start(gain: AdaptiveGain, form: AffineForm, dt: float) -> dict[str, np.ndarray]:
+def start(gain: AdaptiveGain, dt: float, *, x0: Array, theta0: Array) -> dict[str, Array]:
     """Memory of the adaptive gain before the first sample."""
-    stride, evaluations = gain.lengths(dt)
-    samples, size = stride * evaluations + 1, form.n + form.p
+    _, count = gain.lengths(dt)
     return {
         "S": np.ones(1),
         "evaluated": np.zeros(1),
         "elapsed": np.zeros(1),
-        "history": np.zeros(size * evaluations),
-        "U": np.zeros(form.nu * samples),
-        "Y": np.zeros(samples),
-        "M": np.zeros(samples),
+        "X": np.tile(x0, count),
+        "T": np.tile(theta0, count),
+        "areas": np.zeros(count),
     }

@@ -12,7 +12,7 @@ from backsight.errors import TuningError
 from backsight.estimators.adaptive_gain import AdaptiveGain
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.excitation import Excitation
-from backsight.estimators.high_gain import Gains, Spread, check_step, gain_vector
+from backsight.estimators.high_gain import Gains, Spread, check_gain, check_step, gain_vector
 from backsight.estimators.observed import States, bounds
 from backsight.estimators.observing import Plan, assemble_observer
 from backsight.estimators.uncertainty import Noise, Prior
@@ -36,8 +36,8 @@ class AHG(AbstractEstimator):
 
         \dot\Upsilon &= \lambda (A_0 - k_0 c_0) \Upsilon + \lambda \psi
 
-    The measurement is interpolated between samples: holding it would delay it by half a sample,
-    which biases damping by far more than the noise.
+    The measurement is interpolated between samples, with the model's prediction for the curve:
+    holding it would delay it by half a sample, which biases damping by far more than the noise.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ class AHG(AbstractEstimator):
         Window in which the excitation of the parameters is watched.
     integrator : Integrator
         `hold` is that of the input.
-    output_hold : {"foh", "zoh"}
-        Interpolate the measurement (default) or hold it.
+    interpolation : {"model", "linear", "hold"}
+        The measurement between samples, see `backsight.estimators.high_gain.INTERPOLATIONS`.
 
     Notes
     -----
@@ -85,15 +85,12 @@ class AHG(AbstractEstimator):
     adaptive: AdaptiveGain | None = None
     excitation: Excitation = dataclasses.field(default_factory=Excitation)
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
-    output_hold: str = "foh"
+    interpolation: str = "model"
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.lam) and self.lam > 0):
-            raise TuningError(f"lam is {self.lam}; it must be positive")
         if self.form not in ("consistent", "printed"):
             raise TuningError(f"unknown form '{self.form}': use 'consistent' or 'printed'")
-        if self.output_hold not in ("foh", "zoh"):
-            raise TuningError(f"unknown output_hold '{self.output_hold}': use 'foh' or 'zoh'")
+        check_gain(self.lam, self.interpolation)
         if self.adaptive and not self.adaptive.lower < self.lam:
             raise TuningError(
                 f"adaptive gain: lower = {self.adaptive.lower:g} must be below lam = {self.lam:g}"
@@ -108,19 +105,18 @@ class AHG(AbstractEstimator):
         theta0, J = _combinations(form, x0[form.n :])
         T = np.eye(model.nx)
         T[form.n :, form.n :] = J
-        R = float(self.noise.measurement(model)[0, 0])
         plan = Plan(
             states=States(form, theta0, *bounds(model)),
             gains=Gains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
             lam=self.lam,
             integrator=self.integrator,
-            ramp_output=self.output_hold == "foh",
+            interpolation=self.interpolation,
             dt=dt,
-            R=R,
+            R=float(self.noise.measurement(model)[0, 0]),
             x0=x0[: form.n],
             constants=np.zeros(0),
             P0=T @ P0 @ T.T,
-            spread=Spread(R * dt, T @ self.noise.process(model, dt) @ T.T, _NOTHING),
+            spread=Spread(T @ self.noise.process(model, dt) @ T.T, _NOTHING),
             adaptive=self.adaptive,
             window=self.excitation,
         )

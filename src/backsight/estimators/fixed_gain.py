@@ -35,7 +35,7 @@ def correct_with(system: Linear, K: Array) -> ca.Function:
     inputs = [ca.MX.sym(n, k) for n, k in (("x", nx), ("P", nx * nx), ("u", nu), ("y", ny))]
     inputs.append(ca.MX.sym("mask", ny))
     x_post, raised = state(inputs[0], *inputs[2:])
-    P_post = _joseph_by_loops(ca.reshape(inputs[1], nx, nx), gain(inputs[4]), system)
+    P_post = _joseph_by_loops(ca.reshape(inputs[1], nx, nx), list(gain(inputs[4])), system)
     return ca.Function("correct", inputs, [x_post, ca.vec(P_post), raised])
 
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.excitation import Excitation
-from backsight.estimators.high_gain import Gains, Spread, check_step, gain_vector
+from backsight.estimators.high_gain import Gains, Spread, check_gain, check_step, gain_vector
 from backsight.estimators.observed import States, bounds
 from backsight.estimators.observing import Plan, assemble_observer
 from backsight.estimators.uncertainty import Noise, Prior
@@ -45,8 +44,8 @@ class HGO(AbstractEstimator):
         Eigenvalues of A0 - k0 c0.
     integrator : Integrator
         `hold` is that of the input.
-    output_hold : {"foh", "zoh"}
-        Interpolate the measurement between samples (default) or hold it.
+    interpolation : {"model", "linear", "hold"}
+        The measurement between samples, see `backsight.estimators.high_gain.INTERPOLATIONS`.
 
     References
     ----------
@@ -62,13 +61,10 @@ class HGO(AbstractEstimator):
     lam: float
     poles: complex | tuple[complex, ...] = -1.0
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
-    output_hold: str = "foh"
+    interpolation: str = "model"
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.lam) and self.lam > 0):
-            raise TuningError(f"lam is {self.lam}; it must be positive")
-        if self.output_hold not in ("foh", "zoh"):
-            raise TuningError(f"unknown output_hold '{self.output_hold}': use 'foh' or 'zoh'")
+        check_gain(self.lam, self.interpolation)
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
@@ -77,20 +73,19 @@ class HGO(AbstractEstimator):
         form = affine_form(_chain(model, n, x0[n:]))
         k0 = gain_vector(self.poles, form.n)
         check_step(self.lam, k0, self.integrator, dt)
-        R = float(self.noise.measurement(model)[0, 0])
         lower, upper = bounds(model)
         plan = Plan(
             states=States(form, np.zeros(0), lower, upper),
             gains=Gains(k0, np.zeros((0, 0))),
             lam=self.lam,
             integrator=self.integrator,
-            ramp_output=self.output_hold == "foh",
+            interpolation=self.interpolation,
             dt=dt,
-            R=R,
+            R=float(self.noise.measurement(model)[0, 0]),
             x0=x0[:n],
             constants=x0[n:],
             P0=P0,
-            spread=Spread(R * dt, self.noise.process(model, dt), _influence(model, n, x0[n:])),
+            spread=Spread(self.noise.process(model, dt), _influence(model, n, x0[n:])),
             adaptive=None,
             window=Excitation(),
         )

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.runge_kutta import TABLEAUS, Integrator
-from backsight.errors import TuningError
+from backsight.errors import TuningError, nearest
 from backsight.models.affine import AffineForm
 from backsight.types import Array
 
@@ -55,6 +55,15 @@ def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
     if np.any(np.abs(np.imag(polynomial)) > 1e-9):
         raise TuningError(f"complex poles {wanted.tolist()} must come in conjugate pairs")
     return np.real(polynomial[1:]).astype(float)
+
+
+def check_gain(lam: float, interpolation: str) -> None:
+    """Raise `TuningError` if lambda is not positive or the interpolation unknown."""
+    if not (np.isfinite(lam) and lam > 0):
+        raise TuningError(f"lam is {lam}; it must be positive")
+    if interpolation not in INTERPOLATIONS:
+        hint = nearest(interpolation, INTERPOLATIONS)
+        raise TuningError(f"unknown interpolation '{interpolation}': {hint}")
 
 
 def amplification(scheme: str, z: ArrayLike) -> Array:
@@ -106,21 +115,27 @@ def observer_rhs(form: AffineForm, gains: Gains) -> ca.Function:
     return ca.Function("observer_rhs", [x, theta, Y, y, u, lam, on], [dx, dtheta, dY])
 
 
+INTERPOLATIONS = ("model", "linear", "hold")
+"""The measurement between samples.
+
+``model`` adds the linearly interpolated innovation to the model's prediction, so that a perfect
+model leaves nothing to correct; ``linear`` joins the samples by straight lines; ``hold`` keeps the
+last sample, which is a delay of half a sampling period.
+"""
+
+
 @dataclasses.dataclass(frozen=True)
 class Spread:
-    """What makes the error of an observer spread, for its covariance.
+    """What makes the error of an observer spread beside the measurement noise.
 
     Parameters
     ----------
-    R : float
-        Spectral density of the measurement noise.
     Q : (n + p + q, n + p + q) array
         Spectral density of the random walks of chain, theta and constants that are not estimated.
     constants : casadi.Function
         ``(x, u) -> (n, q)``: how those constants move the chain; not used without any.
     """
 
-    R: float
     Q: Array
     constants: ca.Function
 
@@ -131,35 +146,54 @@ class Spread:
 
 
 def observer_step(
-    form: AffineForm, gains: Gains, integrator: Integrator, spread: Spread, *, h: float
+    form: AffineForm,
+    gains: Gains,
+    integrator: Integrator,
+    spread: Spread,
+    *,
+    h: float,
+    interpolation: str,
 ) -> ca.Function:
     """One sub-step of observer and covariance.
 
-    ``(x, theta, Upsilon, P, ua, ub, ya, yb, lam, on) -> (x, theta, Upsilon, P)`` with Upsilon
-    flat and P as lower triangle. Inputs and measurement go linearly from a to b. The covariance is
-    the one of the linearised error: an observer promises no more.
+    ``(x, theta, Upsilon, P, B, x_free, ua, ub, ya, yb, wa, wb, lam, on, fixed)`` to the first six,
+    with Upsilon flat and P as lower triangle. Inputs go linearly from a to b, and so does y; with
+    interpolation "model" it is the distance of the measurement from the model's prediction
+    `x_free`, with the parameters `fixed`.
+
+    P is the covariance of the linearised error without the noise of the two measurements at the
+    ends of the sampling period: an observer promises no more. The columns of B (n + p, 2) are the
+    influence of that noise; their weights in the measurement go linearly from wa to wb.
     """
     n, p = form.n, form.p
     rhs = observer_rhs(form, gains)
     x, theta, Y = ca.SX.sym("x", n), ca.SX.sym("theta", p), ca.SX.sym("Upsilon", n * p)
-    z = ca.vertcat(x, theta, Y)
+    x_free, fixed = ca.SX.sym("x_free", n), ca.SX.sym("fixed", p)
+    z = ca.vertcat(x, theta, Y, x_free)
+    parts = np.cumsum([0, n, p, n * p, n])
     ua, ub = ca.SX.sym("ua", form.nu), ca.SX.sym("ub", form.nu)
     ya, yb, lam, on = (ca.SX.sym(k) for k in ("ya", "yb", "lam", "on"))
 
     def flow(v: ca.SX, w: ca.SX) -> ca.SX:
-        Y = ca.reshape(v[n + p :], n, p)
-        dx, dtheta, dY = rhs.call([v[:n], v[n : n + p], Y, w[-1], w[:-1], lam, on])
-        return ca.vertcat(dx, dtheta, ca.vec(dY))
+        xi, th, Yi, free = ca.vertsplit(v, list(parts))
+        y = w[-1] + free[0] if interpolation == "model" else w[-1]
+        slopes = rhs.call([xi, th, ca.reshape(Yi, n, p), y, w[:-1], lam, on])
+        return ca.vertcat(*map(ca.vec, slopes), form.rhs(free, fixed, w[:-1]))
 
     ramp = dataclasses.replace(integrator, hold="foh")
     z_next = ramp.substep(flow, z, ua=ca.vertcat(ua, ya), ub=ca.vertcat(ub, yb), h=h)
     slope = flow(z, ca.vertcat(ua, ya))[: n + p]
     A = ca.horzcat(ca.jacobian(slope, x), ca.jacobian(slope, theta))
+    K = ca.jacobian(slope, ya)
     vP = ca.SX.sym("P", spread.size * (spread.size + 1) // 2)
-    P_next = _propagated(vP, A, ca.jacobian(slope, ya), spread, x, ua, h)
-    split = [z_next[:n], z_next[n : n + p], z_next[n + p :]]
+    Phi, P_next = _propagated(vP, A, spread, x, ua, h)
+    B, wa, wb = ca.SX.sym("B", n + p, 2), ca.SX.sym("wa", 2), ca.SX.sym("wb", 2)
+    B_next = Phi[: n + p, : n + p] @ B + h / 2 * K @ (wa + wb).T + h**2 / 2 * (A @ K) @ wa.T
+    *after, free = ca.vertsplit(z_next, list(parts))
     return ca.Function(
-        "observer_step", [x, theta, Y, vP, ua, ub, ya, yb, lam, on], [*split, vech(P_next)]
+        "observer_step",
+        [x, theta, Y, vP, B, x_free, ua, ub, ya, yb, wa, wb, lam, on, fixed],
+        [*after, vech(P_next), B_next, free],
     )
 
 
@@ -172,19 +206,18 @@ def free_step(form: AffineForm, integrator: Integrator, spread: Spread, *, h: fl
     x_next = ramp.substep(lambda v, w: form.rhs(v, theta, w), x, ua=ua, ub=ub, h=h)
     slope = ca.vertcat(form.rhs(x, theta, ua), ca.SX.zeros(form.p))
     A = ca.horzcat(ca.jacobian(slope, x), ca.jacobian(slope, theta))
-    P_next = _propagated(vP, A, ca.SX(form.n + form.p, 1), spread, x, ua, h)
+    _, P_next = _propagated(vP, A, spread, x, ua, h)
     return ca.Function("free_step", [x, vP, ua, ub, theta], [x_next, vech(P_next)])
 
 
 def _propagated(
-    vP: ca.SX, A: ca.SX, K: ca.SX, spread: Spread, x: ca.SX, u: ca.SX, h: float
-) -> ca.SX:
-    """Covariance after a sub-step: second order in h, positive semidefinite for every h."""
-    n, m, size = x.numel(), A.shape[0], spread.size
-    full, noise = ca.SX(size, size), ca.SX(ca.sparsify(ca.DM(h / 2 * spread.Q)))
+    vP: ca.SX, A: ca.SX, spread: Spread, x: ca.SX, u: ca.SX, h: float
+) -> tuple[ca.SX, ca.SX]:
+    """Transition matrix and covariance: second order in h, positive semidefinite for every h."""
+    m, full = A.shape[0], ca.SX(spread.size, spread.size)
     full[:m, :m] = A
-    if size > m:
-        full[:n, m:] = spread.constants.call([x, u])[0]
-    noise[:m, :m] += h / 2 * spread.R * (K @ K.T)
-    Phi = ca.SX.eye(size) + h * full + h**2 / 2 * (full @ full)
-    return Phi @ (unvech(vP) + noise) @ Phi.T + noise
+    if spread.size > m:
+        full[: x.numel(), m:] = spread.constants.call([x, u])[0]
+    Phi = ca.SX.eye(spread.size) + h * full + h**2 / 2 * (full @ full)
+    half = ca.SX(ca.sparsify(ca.DM(h / 2 * spread.Q)))
+    return Phi, Phi @ (unvech(vP) + half) @ Phi.T + half

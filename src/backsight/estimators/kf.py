@@ -3,9 +3,8 @@
 import dataclasses
 from typing import ClassVar
 
-import casadi as ca
 import numpy as np
-from scipy.linalg import solve_discrete_are
+import scipy
 
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
@@ -109,7 +108,7 @@ def _riccati(system: Linear) -> tuple[Array, Array]:
     """Gain and covariance of the prediction, scaled."""
     s, A, C = system.s, system.A, system.C
     try:
-        P = solve_discrete_are(A.T, C.T, s.Q, s.R)
+        P = scipy.linalg.solve_discrete_are(A.T, C.T, s.Q, s.R)
         K = np.linalg.solve(C @ P @ C.T + s.R, C @ P).T
         radius = np.abs(np.linalg.eigvals(A - A @ K @ C)).max()
     except (ValueError, np.linalg.LinAlgError):

@@ -1,10 +1,12 @@
 """Linear models from sample to sample: what the estimators of the linear family work with."""
 
 import dataclasses
+from types import ModuleType
 
 import casadi as ca
 import numpy as np
 
+from backsight.analysis.observability import observability
 from backsight.discrete.exact import foh, zoh
 from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
@@ -89,8 +91,18 @@ def innovation(system: Linear) -> ca.Function:
 
 def predict(system: Linear) -> ca.Function:
     """Time update: ``(x, P, u, u_next) -> (x, P)``; P as `covariance0` stores it."""
+    return _ramped(system, large) if is_large(system) else predict_packed(system)
+
+
+def predict_packed(system: Linear) -> ca.Function:
+    """Time update with P as its lower triangle, also for many states."""
+    return _ramped(system, gaussian)
+
+
+def _ramped(system: Linear, way: ModuleType) -> ca.Function:
+    """Time update of a module, with the part of the next input if that is interpolated."""
     s = system.s
-    held = (large if is_large(system) else gaussian).predict(s, Integrator(), "discrete")
+    held = way.predict(s, Integrator(), "discrete")
     if not system.ramp:
         return held
     x, P, u, u_next = (ca.MX.sym(held.name_in(i), held.numel_in(i)) for i in range(4))
@@ -117,3 +129,24 @@ def stored_covariance(system: Linear) -> ca.Function:
 def is_large(system: Linear) -> bool:
     """Whether loops over matrices take the place of straight-line code."""
     return system.s.model.nx > UNROLL
+
+
+def without_bounds(s: Setting) -> Setting:
+    """Return the setting of the same model without bounds on its states."""
+    free = [dataclasses.replace(x, lower=-np.inf, upper=np.inf) for x in s.model.states]
+    return dataclasses.replace(s, model=dataclasses.replace(s.model, states=tuple(free)))
+
+
+def require_observable(model: Model, *, samples: int | None = None) -> None:
+    """Raise `TuningError` unless the outputs see all states, and within so many samples."""
+    found = observability(model)
+    if found.hidden:
+        raise TuningError(
+            f"the outputs of model '{model.name}' do not see {'; '.join(found.hidden)}; add a "
+            "sensor, or use KalmanFilter, which lets such states be as the prior says"
+        )
+    if samples is not None and samples < found.samples:
+        raise TuningError(
+            f"the window holds {samples} measured samples, fewer than the observability index "
+            f"{found.samples}, and does not determine the states; lengthen the horizon N"
+        )

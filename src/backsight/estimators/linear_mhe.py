@@ -7,20 +7,27 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from backsight.engine.dense import add_product
 from backsight.engine.loops import iterate, scan
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
 from backsight.estimators import gaussian
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
 from backsight.estimators.filtering import carry_inputs, choose, data_inputs, packed, physical
-from backsight.estimators.linear import Linear, linear, predict
-from backsight.estimators.stacked import Gains, gains
+from backsight.estimators.impose import RAISED, impose
+from backsight.estimators.limits import Limit, Rows, bounds, rows_of
+from backsight.estimators.linear import (
+    Linear,
+    linear,
+    predict_packed,
+    require_observable,
+    without_bounds,
+)
+from backsight.estimators.stacked import Gains, gains, in_units, product
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.window_filter import window_filter
+from backsight.estimators.window_limits import limit_gains, window_limits
 from backsight.models.model import Model
 from backsight.schema import Status
-from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,17 +58,25 @@ class LinearMHE(AbstractEstimator):
         prediction of a Kalman filter for the first sample of the window.
     hold : {"zoh", "foh"}
         Input between the samples of a continuous model: held, or interpolated.
+    limits : tuple of Limit
+        Bounds at every sample of the window, beside those of the states in the model.
 
     Notes
     -----
+    Limits are imposed by an exact active set method on the optimal solution without them; inactive
+    ones change nothing. If they contradict each other, the estimate is the one without limits, the
+    status says *infeasible*, and the output ``infeasible`` names them. P is the covariance without
+    limits.
+
     Missing samples are left out. If those that remain do not determine the state, the arrival
     cost is used with its full weight for this sample and the status says *unobserved*.
 
     References
     ----------
-    Ling, Lim, "Receding horizon recursive state estimation", 1999, doi:10.1109/9.788546.
+    Ling, Lim, "Receding horizon recursive state estimation", IEEE Transactions on Automatic
+    Control, 1999.
     Rao, Rawlings, Lee, "Constrained linear state estimation: a moving horizon approach", 2001,
-    doi:10.1016/S0005-1098(01)00115-7.
+    Automatica 37(10).
     """
 
     key: ClassVar[str] = "lmhe"
@@ -72,6 +87,7 @@ class LinearMHE(AbstractEstimator):
     N: int = 20
     arrival: float = 0.0
     hold: str = "zoh"
+    limits: tuple[Limit, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.N, numbers.Integral) or self.N < 1:
@@ -80,20 +96,19 @@ class LinearMHE(AbstractEstimator):
             raise TuningError(f"the weight arrival is {self.arrival}; it must be from 0 to 1")
 
     def gains(self, model: Model, dt: float) -> Gains:
-        """Gains of a full window, physical units, see `Gains`."""
+        """Gains of a full window without arrival cost, physical units, see `Gains`."""
         system = self._system(model, dt)
-        s, scaled = system.s, gains(system, self.N)
-        return Gains(
-            M=scaled.M * s.sx[:, None] / np.tile(s.sy, self.N + 1),
-            N_u=scaled.N_u * s.sx[:, None] / np.tile(s.su, self.N + 1),
-            P=scaled.P * np.outer(s.sx, s.sx),
-        )
+        require_observable(model, samples=self.N + 1)
+        return in_units(gains(system, self.N), system.s)
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         system = self._system(model, dt)
         s, N = system.s, self.N
-        fixed = gains(system, N)
+        if self.arrival == 0:
+            require_observable(model, samples=N + 1)
+        rows = rows_of(system, model, self.limits)
+        n = len(rows.names)
         data = data_inputs(s)
         u, y, mask = s.enter()(*data)
         memory = {
@@ -105,11 +120,14 @@ class LinearMHE(AbstractEstimator):
             "Y": np.zeros(s.model.ny * (N + 1)),
             "M": np.zeros(s.model.ny * (N + 1)),
             "present": np.zeros(N + 1),
+            "active": np.zeros(n * (N + 1)),
         }
-        symbol, (x_start, P_start, x_last, P_last, *windows) = carry_inputs(list(memory.values()))
+        symbol, (x_start, P_start, x_last, P_last, *windows, before) = carry_inputs(
+            list(memory.values())
+        )
         U, Y, M, present = (ca.reshape(w, w.numel() // (N + 1), N + 1) for w in windows)
 
-        time_update, free = predict(system), _without_bounds(s)
+        time_update, free = predict_packed(system), without_bounds(s)
         last = [x_last, P_last]
         prior = choose(present[N], time_update.call([*last, U[:, N], u]), last)
         e, S = gaussian.innovation(s)(*prior, u, y, mask)
@@ -120,20 +138,22 @@ class LinearMHE(AbstractEstimator):
             ca.horzcat(w[:, 1:], new) for w, new in ((U, u), (Y, y), (M, mask), (present, 1))
         )
 
-        go, diffuse, P_lead = _plan(s, self.arrival)(_all(M), present[0], P_start)
-        by_gains = _product(fixed.M, ca.vec(Y)) + _product(fixed.N_u, ca.vec(U))
-        _, _, lacking, x, P = iterate(
-            _pass(system, N),
-            2,
-            carry=[go, diffuse, ca.MX(0), by_gains, ca.MX(packed(fixed.P))],
-            constants=[x_start, P_lead, P_start, U, Y, M, present],
-        )
-        carry = [x_start, P_start, x, P, *(ca.vec(w) for w in (U, Y, M, present))]
-        outputs = physical(s, (Status.UNOBSERVED,))(x, P, u, e, S, lacking)
+        window = (U, Y, M, present)
+        lacking, x, P, *quantities = _solve(system, rows, N, self.arrival, x_start, P_start, window)
+        flags, channels, named, active = [lacking], ESTIMATE_CHANNELS, [], before
+        if n:
+            limits = bounds(system, rows, N)(*window)
+            x, active, conflict, raised = impose(s, n, N)(x, *quantities, *limits, before)
+            flags.append(raised)
+            named = [conflict]
+            channels += (Channel("infeasible", ("limit",), labels=rows.names),)
+        carry = [x_start, P_start, x, P, *map(ca.vec, window), active]
+        meaning = (Status.UNOBSERVED, *(RAISED if n else ()))
+        outputs = physical(s, meaning)(x, P, u, e, S, ca.vertcat(*flags))
         return Recursion(
-            step=ca.Function(self.key, [symbol, *data], [ca.vertcat(*carry), *outputs]),
+            step=ca.Function(self.key, [symbol, *data], [ca.vertcat(*carry), *outputs, *named]),
             carry0=np.concatenate(list(memory.values())),
-            channels=ESTIMATE_CHANNELS,
+            channels=channels,
             dt=dt,
         )
 
@@ -141,15 +161,44 @@ class LinearMHE(AbstractEstimator):
         return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
 
 
-def _without_bounds(s: Setting) -> Setting:
-    free = [dataclasses.replace(x, lower=-np.inf, upper=np.inf) for x in s.model.states]
-    return dataclasses.replace(s, model=dataclasses.replace(s.model, states=tuple(free)))
+DEFICIENT = 2
+"""Place of the flag among the results of `window_filter`."""
 
 
-def _product(matrix: Array, vector: ca.MX) -> ca.MX:
-    """Constant matrix times vector, as a loop."""
-    rows = len(matrix)
-    return ca.vec(add_product(ca.MX.zeros(1, rows), vector.T, ca.MX(ca.DM(matrix))))
+def _solve(
+    system: Linear,
+    rows: Rows,
+    N: int,
+    arrival: float,
+    x_start: ca.MX,
+    P_start: ca.MX,
+    window: tuple[ca.MX, ...],
+) -> list[ca.MX]:
+    """Solve a window without its limits: 1 if its measurements do not suffice, x and P at its end.
+
+    With limits also mean, covariance and covariance with x of the limited quantities. A full window
+    without gaps is a product with constant gains; others are gone through sample by sample.
+    """
+    U, Y, M, present = window
+    through = window_limits(system, rows, N) if rows.names else window_filter(system, N)
+    go, diffuse, P_lead = _plan(system.s, arrival)(_all(M), present[0], P_start)
+    results = [through.size_out(i) for i in range(through.n_out()) if i != DEFICIENT]
+    found = [ca.MX.zeros(*size) for size in results]
+    if arrival == 0:
+        fixed = gains(system, N)
+        by_gains = product(fixed.M, ca.vec(Y)) + product(fixed.N_u, ca.vec(U))
+        found = [by_gains, ca.MX(packed(fixed.P))]
+    if arrival == 0 and rows.names:
+        kept = limit_gains(system, rows, N)
+        found.append(product(kept.K, ca.vec(Y)) + product(kept.K_u, ca.vec(U)))
+        found += [ca.MX(ca.DM(kept.M)), ca.MX(ca.DM(kept.Psi))]
+    last = iterate(
+        _pass(through),
+        2,
+        carry=[go, diffuse, ca.MX(0), *found],
+        constants=[x_start, P_lead, P_start, *window],
+    )
+    return last[2:]
 
 
 def _all(M: ca.MX) -> ca.MX:
@@ -171,19 +220,19 @@ def _plan(s: Setting, arrival: float) -> ca.Function:
     return ca.Function("plan", [measured, full, P], plan)
 
 
-def _pass(system: Linear, N: int) -> ca.Function:
+def _pass(through: ca.Function) -> ca.Function:
     """Go through the window; where nothing is known of its start, but must be, once more."""
-    through = window_filter(system, N)
     start = [ca.MX.sym(through.name_in(i), *through.size_in(i)) for i in range(through.n_in())]
     x_start, P_lead, diffuse, *window = start
     P_start = ca.MX.sym("P_start", P_lead.numel())
     go, lacking = ca.MX.sym("go"), ca.MX.sym("lacking")
     (P,) = choose(lacking, [P_start], [P_lead])
-    x_now, P_now, deficient = through(x_start, P, diffuse, *window)
+    x, P_now, deficient, *more = through(x_start, P, diffuse, *window)
     (lacks,) = choose(deficient, [ca.MX(1)], [lacking])
-    ignored = [ca.MX.sym("x", x_now.numel()), ca.MX.sym("P_now", P_now.numel())]
+    results = [x, P_now, *more]
+    ignored = [ca.MX.sym(f"r{i}", *r.shape) for i, r in enumerate(results)]
     return ca.Function(
         "pass",
         [go, diffuse, lacking, *ignored, x_start, P_lead, P_start, *window],
-        [deficient, ca.MX(0), lacks, x_now, P_now],
+        [deficient, ca.MX(0), lacks, *results],
     )

@@ -2,10 +2,13 @@
 
 import dataclasses
 
+import casadi as ca
 import numpy as np
-from scipy.linalg import block_diag, solve_triangular
+import scipy
 
+from backsight.engine.dense import add_product
 from backsight.errors import TuningError
+from backsight.estimators.base import Setting
 from backsight.estimators.linear import Linear
 from backsight.types import Array
 
@@ -72,7 +75,7 @@ def stacked(system: Linear, N: int) -> Stacked:
     Phi, Gamma = system.C @ T, system.C @ F
     for i in range(N + 1):
         Gamma[i, :, i * nu : (i + 1) * nu] += system.D
-    T, F, Phi, Gamma = (m.reshape(-1, m.shape[2]) for m in (T, F, Phi, Gamma))
+    T, F, Phi, Gamma = (m.reshape(m.shape[0] * m.shape[1], m.shape[2]) for m in (T, F, Phi, Gamma))
     return Stacked(T, F, Phi, Gamma)
 
 
@@ -83,8 +86,11 @@ def root(Q: Array) -> Array:
     return vectors[:, keep] * np.sqrt(values[keep])
 
 
-def gains(system: Linear, N: int) -> Gains:
+def gains(system: Linear, N: int, *, every: int = 1) -> Gains:
     r"""Gains of the least-squares estimate from a full window, scaled.
+
+    With ``every = m`` only the samples k, k - m, k - 2 m ... are measured; the columns of M for
+    the others are zero.
 
     Without process noise and with R = I they are those of the textbook,
     :math:`M = A^N (\Phi'\Phi)^{-1} \Phi'` and :math:`N_u = F_N - M \Gamma`. Computed by a QR
@@ -95,16 +101,33 @@ def gains(system: Linear, N: int) -> Gains:
     TuningError
         If the outputs of the window do not determine its states.
     """
-    nx = len(system.A)
+    ny, nx = system.C.shape
     s = stacked(system, N)
-    noise = np.linalg.cholesky(block_diag(*[system.s.R] * (N + 1)))
-    rows = solve_triangular(noise, s.Phi, lower=True)
+    measured = (N - np.arange(N + 1)) % every == 0
+    noise = np.linalg.cholesky(np.asarray(scipy.linalg.block_diag(*[system.s.R] * (N + 1))))
+    rows = scipy.linalg.solve_triangular(noise, s.Phi, lower=True) * measured.repeat(ny)[:, None]
     check_rank(rows[:, :nx], N)
     unknown = s.Phi.shape[1]
     q, r = np.linalg.qr(np.vstack([rows, np.eye(unknown)[nx:]]))
-    present = solve_triangular(r, s.T[-nx:].T, trans="T").T
-    M = solve_triangular(noise, (present @ q[: len(rows)].T).T, lower=True, trans="T").T
+    present = scipy.linalg.solve_triangular(r, s.T[-nx:].T, trans=1).T
+    M = scipy.linalg.solve_triangular(noise, (present @ q[: len(rows)].T).T, lower=True, trans=1).T
     return Gains(M=M, N_u=s.F[-nx:] - M @ s.Gamma, P=present @ present.T)
+
+
+def in_units(scaled: Gains, s: Setting) -> Gains:
+    """Gains in physical units."""
+    samples = scaled.M.shape[1] // s.model.ny
+    return Gains(
+        M=scaled.M * s.sx[:, None] / np.tile(s.sy, samples),
+        N_u=scaled.N_u * s.sx[:, None] / np.tile(s.su, samples),
+        P=scaled.P * np.outer(s.sx, s.sx),
+    )
+
+
+def product(matrix: Array, vector: ca.MX) -> ca.MX:
+    """Constant matrix times vector, as a loop."""
+    rows = len(matrix)
+    return ca.vec(add_product(ca.MX.zeros(1, rows), vector.T, ca.MX(ca.DM(matrix))))
 
 
 TOLERANCE = 1e-10

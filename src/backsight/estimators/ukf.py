@@ -31,8 +31,9 @@ class UKF(AbstractEstimator):
 
     Sigma points outside the bounds of the states are set to them before they are used, so that a
     parameter that must be positive (a mass) never becomes negative in the model, however wide its
-    spread. If a covariance has no factor, which needs a negative weight (small alpha), the update
-    is left out and the sample's status says so.
+    spread; this also moves the mean away from the bound, and the sample's status says that it was
+    clipped. If a covariance has no factor, which needs a negative weight (small alpha), the update
+    is left out and the status says so.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ class UKF(AbstractEstimator):
         w = weights(n, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
         start = cholesky_semidefinite(ca.SX(ca.DM(s.P0)))
         halves = Halves(
-            spread0=np.asarray(ca.evalf(vech(start))).ravel(),
+            spread0=np.append(np.asarray(ca.evalf(vech(start))), 0.0),
             innovation=_innovation(s, w),
             correct=_correct(s, w),
             predict=_predict(s, w, self.integrator),
@@ -85,16 +86,18 @@ class UKF(AbstractEstimator):
 
 
 def _symbols(s: Setting) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """State, spread, u, y, mask; the spread is the factor and 1 if a prediction had none."""
     nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    sizes = {"x": nx, "L": nx * (nx + 1) // 2, "u": nu, "y": ny, "mask": ny}
-    x, vL, u, y, mask = (ca.SX.sym(name, size) for name, size in sizes.items())
-    return x, vL, u, y, mask
+    sizes = {"x": nx, "spread": nx * (nx + 1) // 2 + 1, "u": nu, "y": ny, "mask": ny}
+    x, spread, u, y, mask = (ca.SX.sym(name, size) for name, size in sizes.items())
+    return x, spread, u, y, mask
 
 
-def _points(s: Setting, w: Weights, x: ca.SX, vL: ca.SX) -> ca.SX:
-    """Sigma points inside the bounds of the states."""
-    points = sigma_points(x, ca.tril(unvech(vL)), w.spread)
-    return ca.horzcat(*(clip(s, points[:, i]) for i in range(points.shape[1])))
+def _points(s: Setting, w: Weights, x: ca.SX, spread: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Sigma points inside the bounds of the states, and 1 if one of them was set to a bound."""
+    free = sigma_points(x, ca.tril(unvech(spread[:-1])), w.spread)
+    points = ca.horzcat(*(clip(s, free[:, i]) for i in range(free.shape[1])))
+    return points, ca.if_else(ca.norm_1(ca.vec(points - free)) > 0, 1, 0)
 
 
 def _outputs(s: Setting, w: Weights, points: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -105,10 +108,10 @@ def _outputs(s: Setting, w: Weights, points: ca.SX, u: ca.SX) -> tuple[ca.SX, ca
 
 
 def _innovation(s: Setting, w: Weights) -> ca.Function:
-    x, vL, u, y, mask = _symbols(s)
-    y_mean, dY = _outputs(s, w, _points(s, w, x, vL), u)
+    x, spread, u, y, mask = _symbols(s)
+    y_mean, dY = _outputs(s, w, _points(s, w, x, spread)[0], u)
     S = dY @ ca.diag(ca.SX(w.covariance)) @ dY.T + s.R
-    return ca.Function("innovation", [x, vL, u, y, mask], [mask * (y - y_mean), vech(S)])
+    return ca.Function("innovation", [x, spread, u, y, mask], [mask * (y - y_mean), vech(S)])
 
 
 def _correct(s: Setting, w: Weights) -> ca.Function:
@@ -117,9 +120,9 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     The joint factor of outputs and states, [[Sy, 0], [K Sy, L+]], holds the gain and the factor of
     the posterior, so that nothing is ever subtracted from a covariance.
     """
-    x, vL, u, y, mask = _symbols(s)
+    x, spread, u, y, mask = _symbols(s)
     nx, ny = s.model.nx, s.model.ny
-    points = _points(s, w, x, vL)
+    points, held = _points(s, w, x, spread)
     y_mean, dY = _outputs(s, w, points, u)
     M = ca.diag(mask)
     root = cholesky_semidefinite(M @ ca.SX(s.R) @ M + ca.diag(1 - mask))
@@ -129,16 +132,17 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     moved = x + KSy @ forward(Sy, mask * (y - y_mean))
     free = ca.if_else(definite, moved, x)
     x_post = clip(s, free)
-    clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, 0)
-    spread = ca.if_else(definite, vech(ca.densify(L_post)), vL)
-    flags = ca.vertcat(clipped, 0, 0, 1 - definite)
-    return ca.Function("correct", [x, vL, u, y, mask], [x_post, spread, flags])
+    clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, held)
+    L_next = ca.if_else(definite, vech(ca.densify(L_post)), spread[:-1])
+    flags = ca.vertcat(clipped, 0, 0, ca.fmax(1 - definite, spread[-1]))
+    after = ca.vertcat(L_next, 0)
+    return ca.Function("correct", [x, spread, u, y, mask], [x_post, after, flags])
 
 
 def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
-    x, vL, u, _, _ = _symbols(s)
-    start = ca.Function("sigma_points", [x, vL], [_points(s, w, x, vL)])
+    x, before, u, _, _ = _symbols(s)
+    start = ca.Function("sigma_points", [x, before], _points(s, w, x, before)[:1])
     nx, n_points = start.size_out(0)
     X, ub = ca.SX.sym("X", nx, n_points), ca.SX.sym("ub", s.model.nu)
     h = s.dt / integrator.substeps
@@ -154,12 +158,13 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     per_sample = s.Q * s.dt if s.model.continuous else s.Q
     noise = cholesky_semidefinite(ca.SX(ca.DM(per_sample)))
     L_next, definite = factor(X - mean, w, noise)
-    last = ca.SX.sym("last", vL.numel())
-    spread = ca.if_else(definite, vech(ca.densify(L_next)), last)
+    last = ca.SX.sym("last", before.numel())
+    kept = ca.if_else(definite, vech(ca.densify(L_next)), last[:-1])
+    spread = ca.vertcat(kept, 1 - definite)
     gather = ca.Function("gather", [X, last], [mean, spread])
 
     m_x, m_L, m_u, m_next = (
-        ca.MX.sym(n, k.numel()) for n, k in (("x", x), ("L", vL), ("u", u), ("u_next", u))
+        ca.MX.sym(n, k.numel()) for n, k in (("x", x), ("L", before), ("u", u), ("u_next", u))
     )
     xs, held = substep_inputs(integrator, m_u, m_next)
     steps = integrator.substeps if s.model.continuous else 1
@@ -168,6 +173,6 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
 
 
 def _covariance(n: int) -> ca.Function:
-    vL = ca.SX.sym("L", n * (n + 1) // 2)
-    L = ca.tril(unvech(vL))
-    return ca.Function("covariance", [vL], [vech(L @ L.T)])
+    spread = ca.SX.sym("spread", n * (n + 1) // 2 + 1)
+    L = ca.tril(unvech(spread[:-1]))
+    return ca.Function("covariance", [spread], [vech(L @ L.T)])

@@ -33,18 +33,14 @@ def window_filter(system: Linear, N: int) -> ca.Function:
     diffuse = ca.MX.sym("diffuse")
     U, Y, M = (ca.MX.sym(n, k, N + 1) for n, k in (("U", nu), ("Y", ny), ("M", ny)))
     present = ca.MX.sym("present", 1, N + 1)
-    begin = _begin(nx)
-    start = begin(vP, diffuse)
-    absorbed = _absorb(system)(
-        x, *start, U[:, 0], Y[:, 0], M[:, 0], present[0]
-    )
+    absorbed = absorb(system)(x, *begin(nx)(vP, diffuse), U[:, 0], Y[:, 0], M[:, 0], present[0])
     carry, _ = scan(
-        _advance(system),
+        _next(system),
         N,
         carry=list(absorbed),
         xs=[U[:, :-1], U[:, 1:], Y[:, 1:], M[:, 1:], present[:, :-1], present[:, 1:]],
     )
-    results = _resolve(nx)(*carry, diffuse)
+    results = solve_start(nx)(*carry, diffuse)[:3]
     return ca.Function("window_filter", [x, vP, diffuse, U, Y, M, present], list(results))
 
 
@@ -58,15 +54,16 @@ def _symbols(nx: int) -> list[ca.SX]:
     ]
 
 
-def _begin(nx: int) -> ca.Function:
+def begin(nx: int) -> ca.Function:
+    """``(P, diffuse) -> (P, X, L)`` at the start of the window."""
     vP, diffuse = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("diffuse")
     identity = ca.densify(diffuse * ca.SX.eye(nx))
     equations = ca.SX.zeros((nx + 1) * (nx + 2) // 2)
     return ca.Function("begin", [vP, diffuse], [(1 - diffuse) * vP, identity, equations])
 
 
-def _absorb(system: Linear) -> ca.Function:
-    """Take in one sample."""
+def absorb(system: Linear) -> ca.Function:
+    """Take in the measurements of one sample."""
     nx, nu, ny = (len(system.A), *system.D.T.shape)
     x, vP, X, vL = _symbols(nx)
     u, y = ca.SX.sym("u", nu), ca.SX.sym("y", ny)
@@ -88,9 +85,9 @@ def _absorb(system: Linear) -> ca.Function:
     )
 
 
-def _advance(system: Linear) -> ca.Function:
-    """Go on to the next sample and take it in; before the first sample nothing moves."""
-    nx, nu, ny = (len(system.A), *system.D.T.shape)
+def advance(system: Linear) -> ca.Function:
+    """Go on to the next sample; before the first sample nothing moves."""
+    nx, nu = system.B.shape
     x, vP, X, vL = _symbols(nx)
     u, u_next, before = ca.SX.sym("u", nu), ca.SX.sym("u_next", nu), ca.SX.sym("before")
     A = _sparse(system.A)
@@ -102,23 +99,30 @@ def _advance(system: Linear) -> ca.Function:
         vL,
     ]
     kept = [
-        ca.densify(ca.if_else(before, m, o))
-        for m, o in zip(moved, (x, vP, X, vL), strict=True)
+        ca.densify(ca.if_else(before, m, o)) for m, o in zip(moved, (x, vP, X, vL), strict=True)
     ]
-    predict = ca.Function("predict_window", [x, vP, X, vL, u, u_next, before], kept)
-    carry = [ca.MX.sym(n, *s.shape) for n, s in zip("xPXL", (x, vP, X, vL), strict=True)]
+    return ca.Function("advance", [x, vP, X, vL, u, u_next, before], kept)
+
+
+def _next(system: Linear) -> ca.Function:
+    """Go on to the next sample and take it in."""
+    nx, nu, ny = (len(system.A), *system.D.T.shape)
+    carry = [ca.MX.sym(n, *s.shape) for n, s in zip("xPXL", _symbols(nx), strict=True)]
     data = [
         ca.MX.sym(n, k)
         for n, k in (("u", nu), ("v", nu), ("y", ny), ("m", ny), ("before", 1), ("here", 1))
     ]
-    u_, v_, y_, m_, before_, here_ = data
-    ahead = predict(*carry, u_, v_, before_)
-    after = _absorb(system)(*ahead, u_, y_, m_, here_)
-    return ca.Function("advance", [*carry, *data], list(after))
+    u, v, y, m, before, here = data
+    ahead = advance(system)(*carry, u, v, before)
+    return ca.Function("next", [*carry, *data], list(absorb(system)(*ahead, v, y, m, here)))
 
 
-def _resolve(nx: int) -> ca.Function:
-    """Solve for the first state, and put it into the last one."""
+def solve_start(nx: int) -> ca.Function:
+    """Solve for the first state, and put it into the last one.
+
+    ``(x, P, X, L, diffuse) -> (x, P, deficient, first, X inverse, inverse')`` with the first state
+    (as its difference from the start) and a factor of its covariance, inverse inverse'.
+    """
     x, vP, X, vL = _symbols(nx)
     diffuse = ca.SX.sym("diffuse")
     L = ca.tril(unvech(vL))
@@ -133,9 +137,15 @@ def _resolve(nx: int) -> ca.Function:
     first, inverse = found[:, 0], found[:, 1:]
     spread = X @ inverse
     return ca.Function(
-        "resolve",
+        "solve_start",
         [x, vP, X, vL, diffuse],
-        [x + X @ first, vech(unvech(vP) + spread @ spread.T), diffuse * deficient],
+        [
+            x + X @ first,
+            vech(unvech(vP) + spread @ spread.T),
+            diffuse * deficient,
+            first,
+            *map(ca.densify, (spread, inverse.T)),
+        ],
     )
 
 

@@ -110,6 +110,8 @@ def affine_form(model: Model) -> AffineForm:
     inverse = _inverse_exponents(monomials, names[n:], where)
     theta = ca.SX.sym("theta", len(monomials))
     vector = ca.vertcat(*p)
+    psi = ca.Function("psi", [x, u], [ca.vertcat(*parts.values())])
+    _check_independent(psi, [show(m, names[n:]) for m in monomials], where)
     return AffineForm(
         n=n,
         states=tuple(names[:n]),
@@ -117,7 +119,7 @@ def affine_form(model: Model) -> AffineForm:
         combinations=tuple(show(m, names[n:]) for m in monomials),
         divisors=tuple(int(i) for i in np.flatnonzero((inverse < 0).any(axis=0))),
         phi=ca.Function("phi", [x, u], [ca.vertcat(*rows, constant)]),
-        psi=ca.Function("psi", [x, u], [ca.vertcat(*parts.values())]),
+        psi=psi,
         theta=ca.Function("theta", [vector], [_products(vector, np.array(monomials))]),
         physical=ca.Function("physical", [theta], [_products(theta, inverse)]),
     )
@@ -149,13 +151,33 @@ def _chain_row(rhs: ca.SX, x: ca.SX, i: int, names: list[str], p: list[ca.SX]) -
 def _inverse_exponents(monomials: list[Monomial], names: list[str], where: str) -> np.ndarray:
     """Exponents of the parameters as products of powers of theta."""
     found = ", ".join(show(m, names) for m in monomials) or "nothing"
-    exponents = np.array(monomials, float).reshape(-1, len(names))
-    if exponents.shape[0] != len(names) or abs(np.linalg.det(exponents)) < 1e-9:
+    exponents = np.array(monomials, float).reshape(len(monomials), len(names))
+    if len(monomials) != len(names) or abs(np.linalg.det(exponents)) < 1e-9:
         raise ModelError(
             f"{where}: the parameters {', '.join(names)} enter by {found}; these combinations do "
             "not determine them one by one"
         )
     return np.linalg.inv(exponents)
+
+
+def _check_independent(psi: ca.Function, combinations: list[str], where: str) -> None:
+    """Raise `ModelError` if some combinations enter by the same function of state and input."""
+    if not combinations:
+        return
+    rng = np.random.default_rng(0)
+    points = [rng.standard_normal((psi.numel_in(i), 20 * len(combinations))) for i in range(2)]
+    values = np.asarray(psi.map(points[0].shape[1])(*points)).T
+    values = values[np.isfinite(values).all(axis=1)]
+    if len(values) < len(combinations):
+        return
+    size = np.abs(values).max(axis=0)
+    *_, singular, directions = np.linalg.svd(values / np.where(size > 0, size, 1.0))
+    if singular[-1] < 1e-9 * singular[0]:
+        alike = [c for c, w in zip(combinations, directions[-1], strict=True) if abs(w) > 1e-6]
+        raise ModelError(
+            f"{where}: {', '.join(alike)} are multiplied by the same functions of state and input "
+            "and cannot be told apart"
+        )
 
 
 def _products(base: ca.SX, exponents: np.ndarray) -> ca.SX:

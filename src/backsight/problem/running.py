@@ -12,6 +12,7 @@ from backsight.analysis.summary import summary
 from backsight.output import whole, writing
 from backsight.problem.checking import at
 from backsight.problem.problem import Problem
+from backsight.problem.seeing import doubts
 from backsight.problem.source import recording
 from backsight.report.page import report
 from backsight.run.compare import Comparison, compare
@@ -26,6 +27,7 @@ def execute(
     out: str | os.PathLike[str],
     *,
     progress: Callable[[str, int, int], None],
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
     """Run all estimators of a problem over its recording and write the results.
 
@@ -42,6 +44,8 @@ def execute(
         Folder.
     progress : callable
         Told the estimator at work, the samples done, and the number of samples.
+    tell : callable
+        Told, before the first estimator starts, which states cannot be seen, a sentence at a time.
 
     Returns
     -------
@@ -59,6 +63,8 @@ def execute(
         data = recording(problem)
         samples = data.sizes["time"]
         _rehearse(problem, data)
+        for sentence in doubts(problem, data):
+            tell(sentence)
         results = compare(
             problem.estimators,
             problem.model,

@@ -93,6 +93,9 @@ def _value(annotation: Any, given: object, where: str) -> object:
     if origin is tuple and isinstance(given, Sequence) and not isinstance(given, str):
         kind = typing.get_args(annotation)[0]
         return tuple(_value(kind, entry, f"{where}[{i}]") for i, entry in enumerate(given))
+    if origin is Mapping and isinstance(given, Mapping):
+        kind = typing.get_args(annotation)[1]
+        return {name: _value(kind, entry, f"{where}.{name}") for name, entry in given.items()}
     return _single(float if origin is tuple else annotation, given, where)
 
 

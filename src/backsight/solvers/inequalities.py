@@ -3,7 +3,7 @@
 import casadi as ca
 
 from backsight.engine.dense import add_product
-from backsight.engine.loops import iterate
+from backsight.engine.loops import iterate, scan
 
 PASSES_PER_ROW = 4
 """Largest number of passes per row; each adds or drops one active row."""
@@ -60,38 +60,59 @@ def limited(n: int) -> ca.Function:
     c_next, lam_next, side_next, pivot, direction, entering_next, blocked = _move(n)(
         c, lam, side, row, towards, found, column, low, high, variance
     )
-    wrong = _conflict(n)(conflict, row, side, column, blocked)
+    wrong = _conflict(n)(conflict, row, side, column, blocked, variance)
     left, right = _sweep(n)(pivot, _times(T, pivot), direction)
     go = _continue()(found, blocked)
     after = [go, add_product(T, left, right), c_next, lam_next, side_next, entering_next]
     after += [wrong, towards, ca.fmax(stuck, blocked)]
     body = ca.Function(f"limit_{n}", [*carry, *constants], after)
 
-    M, c0 = ca.MX.sym("M", n, n), ca.MX.sym("c", n)
-    low_, high_, tried_ = (ca.MX.sym(v, n) for v in ("low", "high", "tried"))
+    given = [ca.MX.sym("M", n, n), *(ca.MX.sym(v, n) for v in ("c", "low", "high", "tried"))]
+    unit, spread, c0, low_, high_ = _standard(n)(*given[:4])
+    M = _scaled(given[0], unit)
     zeros = ca.MX.zeros(n)
     start = [ca.MX(1), M, c0, zeros, zeros, zeros, zeros, ca.MX(0), ca.MX(0)]
     last = iterate(
         body,
         PASSES_PER_ROW * n + 8,
         carry=start,
-        constants=[low_, high_, tried_, _diagonal(n)(M)],
+        constants=[low_, high_, given[4], spread],
     )
     go, T_end, _, lam, side, _, conflict, _, stuck = last
     for _ in range(REFINEMENTS):
         lam = _refine(n)(lam, _times(T_end, _residual(n)(c0, _times(M, lam), side, low_, high_)))
-    return ca.Function(
-        f"limited_{n}", [M, c0, low_, high_, tried_], [lam, side, conflict, stuck, go]
+    return ca.Function(f"limited_{n}", given, [_product(n)(unit, lam), side, conflict, stuck, go])
+
+
+def _standard(n: int) -> ca.Function:
+    """Factors that give every row the variance 1 (0 if it has none), and the rows in that unit."""
+    M, c, low, high = ca.SX.sym("M", n, n), *(ca.SX.sym(v, n) for v in ("c", "low", "high"))
+    variance = ca.diag(M)
+    some = variance > 0
+    unit = 1 / ca.sqrt(ca.if_else(some, variance, 1))
+    results = [unit, ca.if_else(some, 1, 0), unit * c, unit * low, unit * high]
+    return ca.Function("standard", [M, c, low, high], results)
+
+
+def _scaled(M: ca.MX, unit: ca.MX) -> ca.MX:
+    """diag(unit) M diag(unit), column by column."""
+    n = M.shape[0]
+    count, column, factor, of_rows = (
+        ca.SX.sym(v, k) for v, k in zip("kcfr", (1, n, 1, n), strict=True)
     )
+    body = ca.Function(
+        "scaled_column", [count, column, factor, of_rows], [count + 1, column * factor * of_rows]
+    )
+    return scan(body, n, carry=[ca.MX(0)], xs=[M, unit.T], constants=[unit])[1][0]
+
+
+def _product(n: int) -> ca.Function:
+    a, b = ca.SX.sym("a", n), ca.SX.sym("b", n)
+    return ca.Function("products", [a, b], [a * b])
 
 
 def _times(T: ca.MX, vector: ca.MX) -> ca.MX:
     return add_product(ca.MX.zeros(T.shape[0], 1), T, vector.T)
-
-
-def _diagonal(n: int) -> ca.Function:
-    M = ca.SX.sym("M", n, n)
-    return ca.Function("diagonal", [M], [ca.diag(M)])
 
 
 def _first(hit: ca.SX) -> ca.SX:
@@ -132,7 +153,7 @@ def _move(n: int) -> ca.Function:
     gap = ca.sum1(ca.if_else(row > 0, ca.if_else(sign > 0, low - c, c - high), 0))
     full = ca.if_else(room, gap / ca.if_else(room, curvature, 1), NEVER)
     falling = side * sign * column
-    drops = ca.logic_and(side != 0, falling > 1e-12 * ca.fabs(column) + 1e-300)
+    drops = ca.logic_and(side != 0, falling > 0)
     ratio = ca.if_else(drops, ca.fmax(lam * side, 0) / ca.if_else(drops, falling, 1), NEVER)
     partial = ca.mmin(ratio)
     blocked = ca.logic_and(found, ca.logic_and(full >= NEVER, partial >= NEVER))
@@ -158,11 +179,14 @@ def _move(n: int) -> ca.Function:
 def _conflict(n: int) -> ca.Function:
     """The blocked row and the active ones that hold it."""
     so_far, row, side, column = (ca.SX.sym(v, n) for v in ("so_far", "row", "side", "column"))
-    blocked = ca.SX.sym("blocked")
-    holds = ca.logic_and(side != 0, ca.fabs(column) > 1e-9)
+    blocked, variance = ca.SX.sym("blocked"), ca.SX.sym("variance", n)
+    share = column**2 * variance
+    holds = ca.logic_and(side != 0, share > 1e-18 * ca.dot(row, variance))
     rows = ca.fmax(row, ca.if_else(holds, 1, 0))
     return ca.Function(
-        "conflict", [so_far, row, side, column, blocked], [ca.if_else(blocked, rows, so_far)]
+        "conflict",
+        [so_far, row, side, column, blocked, variance],
+        [ca.if_else(blocked, rows, so_far)],
     )
 
 

@@ -1,7 +1,16 @@
 """Papers and real systems, worked through: model, data, estimators and checks."""
 
+from backsight.studies.lecture import STUDY as LECTURE
 from backsight.studies.nanopositioner import STUDY as NANOPOSITIONER
+from backsight.studies.punch import STUDY as PUNCH
 from backsight.studies.study import Study
 
-STUDIES: dict[str, Study] = {s.name: s for s in (NANOPOSITIONER,)}
+STUDIES: dict[str, Study] = {
+    s.name: s
+    for s in (
+        NANOPOSITIONER,
+        PUNCH,
+        LECTURE,
+    )
+}
 """Every study by its name: the one place where a new one is registered."""

@@ -12,6 +12,7 @@ from backsight.errors import DataError
 from backsight.run.estimate import estimate
 from backsight.signals import central_difference
 from backsight.studies.nanopositioner.tuning import Variant, joint_model
+from backsight.studies.start import posterior_start
 from backsight.types import Array
 
 START_UP = 200
@@ -77,17 +78,6 @@ class Measures:
 def run_variant(variant: Variant, stage: xr.Dataset) -> xr.Dataset:
     """Estimate; a diverged estimator gives NaN and does not end the study."""
     return estimate(variant.estimator, joint_model(), posterior_start(stage), throw=False)
-
-
-def posterior_start(stage: xr.Dataset) -> xr.Dataset:
-    """Translate the paper's start, where the prior knowledge is the *posterior* of sample 0.
-
-    Here the prior knowledge comes before the first measurement: without a measurement at sample 0
-    the two are the same.
-    """
-    y = stage["y"].copy()
-    y[0] = np.nan
-    return stage.assign(y=y)
 
 
 def measure(result: xr.Dataset, stage: xr.Dataset) -> Measures:

@@ -17,6 +17,7 @@ from backsight.studies.nanopositioner.evaluate import (
 )
 from backsight.studies.nanopositioner.experiment import SCENARIOS, Experiment, Row
 from backsight.studies.nanopositioner.tuning import ALPHA, CONVERGED, PAPER_RULE
+from backsight.studies.panels import axes_by_row, finished
 from backsight.types import Array
 
 COLUMNS = (PAPER_RULE, CONVERGED)
@@ -67,7 +68,7 @@ def _errors(experiment: Experiment, method: str) -> Figure:
         ("speed error, truth − x2", "µm/s", "v", stage["x_true"].sel(state="v").values),
     )
     made = figure(len(rows), len(COLUMNS), width=_WIDTH)
-    for row, axes in zip(rows, _rows(made), strict=True):
+    for row, axes in zip(rows, axes_by_row(made), strict=True):
         quantity, unit, state, target = row
         factor = 1e3 if state == "q" else 1.0
         drawn = []
@@ -81,14 +82,14 @@ def _errors(experiment: Experiment, method: str) -> Figure:
             label(ax, f"{quantity}: {solver}", unit)
             _mark_removal(ax, experiment)
         _zoom(axes, drawn)
-    return _finished(made, "time [ms]")
+    return finished(made, "time [ms]")
 
 
 def _parameters(experiment: Experiment, method: str) -> Figure:
     """Figures 5 and 7 of the paper."""
     made = figure(len(PARAMETERS), len(COLUMNS), width=_WIDTH)
     for (state, (quantity, unit, factor)), axes in zip(
-        PARAMETERS.items(), _rows(made), strict=True
+        PARAMETERS.items(), axes_by_row(made), strict=True
     ):
         true = factor * experiment.shown.stage["x_true"].sel(state=state).values
         drawn = [true]
@@ -101,7 +102,7 @@ def _parameters(experiment: Experiment, method: str) -> Figure:
             label(ax, f"{quantity}: {solver}", unit)
             _mark_removal(ax, experiment)
         _zoom(axes, drawn)
-    return _finished(made, "time [ms]")
+    return finished(made, "time [ms]")
 
 
 def _transient(experiment: Experiment) -> Figure:
@@ -110,21 +111,23 @@ def _transient(experiment: Experiment) -> Figure:
     since = _ms(experiment) - _ms(experiment)[removal(experiment.shown.stage)]
     part = (since >= -5) & (since <= 60)
     made = figure(1, len(COLUMNS), width=_WIDTH, height=3.0)
-    for ax, solver in zip(_rows(made)[0], COLUMNS, strict=True):
+    for ax, solver in zip(axes_by_row(made)[0], COLUMNS, strict=True):
         ax.axhspan(-100 * BAND, 100 * BAND, color="0.9", label="2 % band")
         for name, variant in (("EKF", "EKF"), *((m, f"{m}, {solver}") for m in ALPHA)):
             x = experiment.results[variant]["x_hat"].sel(state="k").values
             error = 100 * (x / true - 1)
             line(ax, since[part], error[part], name=name, series=SERIES[name])
         label(ax, f"error of k/m: {solver}", "%")
-    return _finished(made, "time after the removal [ms]")
+    return finished(made, "time after the removal [ms]")
 
 
 def _sweep(experiment: Experiment) -> Figure:
     """Measures over the weight of the window, converged."""
     scenarios = [s for s in SCENARIOS if s in experiment.scenarios]
     made = figure(len(SWEPT), len(scenarios), width=_WIDTH)
-    for (field, (quantity, unit, factor)), axes in zip(SWEPT.items(), _rows(made), strict=True):
+    for (field, (quantity, unit, factor)), axes in zip(
+        SWEPT.items(), axes_by_row(made), strict=True
+    ):
         for ax, scenario in zip(axes, scenarios, strict=True):
             observers, benchmark, name = _swept(experiment, scenario)
             weights = np.array([_weight(r) for r in observers])
@@ -141,7 +144,7 @@ def _sweep(experiment: Experiment) -> Figure:
             ax.yaxis.set_major_formatter("{x:g}")
             ax.yaxis.set_minor_locator(NullLocator())
             label(ax, f"{quantity}: {name}", unit)
-    return _finished(made, "weight α of the measurements in the window")
+    return finished(made, "weight α of the measurements in the window")
 
 
 def _swept(experiment: Experiment, scenario: str) -> tuple[list[Row], Measures, str]:
@@ -162,16 +165,6 @@ def _pair(method: str, solver: str) -> tuple[tuple[str, str], ...]:
     return ("EKF", "EKF"), (method, f"{method}, {solver}")
 
 
-def _rows(made: Figure) -> list[list[Axes]]:
-    """Plots row by row; those of a row share the vertical axis."""
-    columns = len({ax.get_position().x0 for ax in made.axes})
-    rows = [made.axes[i : i + columns] for i in range(0, len(made.axes), columns)]
-    for first, *others in rows:
-        for ax in others:
-            ax.sharey(first)
-    return rows
-
-
 def _ms(experiment: Experiment) -> Array:
     return 1e3 * experiment.shown.stage["time"].values
 
@@ -189,16 +182,3 @@ def _zoom(axes: list[Axes], drawn: list[Array]) -> None:
 def _mark_removal(ax: Axes, experiment: Experiment) -> None:
     moment = _ms(experiment)[removal(experiment.shown.stage)]
     ax.axvline(moment, color="0.45", lw=0.9, ls=":", label="payload removed")
-
-
-def _finished(made: Figure, x: str) -> Figure:
-    """Name the horizontal axes and put one legend above all plots."""
-    for ax in _rows(made)[-1]:
-        ax.set_xlabel(x, fontsize=8)
-    handles, names = made.axes[-1].get_legend_handles_labels()
-    legend = made.legend(
-        handles, names, loc="outside upper center", ncols=len(names), frameon=False, fontsize=9
-    )
-    for drawn in legend.get_lines():
-        drawn.set_linewidth(1.6)
-    return made

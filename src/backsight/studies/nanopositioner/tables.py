@@ -1,17 +1,15 @@
 """The numbers of the study as CSV files."""
 
-import csv
 import dataclasses
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.output import write_whole
 from backsight.studies.nanopositioner.claims import Verdict
 from backsight.studies.nanopositioner.evaluate import Measures, speed_floor
 from backsight.studies.nanopositioner.expected import TABLE_I
 from backsight.studies.nanopositioner.experiment import Experiment, compared
 from backsight.studies.nanopositioner.spread import ratio, spread
+from backsight.studies.sheets import write_sheet
 
 FIELDS = tuple(f.name for f in dataclasses.fields(Measures))
 
@@ -21,13 +19,13 @@ RATIOS = ("rse_x1", "rse_x2", "rse_x1_settled", "rse_x2_settled")
 
 def write_tables(experiment: Experiment, verdicts: Sequence[Verdict], out: Path) -> None:
     """Write ``measures.csv`` (every run), ``table1.csv`` (means and ranges) and ``claims.csv``."""
-    _write(out / "measures.csv", *_measures(experiment))
-    _write(out / "table1.csv", *_table_one(experiment))
+    write_sheet(out / "measures.csv", *_measures(experiment))
+    write_sheet(out / "table1.csv", *_table_one(experiment))
     rows = [
         [v.claim.text, v.scenario, v.solver, v.holds, v.of, v.passed, v.numbers] for v in verdicts
     ]
     head = ["claim", "scenario", "solver", "holds", "of", "passed", "means"]
-    _write(out / "claims.csv", head, rows)
+    write_sheet(out / "claims.csv", head, rows)
 
 
 def _measures(experiment: Experiment) -> tuple[list[str], list[list[object]]]:
@@ -64,12 +62,3 @@ def _table_one(experiment: Experiment) -> tuple[list[str], list[list[object]]]:
                 row += dataclasses.astuple(ratio(experiment, scenario, variant.label, field))
             rows.append(row)
     return head, rows
-
-
-def _write(path: Path, head: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    lines = io.StringIO()
-    writer = csv.writer(lines, lineterminator="\n")
-    writer.writerow(head)
-    for row in rows:
-        writer.writerow([f"{v:.10g}" if isinstance(v, float) else v for v in row])
-    write_whole(path, lines.getvalue().encode())

@@ -1,0 +1,1 @@
+"""How fast Backsight is, side by side with other software: ``python -m benchmarks``."""

@@ -1,0 +1,153 @@
+"""The figures that Backsight promises, and whether they are reached."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from benchmarks import contests, startup
+from benchmarks.contest import Row
+from benchmarks.scaling import Point
+from benchmarks.startup import Startup
+
+
+@dataclasses.dataclass(frozen=True)
+class Bar:
+    """A figure to reach.
+
+    Parameters
+    ----------
+    name : str
+        Says also whether the bar is a least or a largest value.
+    value : float or None
+        None if it could not be measured.
+    bar : float
+    met : bool
+    """
+
+    name: str
+    value: float | None
+    bar: float
+    met: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """Everything that was measured in a run."""
+
+    rows: Sequence[Row]
+    startups: Sequence[Startup]
+    points: Sequence[Point]
+
+    def time(self, contest: str, name: str) -> float:
+        """Least time of a contender; NaN if it could not take part."""
+        return next(r.best for r in self.rows if (r.contest, r.name) == (contest, name))
+
+    def startup(self, name: str) -> float:
+        """Median time of something that happens once [s]."""
+        return next(s.median for s in self.startups if s.name == name)
+
+
+def bars(measured: Measured) -> list[Bar]:
+    """All figures to reach, ratios within the same run."""
+    time = measured.time
+    native = time(contests.OBSERVER, contests.NATIVE)
+
+    def ratio(contest: str, name: str, ours: str = contests.NATIVE) -> float:
+        return time(contest, name) / time(contest, ours)
+
+    def large(contest: str) -> float:
+        return time(contest, contests.NATIVE) / time(contest, contests.NUMPY)
+
+    return [
+        *_least(
+            {
+                "MHO: native against virtual machine [times faster]": (
+                    ratio(contests.OBSERVER, contests.VIRTUAL),
+                    15,
+                ),
+                "MHO: native against CasADi's own C, gcc -O3, buffer [times faster]": (
+                    ratio(contests.OBSERVER, contests.GENERATED),
+                    1.7,
+                ),
+                "MHO: native, whole sample, against do-mpc MHE, same N [times faster]": (
+                    time(contests.WINDOW, contests.DO_MPC)
+                    / time(contests.WINDOW, contests.WHOLE_SAMPLE),
+                    700,
+                ),
+                "MHO: 8 lanes, one core, against scalar program [times the throughput]": (
+                    native / time(contests.OBSERVER, contests.LANES),
+                    5,
+                ),
+                "UKF: native against filterpy [times faster]": (
+                    ratio(contests.UNSCENTED, contests.FILTERPY),
+                    100,
+                ),
+            }
+        ),
+        *_most(
+            {
+                "MHO: from Python, whole recording [us per sample]": (native, 8),
+                "MHO: iterated to convergence [us per sample]": (
+                    time(contests.OBSERVER, contests.CONVERGED),
+                    12,
+                ),
+                "EKF: 6 states, 8 sub-steps [us per sample]": (
+                    time(contests.FILTERS, contests.EKF_ODE),
+                    0.5,
+                ),
+                "UKF: 5 states, 4 sub-steps [us per sample]": (
+                    time(contests.FILTERS, contests.UKF),
+                    2,
+                ),
+                "AHG: fixed gain [us per sample]": (time(contests.FILTERS, contests.AHG_FIXED), 1),
+                "AHG: adaptive gain [us per sample]": (
+                    time(contests.FILTERS, contests.AHG_ADAPTIVE),
+                    5,
+                ),
+                "EKF: 60 states, row of masses, against NumPy with BLAS [times as long]": (
+                    large(contests.CHAIN),
+                    3,
+                ),
+                "EKF: 60 states, dense, against NumPy with BLAS [times as long]": (
+                    large(contests.DENSE),
+                    3,
+                ),
+                "EKF: 60 states, row of masses, compile [s]": (
+                    measured.startup(startup.compiling("chain")),
+                    5,
+                ),
+                "EKF: 60 states, dense, compile [s]": (
+                    measured.startup(startup.compiling("dense")),
+                    5,
+                ),
+                "MHO: emit and compile [s]": (measured.startup(startup.compiling("observer")), 1),
+                "MHO: from the cache [s]": (measured.startup(startup.from_cache("observer")), 0.05),
+                "import backsight [s]": (measured.startup("import backsight"), 0.6),
+                "backsight --help [s]": (measured.startup("backsight --help"), 1),
+            }
+        ),
+    ]
+
+
+Figures = dict[str, tuple[float, float]]
+
+
+def _least(figures: Figures) -> list[Bar]:
+    return _judged(figures, "at least", lambda value, bar: value >= bar)
+
+
+def _most(figures: Figures) -> list[Bar]:
+    return _judged(figures, "at most", lambda value, bar: value <= bar)
+
+
+def _judged(figures: Figures, word: str, reached: Callable[[float, float], bool]) -> list[Bar]:
+    return [
+        Bar(
+            name=f"{name}, {word}",
+            value=float(f"{value:.4g}") if np.isfinite(value) else None,
+            bar=bar,
+            met=bool(np.isfinite(value) and reached(value, bar)),
+        )
+        for name, (value, bar) in figures.items()
+    ]

@@ -1,0 +1,157 @@
+"""How the time of a sample grows with window, states, sub-steps and recordings."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine import lanes, native
+from backsight.estimators import MHO
+from backsight.types import Array
+from benchmarks import flops, problems
+from benchmarks.contest import Contender, turns
+from benchmarks.ours import stage_recordings
+from benchmarks.peers import numpy_ekf
+from benchmarks.problems import Problem
+
+SAMPLES = 1000
+"""Samples of a recording of the observer; the filters run over the whole recording."""
+
+DISTINCT = 16
+"""Different recordings; more than that are these again."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Point:
+    """Time of a sample for one size.
+
+    Parameters
+    ----------
+    study, series : str
+    size : int
+    best, median : float
+        [us per sample]
+    operations : float
+        Floating-point operations per sample, NaN if not counted.
+    """
+
+    study: str
+    series: str
+    size: int
+    best: float
+    median: float
+    operations: float = np.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """A plot: for every series its sizes and how to make the contender of a size."""
+
+    name: str
+    axis: str
+    series: dict[str, tuple[Sequence[int], Callable[[int], Contender | Problem]]]
+
+
+OBSERVER = "moving horizon observer"
+EKF = "extended Kalman filter"
+
+
+def studies(*, quick: bool) -> tuple[Study, ...]:
+    """The plots; with `quick` only few sizes."""
+
+    def sizes(*all_sizes: int) -> Sequence[int]:
+        return all_sizes[:: max(len(all_sizes) - 1, 1)] if quick else all_sizes
+
+    substeps = sizes(1, 2, 4, 8, 16, 32)
+    recordings = sizes(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
+    states = sizes(2, 4, 6, 8, 10, 12, 14, 20, 30, 40, 50, 60)
+    return (
+        Study(
+            "window",
+            "horizon N [samples]",
+            {OBSERVER: (sizes(5, 10, 15, 25, 50, 100, 200), lambda n: problems.observer(N=n))},
+        ),
+        Study(
+            "substeps",
+            "Heun sub-steps per sample",
+            {
+                OBSERVER: (substeps, lambda n: problems.observer(integrator=_heun(n))),
+                EKF: (substeps, lambda n: problems.stage_filter(integrator=_heun(n))),
+            },
+        ),
+        Study(
+            "states",
+            "states",
+            {
+                f"{EKF}, row of masses": (states, lambda n: problems.chain(n // 2)),
+                f"{EKF}, dense": (states, problems.dense),
+                "NumPy with BLAS, dense": (states, lambda n: numpy_ekf.build(problems.dense(n))),
+                f"{OBSERVER}, row of masses": (sizes(2, 4, 6, 8, 10, 12), _observed_chain),
+            },
+        ),
+        Study(
+            "recordings",
+            "recordings at once, all cores",
+            {
+                OBSERVER: (recordings, lambda n: _many(problems.observer(), n)),
+                EKF: (recordings, lambda n: _many(problems.stage_filter(), n)),
+            },
+        ),
+    )
+
+
+def carry_out(study: Study, *, rounds: int, seconds: float) -> list[Point]:
+    """Compile all sizes, then time them in turns."""
+    points, contenders = [], []
+    for name, (sizes, build) in study.series.items():
+        for size in sizes:
+            built, operations = build(size), np.nan
+            if isinstance(built, Problem):
+                operations = float(flops.count(built.recursion))
+                built = _single(built)
+            built.work()
+            contenders.append(built)
+            points.append(Point(study.name, name, size, np.nan, np.nan, operations))
+    measured = turns(contenders, rounds=rounds, seconds=seconds)
+    return [
+        dataclasses.replace(
+            point,
+            best=float(1e6 * spent.min() / contender.samples),
+            median=float(1e6 * np.median(spent) / contender.samples),
+        )
+        for point, contender, (spent, _) in zip(points, contenders, measured, strict=True)
+    ]
+
+
+def _heun(substeps: int) -> Integrator:
+    return Integrator("heun", substeps)
+
+
+def _observed_chain(states: int) -> Problem:
+    chain = problems.chain(states // 2)
+    return dataclasses.replace(chain, estimator=problems.observer_of(chain.estimator))
+
+
+def _single(problem: Problem) -> Contender:
+    samples = SAMPLES if isinstance(problem.estimator, MHO) else len(problem.data[0])
+    data = [d[:samples] for d in problem.data]
+    recursion = problem.recursion
+
+    def work() -> Array:
+        return native.run(recursion, data, carry=recursion.carry0)[0]
+
+    return Contender(work, len(data[0]))
+
+
+def _many(problem: Problem, count: int) -> Contender:
+    # Enough samples for the time to count, few enough for the results of all to fit into memory.
+    samples = min(SAMPLES, max(SAMPLES // 4, 64 * SAMPLES // count))
+    distinct = stage_recordings(problem, min(count, DISTINCT))
+    data = [[d[:samples] for d in distinct[i % DISTINCT]] for i in range(count)]
+    carries = [problem.recursion.carry0] * count
+
+    def work() -> Array:
+        return lanes.run_many(problem.recursion, data, carries=carries)[0][0]
+
+    return Contender(work, count * samples)

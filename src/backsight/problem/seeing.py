@@ -1,0 +1,52 @@
+"""Whether the recording of a problem can show what its estimators are asked for."""
+
+import xarray as xr
+
+from backsight.analysis.observability import Observability, observability, observability_along
+from backsight.discrete.runge_kutta import Integrator
+from backsight.errors import ModelError
+from backsight.estimators.uncertainty import Prior
+from backsight.problem.problem import Problem
+from backsight.run.match import match
+
+FIRST_SAMPLES, MOST_SAMPLES = 500, 8000
+"""A motion that shows not everything is followed for longer, up to the second number."""
+
+
+def examine(problem: Problem, data: xr.Dataset) -> Observability:
+    """Judge the model: by itself if it is linear, else along its motion under the recorded inputs.
+
+    The motion starts from the prior of the first estimator.
+
+    Raises
+    ------
+    ModelError
+        If the motion does not stay finite.
+    """
+    try:
+        return observability(problem.model)
+    except ModelError:
+        u, _, _ = match(problem.model, data)
+    first = next(iter(problem.estimators.values()))
+    prior, integrator = getattr(first, "prior", None), getattr(first, "integrator", None)
+    samples = FIRST_SAMPLES
+    while True:
+        found = observability_along(
+            problem.model,
+            u[:samples],
+            dt=float(data.attrs["dt"]),
+            x0=prior.mean(problem.model) if isinstance(prior, Prior) else None,
+            integrator=integrator if isinstance(integrator, Integrator) else None,
+        )
+        if found.observable or samples >= min(len(u), MOST_SAMPLES):
+            return found
+        samples *= 4
+
+
+def doubts(problem: Problem, data: xr.Dataset) -> list[str]:
+    """What to tell before a run; nothing if everything can be seen or the motion cannot be made."""
+    try:
+        found = examine(problem, data)
+    except ModelError:
+        return []
+    return [] if found.detectable else found.lines()

@@ -1,0 +1,113 @@
+"""Threshold of the adaptive gain: what noise alone does to the innovation."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+import xarray as xr
+
+from backsight.engine.loops import scan
+from backsight.errors import DataError, TuningError
+from backsight.estimators.adaptive_gain import prediction_error
+from backsight.estimators.ahg import AHG
+from backsight.models.affine import affine_form
+from backsight.models.model import Model
+from backsight.run.estimate import estimate
+from backsight.run.match import match
+from backsight.types import Array
+
+MOST_WINDOWS = 2000
+"""Windows that are evaluated, evenly spread."""
+
+
+def propose_threshold(
+    observer: AHG,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    window: float = 0.04,
+    quantile: float = 0.99,
+    margin: float = 1.8,
+    settle: float | None = None,
+) -> float:
+    r"""Propose `AdaptiveGain.gamma` from a recording in which no parameter changes.
+
+    With a threshold below the innovation that noise alone causes at lambda_max, the gain never
+    comes down: the larger gain lets more noise into the estimates, which keeps the innovation up.
+    So the innovation (eq. 19) is measured at lambda_max, and gamma is a quantile of it with a
+    margin.
+
+    Parameters
+    ----------
+    observer : AHG
+        At lambda_max; its adaptive gain is not used.
+    model : Model
+    recording : xarray.Dataset
+        Of the converged observer, apart from the beginning.
+    window : float
+        T of the adaptive gain [s].
+    quantile, margin : float
+        The threshold is `margin` times this quantile.
+    settle : float, optional
+        Time from which on the observer has converged [s]; half the recording if not given.
+
+    Returns
+    -------
+    float
+        gamma [output unit * s].
+
+    Raises
+    ------
+    DataError
+        If less than ten windows fit behind `settle`.
+    TuningError
+        If the window, the quantile or the margin is not possible.
+    EstimationError
+        If the observer fails on the recording.
+    """
+    if not (window > 0 and 0 < quantile < 1 and margin > 0):
+        raise TuningError(
+            f"window = {window}, quantile = {quantile}, margin = {margin}: window and margin must "
+            "be positive, the quantile between 0 and 1"
+        )
+    found = innovations(observer, model, recording, window=window, settle=settle)
+    return margin * float(np.quantile(found, quantile))
+
+
+def innovations(
+    observer: AHG,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    window: float = 0.04,
+    settle: float | None = None,
+) -> Array:
+    """Innovation of eq. 19 in evenly spread windows [output unit * s]; see `propose_threshold`."""
+    dt, n = float(recording.attrs["dt"]), recording.sizes["time"]
+    length = max(1, round(window / dt))
+    first = n // 2 if settle is None else round(settle / dt)
+    if n - first < 10 * length:
+        raise DataError(
+            f"the window is {window:g} s; ten of them must fit behind the first {first * dt:g} s, "
+            f"but the recording ends at {(n - 1) * dt:g} s"
+        )
+    fixed = dataclasses.replace(observer, adaptive=None)
+    result = estimate(fixed, model, recording)
+    form = affine_form(model)
+    count = min(MOST_WINDOWS, n - first - length)
+    starts = np.unique(np.linspace(first, n - 1 - length, count).astype(int))
+    u, y, mask = match(model, recording)
+    estimates = result["x_hat"].values[starts].T
+    theta = form.theta.map(len(starts))(estimates[form.n :])
+
+    x, t = ca.MX.sym("x", form.n), ca.MX.sym("theta", form.p)
+    U, Y, M = (ca.MX.sym(k, m, length + 1) for k, m in (("U", form.nu), ("Y", 1), ("M", 1)))
+    (_, area), _ = scan(
+        prediction_error(form, observer.integrator, dt),
+        length,
+        carry=[x, ca.MX(0)],
+        xs=[ca.repmat(t, 1, length), *(part for d in (U, Y, M) for part in (d[:, :-1], d[:, 1:]))],
+    )
+    measure = ca.Function("innovations", [x, t, U, Y, M], [area]).map(len(starts))
+    cut = [np.hstack([d[k : k + length + 1].T for k in starts]) for d in (u, y, mask)]
+    return np.asarray(measure(estimates[: form.n], theta, *cut))[0]
