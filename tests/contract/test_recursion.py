@@ -81,13 +81,14 @@ def test_progress_ends_with_the_number_of_samples(engine, recursion, problem, ho
     assert told == [10, 20, 25]
 
 
-def test_stream_is_the_batch(build, problem, hold):
+@pytest.mark.parametrize("name_of_engine", ["vm", "native"])
+def test_stream_is_the_batch(build, problem, hold, name_of_engine):
     data = problem.simulate(40, seed=4, hold=hold, noisy=True)
     data.y[2] = np.nan
     data.y[::3, 0] = np.nan
     estimator, model = build(problem), problem.model
-    batch = estimate(estimator, model, data.recording(model))
-    live = stream(estimator, model, batch.attrs["dt"])
+    batch = estimate(estimator, model, data.recording(model), engine=name_of_engine)
+    live = stream(estimator, model, batch.attrs["dt"], engine=name_of_engine)
     for k in range(len(data.u)):
         sample = live.step(data.u[k], data.y[k])
         for name in ("x_hat", "P", "y_hat", "S", "status"):

@@ -47,3 +47,14 @@ def execute(
     """Apply the step to every sample and return the outputs, one row per sample each."""
     run: Run = {"native": native.run, "vm": vm.run}[engine]
     return run(recursion, data, carry=recursion.carry0, progress=progress)[1]
+
+
+def stepper(recursion: Recursion, engine: str) -> native.Stepper | vm.Stepper:
+    """Apply a recursion to samples as they come.
+
+    Raises
+    ------
+    EngineError
+        If there is no engine of that name or it cannot compile the recursion.
+    """
+    return {"native": native.Stepper, "vm": vm.Stepper}[choose(engine, 1)](recursion)

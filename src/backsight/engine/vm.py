@@ -51,3 +51,23 @@ def run(
             output[part] = np.asarray(result).T
         progress(part.stop)
     return carry, outputs
+
+
+class Stepper:
+    """A recursion that is applied to one sample after the other, as they come.
+
+    Parameters
+    ----------
+    recursion : Recursion
+    """
+
+    def __init__(self, recursion: Recursion) -> None:
+        self._step = recursion.step
+        self.carry = recursion.carry0
+        """The memory (nc,) before the coming sample."""
+
+    def step(self, data: Sequence[Array]) -> list[Array]:
+        """Apply the step to the data (m_i,) of one sample and return its outputs (l_j,)."""
+        carry, *outputs = self._step.call([self.carry, *data])
+        self.carry = np.asarray(carry)[:, 0]
+        return [np.asarray(output)[:, 0] for output in outputs]

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from backsight.engine.execute import stepper
 from backsight.errors import DataError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
@@ -18,12 +19,18 @@ class Stream:
     model : Model
     dt : float
         Sampling period [s].
+    engine : {"native", "vm"}
+        Machine code, or CasADi's virtual machine, which takes many times as long per sample but
+        nothing to start.
     """
 
-    def __init__(self, estimator: AbstractEstimator, model: Model, dt: float) -> None:
+    def __init__(
+        self, estimator: AbstractEstimator, model: Model, dt: float, *, engine: str = "native"
+    ) -> None:
         self._model = model
-        self._recursion = estimator.compile(model, dt)
-        self._carry = self._recursion.carry0
+        recursion = estimator.compile(model, dt)
+        self._channels = recursion.channels
+        self._stepper = stepper(recursion, engine)
 
     def step(self, u: ByName, y: ByName) -> dict[str, Array]:
         """Process one sample.
@@ -52,14 +59,14 @@ class Stream:
             raise DataError(f"input {inputs} is not finite; inputs must be known at every sample")
         measured = np.isfinite(outputs)
         data = [inputs, np.where(measured, outputs, 0.0), measured.astype(float)]
-        carry, *values = self._recursion.step.call([self._carry, *data])
-        self._carry = np.asarray(carry)[:, 0]
+        values = self._stepper.step(data)
         return {
-            c.name: c.unpack(np.asarray(v).T)[0]
-            for c, v in zip(self._recursion.channels, values, strict=True)
+            c.name: c.unpack(v[np.newaxis])[0] for c, v in zip(self._channels, values, strict=True)
         }
 
 
-def stream(estimator: AbstractEstimator, model: Model, dt: float) -> Stream:
+def stream(
+    estimator: AbstractEstimator, model: Model, dt: float, *, engine: str = "native"
+) -> Stream:
     """Start an estimator on a live stream with sampling period dt [s]; see `Stream`."""
-    return Stream(estimator, model, dt)
+    return Stream(estimator, model, dt, engine=engine)
