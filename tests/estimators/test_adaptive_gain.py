@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 
 from backsight.engine import native
 from backsight.errors import DataError, TuningError
+from backsight.estimators import Prior
 from backsight.estimators.adaptive_gain import AdaptiveGain, gain_step
 from backsight.run.estimate import estimate
 from backsight.studies.punch.plant import SOFT, simulate_punch, with_noise
@@ -55,9 +56,12 @@ def innovations(result, every, window):
 
 def test_the_gain_is_equations_17_to_19(recording):
     every, window = 50, 200
-    gain = dataclasses.replace(GAIN, every=every * DT, window=window * DT)
-    part = recording.isel(time=slice(0, 6700))
-    result = run(part, adaptive=gain)
+    gain = dataclasses.replace(GAIN, gamma=3e-7, every=every * DT, window=window * DT)
+    part = recording.isel(time=slice(8800, 11_000))
+    begin = part["x_true"].values[0]
+    known = Prior(x0=dict(zip("qvmcd", begin, strict=True)), sigma_x0=1e-3)
+    estimator = observer(reading=SOFT, lam=UPPER, adaptive=gain)
+    result = estimate(dataclasses.replace(estimator, prior=known), joint(SOFT), part)
     assert list(result["parameter"].values) == ["m", "c", "d"]
     areas = innovations(result, every, window)
     lam, S, expected = UPPER, 1.0, []

@@ -187,6 +187,16 @@ def test_covariance_is_the_scatter():
     np.testing.assert_allclose(np.mean(errors**2, axis=0) / variances.mean(axis=0), 1.0, atol=0.36)
 
 
+def test_the_prior_covariance_of_the_parameters_comes_back():
+    """It goes through 1/m, c/m, d/m and back; the first sample is not used yet."""
+    estimator = observer(1.3)
+    model = joint()
+    result = estimate(estimator, model, motion().isel(time=slice(0, 3)))
+    size = np.sqrt(np.diag(estimator.prior.covariance(model)))
+    P = result["P"].values[0] / np.outer(size, size)
+    np.testing.assert_allclose(P, np.eye(5), atol=1e-12)
+
+
 def inverted():
     """A recording with the sign of the force wrong: 1/m would have to be negative."""
     recording = with_noise(motion(SOFT), 0).isel(time=slice(0, 5000))

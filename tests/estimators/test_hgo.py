@@ -132,6 +132,22 @@ def test_after_a_gap_the_measurement_counts_for_one_period():
     np.testing.assert_array_equal(result["e"][1::3], 0.0)
 
 
+def test_bands_with_gaps():
+    """Scatter over many noises, with two of five samples measured; the start is known exactly."""
+    rng, n, runs = np.random.default_rng(7), 100, 300
+    prior = Prior(x0=[0.0, 0.0], sigma_x0=1e-9)
+    recursion = observer(prior=prior).compile(model(), DT)
+    errors = []
+    for _ in range(runs):
+        y = 1e-2 * rng.standard_normal(n)
+        y[np.arange(n) % 5 > 1] = np.nan
+        result = run(recursion, np.zeros(n), y)
+        errors.append(result["x_hat"])
+    variances = np.var(errors, axis=0)[50:]
+    P = np.diagonal(result["P"], axis1=1, axis2=2)[50:]
+    np.testing.assert_allclose(np.mean(variances / P, axis=0), 1.0, atol=0.1)
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -69,8 +69,8 @@ class AHG(AbstractEstimator):
     References
     ----------
     Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter estimation: a
-    comparison to extended and unscented Kalman filter". Besançon (2007),
-    doi:10.1007/978-3-540-73503-8.
+    comparison to extended and unscented Kalman filter". Besançon (ed.), "Nonlinear Observers and
+    Applications", Springer 2007.
     """
 
     key: ClassVar[str] = "ahg"

@@ -40,8 +40,8 @@ class AffineForm:
         Theta to parameters.
 
     Source: Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter
-    estimation: a comparison to extended and unscented Kalman filter", eq. 4-7; Besançon (2007),
-    doi:10.1007/978-3-540-73503-8.
+    estimation: a comparison to extended and unscented Kalman filter", eq. 4-7; Besançon (ed.),
+    "Nonlinear Observers and Applications", Springer 2007.
     """
 
     n: int

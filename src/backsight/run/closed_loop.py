@@ -15,8 +15,8 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError, ModelError
 from backsight.models.model import Model
 from backsight.models.signals import Named, vector
+from backsight.run.measured import measured
 from backsight.run.scenario import numbers, parameter_steps
-from backsight.schema import recording
 from backsight.types import Array, ByName
 
 Controller = Callable[[Named, Named], Any]
@@ -114,21 +114,16 @@ def simulate_closed_loop(
     X, U, Y = (np.vstack(column) for column in zip(*parts, strict=True))
     _check_finite(X, U, dt)
 
-    result = recording(
-        np.arange(n) * dt,
-        u=U,
-        y=Y + sigma * np.random.default_rng(seed).standard_normal(Y.shape),
-        inputs={s.name: s.unit for s in model.inputs},
-        outputs={s.name: s.unit for s in model.outputs},
+    return measured(
+        model,
         dt=dt,
+        u=U,
+        x=X,
+        y=Y,
+        parameters=theta.at(np.arange(n) * substeps),
+        sigma=sigma,
+        seed=seed,
     )
-    known = [*model.states, *model.parameters]
-    result["x_true"] = (("time", "state"), np.hstack([X, theta.at(np.arange(n) * substeps)]))
-    result = result.assign_coords(
-        state=[s.name for s in known], state_unit=("state", [s.unit for s in known])
-    )
-    result.attrs |= {"model": model.name, "seed": seed}
-    return result
 
 
 def control(model: Model, controller: Controller, reference: list[str]) -> ca.Function:

@@ -14,6 +14,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError
 from backsight.models.model import Model
 from backsight.models.signals import vector
+from backsight.run.measured import measured
 from backsight.run.scenario import (
     Disturbance,
     Push,
@@ -22,7 +23,6 @@ from backsight.run.scenario import (
     input_columns,
     parameter_steps,
 )
-from backsight.schema import recording
 from backsight.types import Array, ByName
 
 SCHEME = "dopri5"
@@ -127,21 +127,16 @@ def simulate(
     X, Y = _integrate(model, fine, x, U=U, theta=theta, pushes=pushes, dt=dt)
     _check_finite(X, Y, dt)
 
-    result = recording(
-        np.arange(n) * dt,
-        u=U,
-        y=Y + sigma * np.random.default_rng(seed).standard_normal(Y.shape),
-        inputs={s.name: s.unit for s in model.inputs},
-        outputs={s.name: s.unit for s in model.outputs},
+    return measured(
+        model,
         dt=dt,
+        u=U,
+        x=X,
+        y=Y,
+        parameters=theta.at(np.arange(n) * fine.substeps),
+        sigma=sigma,
+        seed=seed,
     )
-    known = [*model.states, *model.parameters]
-    result["x_true"] = (("time", "state"), np.hstack([X, theta.at(np.arange(n) * fine.substeps)]))
-    result = result.assign_coords(
-        state=[s.name for s in known], state_unit=("state", [s.unit for s in known])
-    )
-    result.attrs |= {"model": model.name, "seed": seed}
-    return result
 
 
 def _integrate(

@@ -144,7 +144,7 @@ def _why_not(e: Experiment) -> Claim:
     bias = {b.sensor_noise: b.bias for b in e.biases if b.speed_noise == 1.0}
     low, *_, high = sorted(bias)
     return Claim(
-        "because the motion does not excite it enough",
+        "EKF and UKF miss the damping because the motion does not excite it enough",
         "stiff",
         math.isnan(tuned),
         f"the tuned EKF finds it from the same motion in {seconds(tuned)}; the EKF with qx = 1 "
