@@ -4,9 +4,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import LogLocator, NullLocator
 
 from backsight.output import write_whole
-from backsight.report.figures import figure, label, legend, line, save
+from backsight.report.figures import figure, label, line, save
 from benchmarks.bars import Bar, Measured
 from benchmarks.contest import Contest, Row
 from benchmarks.efficiency import Efficiency
@@ -94,17 +95,21 @@ def plot(study: Study, points: Sequence[Point], folder: Path) -> str:
     drawing = figure(height=3.0)
     axes = drawing.axes[0]
     label(axes, "time per sample", "us", x=study.axis)
+    axes.set_xscale("log", base=2)
+    axes.set_yscale("log")
     for number, series in enumerate(study.series):
         here = [p for p in points if (p.study, p.series) == (study.name, series)]
         sizes, times = (np.array([getattr(p, k) for p in here]) for k in ("size", "best"))
         line(axes, sizes, times, name=series, series=number)
         axes.lines[-1].set_marker("o")
         axes.lines[-1].set_markersize(3)
-    axes.set_xscale("log", base=2)
-    axes.set_yscale("log")
-    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_xticks(sorted({p.size for p in points if p.study == study.name}), minor=False)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(NullLocator())
     axes.margins(x=0.03)
-    legend(axes)
+    axes.legend(frameon=False, fontsize=8, loc="best")
     path = save(drawing, folder / f"benchmark-{study.name}.png", dpi=120)
     return f"![Time per sample against {study.axis}](images/{path.name})"
 

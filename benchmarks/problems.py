@@ -204,7 +204,7 @@ def punch_filter() -> Problem:
     return Problem(UKF(noise, prior, integrator=Integrator("heun", 4)), model, punch())
 
 
-def chain(masses: int = 30, *, samples: int = 300) -> Problem:
+def chain(masses: int = 30, *, samples: int = 1000) -> Problem:
     """Extended Kalman filter of a row of masses and springs: 2 states for every mass."""
     K = 400.0 * (2 * np.eye(masses) - np.eye(masses, k=1) - np.eye(masses, k=-1))
     M = np.eye(masses)
@@ -222,7 +222,7 @@ def chain(masses: int = 30, *, samples: int = 300) -> Problem:
     return Problem(ekf, model, _noisy(model, 2e-3, samples))
 
 
-def dense(states: int = 60, *, samples: int = 300) -> Problem:
+def dense(states: int = 60, *, samples: int = 1000) -> Problem:
     """Extended Kalman filter of a discrete-time model in which every state moves every other."""
     rng = np.random.default_rng(1)
     A = rng.standard_normal((states, states))
@@ -244,4 +244,4 @@ def dense(states: int = 60, *, samples: int = 300) -> Problem:
 
 def _noisy(model: Model, dt: float, samples: int) -> xr.Dataset:
     inputs = np.random.default_rng(0).standard_normal((samples, model.nu))
-    return simulate(model, inputs, dt=dt, sigma_y=1e-3, seed=0)
+    return simulate(model, inputs, dt=dt, sigma_y=1e-3, seed=0, substeps=2)

@@ -16,7 +16,7 @@ from benchmarks.peers import numpy_ekf
 from benchmarks.problems import Problem
 
 SAMPLES = 1000
-"""Samples of a recording of the observer; the filters run over the whole recording."""
+"""Samples of a recording; a filter that runs by itself takes the whole recording."""
 
 DISTINCT = 16
 """Different recordings; more than that are these again."""
@@ -145,13 +145,11 @@ def _single(problem: Problem) -> Contender:
 
 
 def _many(problem: Problem, count: int) -> Contender:
-    # Enough samples for the time to count, few enough for the results of all to fit into memory.
-    samples = min(SAMPLES, max(SAMPLES // 4, 64 * SAMPLES // count))
     distinct = stage_recordings(problem, min(count, DISTINCT))
-    data = [[d[:samples] for d in distinct[i % DISTINCT]] for i in range(count)]
+    data = [[d[:SAMPLES] for d in distinct[i % DISTINCT]] for i in range(count)]
     carries = [problem.recursion.carry0] * count
 
     def work() -> Array:
         return lanes.run_many(problem.recursion, data, carries=carries)[0][0]
 
-    return Contender(work, count * samples)
+    return Contender(work, count * SAMPLES)

@@ -26,16 +26,14 @@ FAST = [
 """What our own code generator allows, too: NaN and infinity are kept."""
 
 LOOP = """
-#include <string.h>
 int {name}(const double **arg, double **res, long long *iw, double *w, int mem);
-void run(long long n, double *a, double *b, const double *u, const double *y, const double *m,
-         double *x, double **rest, long long *iw, double *w) {{
-  const double *arg[{args}];
-  double *res[{results}];
+void run(long long n, const double **arg, double **res, long long *iw, double *w,
+         double *a, double *b, const double *u, const double *y, const double *m,
+         double *x, double **rest) {{
   for (long long k = 0; k < n; ++k) {{
     arg[0] = k % 2 ? b : a; arg[1] = u + k * {nu}; arg[2] = y + k * {ny}; arg[3] = m + k * {ny};
     res[0] = k % 2 ? a : b; res[1] = x + k * {nx};
-    for (int i = 2; i < {outputs}; ++i) res[i] = rest[i];
+    for (int i = 2; i < {outputs}; ++i) res[i] = rest[i - 2];
     {name}(arg, res, iw, w, 0);
   }}
 }}
@@ -78,26 +76,30 @@ def in_c(problem: Problem, flags: list[str]) -> Contender:
     """One call from Python for the whole recording; the loop is in C."""
     recursion = problem.recursion
     _, library = _loaded(recursion, flags)
-    step = recursion.step
-    data = [np.ascontiguousarray(d) for d in problem.data]
+    # The generated code needs other amounts of working memory than the virtual machine.
+    sizes = [ctypes.c_longlong() for _ in range(4)]
+    library[f"{recursion.name}_work"](*(ctypes.byref(size) for size in sizes))
+    working = [np.empty(max(size.value, 1)) for size in sizes]
     memory = [recursion.carry0.copy(), recursion.carry0.copy()]
+    data = [np.ascontiguousarray(d) for d in problem.data]
     x_hat = np.empty((len(data[0]), recursion.output_sizes[0]))
-    rest = [np.empty(1), *(np.empty(m) for m in (1, *recursion.output_sizes[1:]))]
-    addresses = (ctypes.c_void_p * len(rest))(*(r.ctypes.data for r in rest))
-    work_space = [np.empty(max(step.sz_iw(), 1), np.int64), np.empty(max(step.sz_w(), 1))]
-    given = [*memory, *data, x_hat]
+    rest = [np.empty(size) for size in recursion.output_sizes[1:]]
+    arrays = [*working, *memory, *data, x_hat]
 
     def work() -> Array:
         memory[0][:] = recursion.carry0
-        library.run(
-            ctypes.c_longlong(len(x_hat)),
-            *(ctypes.c_void_p(a.ctypes.data) for a in given),
-            addresses,
-            *(ctypes.c_void_p(a.ctypes.data) for a in work_space),
-        )
+        library.run(ctypes.c_longlong(len(x_hat)), *map(_address, arrays), _addresses(rest))
         return x_hat / problem.setting.sx
 
     return Contender(work, len(x_hat), expected(problem))
+
+
+def _address(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def _addresses(arrays: list[Array]) -> "ctypes.Array[ctypes.c_void_p]":
+    return (ctypes.c_void_p * len(arrays))(*map(_address, arrays))
 
 
 def _loaded(recursion: Recursion, flags: list[str]) -> tuple[ca.Function, ctypes.CDLL]:
@@ -108,8 +110,6 @@ def _loaded(recursion: Recursion, flags: list[str]) -> tuple[ca.Function, ctypes
     step = recursion.step
     loop = LOOP.format(
         name=step.name(),
-        args=step.sz_arg(),
-        results=step.sz_res(),
         outputs=step.n_out(),
         nu=step.numel_in(1),
         ny=step.numel_in(2),
