@@ -70,8 +70,3 @@ def smallest_pivot(A: ca.SX) -> ca.SX:
             L[i, j] = ca.if_else(keep, (A[i, j] - done) / ca.if_else(keep, d[j], 1), 0)
     sizes = [ca.if_else(A[j, j] == 0, 1, ca.fabs(A[j, j])) for j in range(n)]
     return ca.mmin(ca.vertcat(*(p / s for p, s in zip(d, sizes, strict=True))))
-
-
-def quadratic(A: ca.SX, x: ca.SX) -> ca.SX:
-    """x' A x."""
-    return ca.dot(x, A @ x)

@@ -133,11 +133,16 @@ def substep_inputs(
     """Inputs at both ends of the sub-steps: as columns (ramp), or once for all (held)."""
     if integrator.hold == "zoh":
         return [], [u, u]
-    a, b = ca.SX.sym("a", u.numel()), ca.SX.sym("b", u.numel())
-    n = integrator.substeps
-    grid = [a + (k / n) * (b - a) for k in range(n + 1)]
-    ramp = ca.Function(f"ramp_{n}", [a, b], [ca.horzcat(*grid[:-1]), ca.horzcat(*grid[1:])])
-    return list(ramp(u, u_next)), []
+    return ramp(integrator.substeps, u, u_next), []
+
+
+def ramp(n: int, a: ca.MX, b: ca.MX) -> list[ca.MX]:
+    """Values at the beginning and at the end of n sub-steps from a to b, side by side."""
+    first, last = ca.SX.sym("a", a.numel()), ca.SX.sym("b", b.numel())
+    grid = [first + (k / n) * (last - first) for k in range(n + 1)]
+    name = f"ramp_{n}_of_{a.numel()}"
+    columns = [ca.horzcat(*grid[:-1]), ca.horzcat(*grid[1:])]
+    return list(ca.Function(name, [first, last], columns)(a, b))
 
 
 Leaf = Callable[[Setting, Integrator, float], ca.Function]

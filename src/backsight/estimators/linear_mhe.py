@@ -24,6 +24,7 @@ from backsight.estimators.linear import (
 )
 from backsight.estimators.stacked import Gains, gains, in_units, product
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.window import advance, as_columns, empty_window
 from backsight.estimators.window_filter import window_filter
 from backsight.estimators.window_limits import limit_gains, window_limits
 from backsight.models.model import Model
@@ -116,16 +117,14 @@ class LinearMHE(AbstractEstimator):
             "P_start": packed(s.P0),
             "x_last": s.x0,
             "P_last": packed(s.P0),
-            "U": np.zeros(s.model.nu * (N + 1)),
-            "Y": np.zeros(s.model.ny * (N + 1)),
-            "M": np.zeros(s.model.ny * (N + 1)),
+            **empty_window(s, N + 1),
             "present": np.zeros(N + 1),
             "active": np.zeros(n * (N + 1)),
         }
         symbol, (x_start, P_start, x_last, P_last, *windows, before) = carry_inputs(
             list(memory.values())
         )
-        U, Y, M, present = (ca.reshape(w, w.numel() // (N + 1), N + 1) for w in windows)
+        U, Y, M, present = as_columns(windows, N + 1)
 
         time_update, free = predict_packed(system), without_bounds(s)
         last = [x_last, P_last]
@@ -134,9 +133,7 @@ class LinearMHE(AbstractEstimator):
         corrected = gaussian.correct(free)(x_start, P_start, U[:, 0], Y[:, 0], M[:, 0])[:2]
         moved = time_update.call([*corrected, U[:, 0], U[:, 1]])
         x_start, P_start = choose(present[0], moved, [x_start, P_start])
-        U, Y, M, present = (
-            ca.horzcat(w[:, 1:], new) for w, new in ((U, u), (Y, y), (M, mask), (present, 1))
-        )
+        U, Y, M, present = advance((U, Y, M, present), (u, y, mask, 1))
 
         window = (U, Y, M, present)
         lacking, x, P, *quantities = _solve(system, rows, N, self.arrival, x_start, P_start, window)

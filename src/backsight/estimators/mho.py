@@ -18,6 +18,8 @@ from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Sett
 from backsight.estimators.filtering import carry_inputs, choose, data_inputs, packed, physical
 from backsight.estimators.gaussian import FLAGS, correct, flow, innovation, predict, substep_inputs
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.window import advance, as_columns, empty_window
+from backsight.models.affine import moving_states
 from backsight.models.model import Model
 from backsight.solvers.bfgs import QuasiNewton
 from backsight.solvers.gauss_newton import GaussNewton
@@ -97,21 +99,17 @@ class MHO(AbstractEstimator):
             "P_start": packed(s.P0),
             "x_last": s.x0,
             "P_last": packed(s.P0),
-            "U": np.zeros(s.model.nu * (N + 1)),
-            "Y": np.zeros(s.model.ny * (N + 1)),
-            "M": np.zeros(s.model.ny * (N + 1)),
+            **empty_window(s, N + 1),
             "present": np.zeros(N + 1),
             "called": np.zeros(1),
         }
         symbol, (x_start, P_start, x_last, P_last, *windows, called) = carry_inputs(
             list(memory.values())
         )
-        U, Y, M, present = (ca.reshape(w, w.numel() // (N + 1), N + 1) for w in windows)
+        U, Y, M, present = as_columns(windows, N + 1)
         began = present[N]
         here = _begins(s.model.ny)(began, mask)
-        U, Y, M, present = (
-            ca.horzcat(w[:, 1:], new) for w, new in ((U, u), (Y, y), (M, mask), (present, here))
-        )
+        U, Y, M, present = advance((U, Y, M, present), (u, y, mask, here))
         full = present[0]
 
         time_update = predict(s, self.integrator, self.covariance)
@@ -201,7 +199,7 @@ def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> 
     response; rows of states that are constant in the model are known and not computed.
     """
     nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    moving = _moving(s.model)
+    moving = moving_states(s.model)
     start = np.eye(nx)[moving, :]
     x, rows = ca.MX.sym("x", nx), ca.MX.sym("S", len(moving), nx)
     cost, c, G = ca.MX.sym("J"), ca.MX.sym("c", nx), ca.MX.sym("G", nx * (nx + 1) // 2)
@@ -229,14 +227,6 @@ def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> 
     return ca.Function(
         "window_cost", [x0, U, Y, M], list(total), ["x", "U", "Y", "M"], ["J", "c", "G"]
     )
-
-
-def _moving(model: Model) -> list[int]:
-    """States that are not constant by the equations of the model."""
-    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
-    change = model.rhs(x, u) if model.continuous else model.rhs(x, u) - x
-    change = ca.sparsify(ca.simplify(change))
-    return sorted(set(change.sparsity().row()))
 
 
 def _full(rows: ca.SX, moving: list[int], nx: int) -> ca.SX:

@@ -13,6 +13,7 @@ from backsight.estimators.adaptive_gain import AdaptiveGain, adapt, start
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.excitation import Excitation, excitation, excitation_start
 from backsight.estimators.filtering import carry_inputs, choose, packed
+from backsight.estimators.gaussian import ramp
 from backsight.estimators.high_gain import Gains, Spread, free_step, observer_step
 from backsight.estimators.observed import States
 from backsight.schema import Status
@@ -137,7 +138,7 @@ class _Between:
 
     def __init__(self, plan: Plan, u: tuple[ca.MX, ca.MX]) -> None:
         self.plan, self.n = plan, plan.integrator.substeps
-        self.u = _ramp(self.n, u[0], u[1] if plan.integrator.hold == "foh" else u[0])
+        self.u = ramp(self.n, u[0], u[1] if plan.integrator.hold == "foh" else u[0])
         self.h = plan.dt / self.n
 
     def free(self, x: ca.MX, P: ca.MX, theta: ca.MX) -> list[ca.MX]:
@@ -161,7 +162,7 @@ class _Between:
             h=self.h,
             interpolation=plan.interpolation,
         )
-        xs = [*self.u, *_ramp(self.n, ya, yb), *_ramp(self.n, wa, wb)]
+        xs = [*self.u, *ramp(self.n, ya, yb), *ramp(self.n, wa, wb)]
         start = [x, theta, Y, P, ca.horzcat(B, ca.MX.zeros(B.numel())), x]
         end, _ = scan(leaf, self.n, carry=start, xs=xs, constants=[lam, on, theta])
         x, theta, Y, P, both, _ = end
@@ -188,15 +189,6 @@ def _measured(plan: Plan) -> ca.Function:
         else:
             ends = [x[0] + begin, y, *weights, m]
     return ca.Function("measured", [x, x_free, last, y, m_last, m], ends)
-
-
-def _ramp(n: int, a: ca.MX, b: ca.MX) -> list[ca.MX]:
-    """Values at the beginning and at the end of n sub-steps, side by side."""
-    first, last = ca.SX.sym("a", a.numel()), ca.SX.sym("b", b.numel())
-    grid = [first + (k / n) * (last - first) for k in range(n + 1)]
-    name = f"ramp_{n}_of_{a.numel()}"
-    columns = [ca.horzcat(*grid[:-1]), ca.horzcat(*grid[1:])]
-    return list(ca.Function(name, [first, last], columns)(a, b))
 
 
 def _with_noise(plan: Plan) -> ca.Function:

@@ -13,6 +13,7 @@ from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.filtering import carry_inputs, choose, data_inputs, packed, physical
 from backsight.estimators.linear import Linear, predict_packed, without_bounds
 from backsight.estimators.stacked import gains, product, stacked
+from backsight.estimators.window import advance, as_columns, empty_window
 from backsight.types import Array
 
 
@@ -53,25 +54,20 @@ def sliding_window(name: str, w: Sliding) -> Recursion:
     measurement that may still be taken out, Z the covariance from those that were.
     """
     system, s, n = w.system, w.system.s, w.span + 1
-    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
+    nx, ny = s.model.nx, s.model.ny
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
     memory = {
         "x": s.x0,
         "P": packed(s.P0),
-        "U": np.zeros(nu * n),
-        "Y": np.zeros(ny * n),
-        "M": np.zeros(ny * n),
+        **empty_window(s, n),
         "S": np.zeros(nx * ny * w.span),
         "Z": np.zeros(nx * (nx + 1) // 2),
         "age": np.zeros(1),
         "called": np.zeros(1),
     }
     symbol, (x, P, *windows, S, Z, age, called) = carry_inputs(list(memory.values()))
-    U, Y, M = (
-        ca.horzcat(ca.reshape(old, old.numel() // n, n)[:, 1:], new)
-        for old, new in zip(windows, (u, y, mask), strict=True)
-    )
+    U, Y, M = advance([*as_columns(windows, n)], (u, y, mask))
     prior = choose(called, predict_packed(system).call([x, P, U[:, n - 2], u]), [x, P])
     e, S_e = gaussian.innovation(s)(*prior, u, y, mask)
 

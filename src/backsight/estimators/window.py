@@ -1,0 +1,28 @@
+"""The window of the last samples in the memory of an estimator."""
+
+from collections.abc import Iterator, Sequence
+
+import casadi as ca
+import numpy as np
+
+from backsight.estimators.base import Setting
+from backsight.types import Array
+
+
+def empty_window(s: Setting, samples: int) -> dict[str, Array]:
+    """Inputs, outputs and masks of a window before the first sample; nothing is measured."""
+    return {
+        "U": np.zeros(s.model.nu * samples),
+        "Y": np.zeros(s.model.ny * samples),
+        "M": np.zeros(s.model.ny * samples),
+    }
+
+
+def as_columns(stored: Sequence[ca.MX], samples: int) -> Iterator[ca.MX]:
+    """Parts of the memory as matrices with one column per sample, the oldest first."""
+    return (ca.reshape(w, w.numel() // samples, samples) for w in stored)
+
+
+def advance(window: Sequence[ca.MX], sample: Sequence[ca.MX | int]) -> Iterator[ca.MX]:
+    """The window one sample later: the oldest column leaves, the new one enters."""
+    return (ca.horzcat(w[:, 1:], new) for w, new in zip(window, sample, strict=True))
