@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 OUT ?= out
+KERNELS := $(wildcard src/backsight/kernels/*.[ch])
 
 .PHONY: setup demo test test-all lint bench docs clean
 
@@ -36,7 +37,7 @@ clean:
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.base: $(VENV)/bin/python pyproject.toml constraints.txt
+$(VENV)/.base: $(VENV)/bin/python pyproject.toml setup.py constraints.txt $(KERNELS)
 	$(PIP) --editable .
 	@touch $@
 

@@ -89,7 +89,7 @@ def test_large_buffers_are_not_shared():
     assert_each_as_alone(r, data, [r.carry0] * 10, outcomes)
 
 
-@pytest.mark.parametrize("size", [5, 100])
+@pytest.mark.parametrize("size", [5, 20, 100])
 def test_windows_that_move_either_way(size):
     c, y = ca.MX.sym("c", 2 * size), ca.MX.sym("y")
     ahead, back = c[:size], c[size:]

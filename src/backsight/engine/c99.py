@@ -2,20 +2,11 @@
 
 import dataclasses
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from backsight.engine.c99_leaf import Precision, identifier, write_leaf
-from backsight.engine.program import (
-    Buffer,
-    Call,
-    Copy,
-    Loop,
-    Program,
-    Slice,
-    Statement,
-    Table,
-    While,
-)
+from backsight.engine.c99_statements import INTS, REALS, Writer, listed
+from backsight.engine.program import Buffer, Program
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,6 +19,10 @@ class Source:
         Texts of ``name.h`` and ``name.c``.
     memory, workspace : int
         Numbers that the caller keeps between samples, and lends for the time of a step.
+    ints : int
+        Integers that the caller lends for the time of a step.
+    kernels : tuple of str
+        Kernels that the code includes, see `backsight.kernels.sources`.
     operations : int
         Arithmetic operations in all functions together, each counted once.
     """
@@ -36,6 +31,8 @@ class Source:
     code: str
     memory: int
     workspace: int
+    ints: int
+    kernels: tuple[str, ...]
     operations: int
 
 
@@ -64,12 +61,15 @@ def write(
         Comment at the top of both files.
     """
     working = [b for b in program.buffers if b.values is None]
-    size = sum(max(b.size, 1) for b in working)
+    reals, ints = program.space
+    size = sum(max(b.size, 1) for b in working) + reals
     return Source(
         header=_header(program, working, name=name, results=results, kind=precision, about=about),
         code=_code(program, name=name, start=start, results=results, kind=precision, about=about),
         memory=program.carry.size,
         workspace=size,
+        ints=ints,
+        kernels=program.kernels,
         operations=sum(
             operation.kind not in ("input", "const")
             for leaf in program.leaves
@@ -96,7 +96,10 @@ def _header(
     about: str,
 ) -> str:
     guard = f"{name.upper()}_H"
+    reals, ints = program.space
     fields = [f"    {name}_real {identifier(b.name)}[{max(b.size, 1)}];" for b in working]
+    if program.kernels:
+        fields += [f"    {name}_real {REALS}[{max(reals, 1)}];", f"    int {INTS}[{max(ints, 1)}];"]
     sizes = [
         f"   {label:<8} [{b.size}]"
         for label, b in (
@@ -150,15 +153,15 @@ def _code(
     place |= {b: b.name for b in program.inputs}
     place |= dict(zip(program.outputs, results, strict=True))
     place[program.carry] = "memory->carry"
-    writer = _Writer(place, f"{name}_real")
+    writer = Writer(place, f"{name}_real")
     constants = [
         f"    static const {name}_real {identifier(b.name)}[{max(b.size, 1)}] = "
-        f"{{{_list(kind.number(v) for v in b.values or (0.0,))}}};"
+        f"{{{listed(kind.number(v) for v in b.values or (0.0,))}}};"
         for b in program.buffers
         if b.values is not None
     ]
     tables = [
-        f"    static const int table_{t.name}[{len(t.values)}] = {{{_list(map(str, t.values))}}};"
+        f"    static const int table_{t.name}[{len(t.values)}] = {{{listed(map(str, t.values))}}};"
         for t in program.tables
     ]
     body = [*writer.lines(program.body, 1), *writer.copies(program.update, 1)]
@@ -169,10 +172,11 @@ def _code(
         for p in (*(b.name for b in program.inputs), "work")
         if not _mentions(text, p)
     ]
-    values = _list(kind.number(v) for v in start)
+    values = listed(kind.number(v) for v in start)
     return "\n\n".join(
         [
             f'{_comment(about)}\n#include <math.h>\n\n#include "{name}.h"',
+            *_includes(program.kernels, kind),
             *(write_leaf(leaf, f"{name}_real", kind) for leaf in program.leaves),
             "\n".join(
                 [
@@ -190,94 +194,18 @@ def _code(
     )
 
 
-class _Writer:
-    """Statements as lines of C.
-
-    Parameters
-    ----------
-    place : dict of Buffer to str
-        Expression for the address of every buffer.
-    real : str
-        Type of a number.
-    """
-
-    def __init__(self, place: dict[Buffer, str], real: str) -> None:
-        self._place = place
-        self._real = real
-
-    def lines(self, statements: Iterable[Statement], depth: int) -> list[str]:
-        """Write statements, indented by `depth` steps."""
-        return [line for s in statements for line in self._statement(s, depth)]
-
-    def copies(self, copies: Iterable[Copy], depth: int) -> list[str]:
-        """Write copies."""
-        return [line for c in copies for line in self._copy(c, depth)]
-
-    def _statement(self, statement: Statement, depth: int) -> list[str]:
-        indent = "    " * depth
-        match statement:
-            case Call(leaf, inputs, outputs):
-                arguments = ", ".join(self._at(s) for s in (*inputs, *outputs))
-                return [f"{indent}{identifier(leaf.name)}({arguments});"]
-            case Copy():
-                return self._copy(statement, depth)
-            case Loop(counter, length, body):
-                return [
-                    f"{indent}for (int {counter} = 0; {counter} < {length}; ++{counter}) {{",
-                    *self.lines(body, depth + 1),
-                    f"{indent}}}",
-                ]
-            case While(flag, limit, body, update):
-                test = f"{self._at(flag)}[0] != 0"
-                return [
-                    f"{indent}for (int pass = 0; pass < {limit} && {test}; ++pass) {{",
-                    *self.lines(body, depth + 1),
-                    *self.copies(update, depth + 1),
-                    f"{indent}}}",
-                ]
-
-    def _copy(self, copy: Copy, depth: int) -> list[str]:
-        indent, n = "    " * depth, copy.source.size
-        to, source = self._at(copy.target), self._at(copy.source)
-        if n == 1:
-            return [f"{indent}{to}[0] = {source}[0];"]
-        same = copy.source.buffer == copy.target.buffer
-        if same and (copy.source.strides or copy.target.strides):
-            return [
-                f"{indent}{{",
-                f"{indent}    {self._real} held[{n}];",
-                f"{indent}    for (int i = 0; i < {n}; ++i)",
-                f"{indent}        held[i] = {source}[i];",
-                f"{indent}    for (int i = 0; i < {n}; ++i)",
-                f"{indent}        {to}[i] = held[i];",
-                f"{indent}}}",
-            ]
-        upwards = not (same and copy.target.offset > copy.source.offset)
-        order = f"int i = 0; i < {n}; ++i" if upwards else f"int i = {n - 1}; i >= 0; --i"
-        return [f"{indent}for ({order})", f"{indent}    {to}[i] = {source}[i];"]
-
-    def _at(self, place: Slice) -> str:
-        terms = [str(place.offset)] if place.offset or not place.strides else []
-        for counter, stride in place.strides:
-            moved = (
-                f"table_{stride.name}[{counter}]"
-                if isinstance(stride, Table)
-                else f"{stride} * {counter}"
-            )
-            terms.append(moved)
-        index = " + ".join(terms)
-        base = self._place[place.buffer]
-        return base if index == "0" else f"({base} + {index})"
+def _includes(kernels: Sequence[str], kind: Precision) -> list[str]:
+    """The kernels become part of this file, so that several exports may be linked together."""
+    if not kernels:
+        return []
+    defined = ["KERNEL static inline", *(["BACKSIGHT_FLOAT"] if kind.name == "float" else [])]
+    included = ["kernels.h", *(f"{kernel}.c" for kernel in kernels)]
+    lines = [*(f"#define {d}" for d in defined), *(f'#include "{i}"' for i in included)]
+    return ["\n".join(lines)]
 
 
 def _comment(text: str) -> str:
     return "/* " + text.replace("*/", "* /").replace("\n", "\n   ") + " */"
-
-
-def _list(values: Iterable[str]) -> str:
-    items = list(values)
-    rows = [", ".join(items[i : i + 6]) for i in range(0, len(items), 6)]
-    return rows[0] if len(rows) == 1 else "\n        " + ",\n        ".join(rows)
 
 
 def _declared(line: str) -> str:

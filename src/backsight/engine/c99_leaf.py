@@ -55,32 +55,34 @@ class Precision:
 
 def write_leaf(leaf: Leaf, real: str, kind: Precision) -> str:
     """Write a leaf as a function; its inputs are read before its outputs are written."""
-    parameters = [f"const {real} *i{k}" for k in range(len(leaf.inputs))]
-    parameters += [f"{real} *o{k}" for k in range(len(leaf.outputs))]
+    names = [identifier(name) for name in leaf.names]
+    inputs, outputs = names[: len(leaf.inputs)], names[len(leaf.inputs) :]
+    parameters = [*(f"const {real} *{i}" for i in inputs), *(f"{real} *{o}" for o in outputs)]
     used = {o.arguments[0] for o in leaf.operations if o.kind == "input"}
-    lines = [f"    (void)i{k};" for k in range(len(leaf.inputs)) if k not in used]
-    lines += [f"    (void)o{j};" for j, output in enumerate(leaf.outputs) if not output]
+    lines = [f"    (void){name};" for k, name in enumerate(inputs) if k not in used]
+    filled = zip(outputs, leaf.outputs, strict=True)
+    lines += [f"    (void){name};" for name, output in filled if not output]
     values: list[str] = []
     for k, operation in enumerate(leaf.operations):
-        expression = _expression(operation, values, kind)
+        expression = _expression(operation, inputs, values, kind)
         if operation.kind == "const":
             values.append(expression)
             continue
         lines.append(f"    const {real} v{k} = {expression};")
         values.append(f"v{k}")
-    for j, output in enumerate(leaf.outputs):
-        lines += [f"    o{j}[{i}] = {values[k]};" for i, k in enumerate(output)]
+    for name, output in zip(outputs, leaf.outputs, strict=True):
+        lines += [f"    {name}[{i}] = {values[k]};" for i, k in enumerate(output)]
     head = f"static void {identifier(leaf.name)}(\n    {', '.join(parameters)})"
     return "\n".join([head, "{", *lines, "}"])
 
 
-def _expression(operation: Operation, values: list[str], kind: Precision) -> str:
+def _expression(operation: Operation, inputs: list[str], values: list[str], kind: Precision) -> str:
     what = operation.kind
     if what == "const":
         return kind.number(operation.value)
     if what == "input":
         argument, number = operation.arguments
-        return f"i{argument}[{number}]"
+        return f"{inputs[argument]}[{number}]"
     x = [values[a] for a in operation.arguments]
     if what in INFIX:
         return f"{x[0]} {INFIX[what]} {x[1]}"

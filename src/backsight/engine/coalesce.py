@@ -8,6 +8,7 @@ from backsight.engine.program import (
     Buffer,
     Call,
     Copy,
+    Foreign,
     Loop,
     Program,
     Slice,
@@ -96,6 +97,8 @@ def _renamed(statement: Statement, old: Buffer, new: Slice) -> Statement:
     match statement:
         case Call(leaf, inputs, outputs):
             return Call(leaf, slices(inputs), slices(outputs))
+        case Foreign(inputs=inputs, outputs=outputs):
+            return dataclasses.replace(statement, inputs=slices(inputs), outputs=slices(outputs))
         case Copy(source, target):
             return Copy(slice_(source), slice_(target))
         case Loop(counter, length, body):

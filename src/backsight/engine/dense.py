@@ -12,6 +12,9 @@ import casadi as ca
 UNROLL = 12
 """Up to this many rows straight-line code is faster."""
 
+VECTOR = 4
+"""Loops over a multiple of this many rows have no remainder, and are several times faster."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Dense:
@@ -34,6 +37,11 @@ class Dense:
 
 
 _NAME = re.compile(r"dense_(product|transpose|symmetrise)_(\d+)_(\d+)(?:_\d+_\d+)?")
+
+
+def filled_up(rows: int) -> int:
+    """Number of rows with those that are better added, as zeros, to a matrix in many products."""
+    return -(-rows // VECTOR) * VECTOR
 
 
 def add_product(C: ca.MX, A: ca.MX, F: ca.MX) -> ca.MX:

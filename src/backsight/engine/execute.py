@@ -1,11 +1,22 @@
-"""Choose the engine that runs a recursion."""
+"""Choose the engine that runs a recursion.
 
+The compiler takes longer to import than a short recording takes to run: it is imported only if it
+is to compile something.
+"""
+
+from __future__ import annotations
+
+import importlib
 from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING
 
-from backsight.engine import native, vm
 from backsight.engine.recursion import Recursion
 from backsight.errors import EngineError, nearest
 from backsight.types import Array
+
+if TYPE_CHECKING:
+    from backsight.engine import native, vm
 
 ENGINES = ("native", "vm")
 """``native``: machine code by LLVM. ``vm``: CasADi's virtual machine. Their results agree."""
@@ -34,7 +45,7 @@ def choose(engine: str | None, samples: int) -> str:
 def prepare(recursion: Recursion, engine: str) -> None:
     """Do what an engine does once per recursion, so that it does not count as run time."""
     if engine == "native":
-        native.compiled(recursion)
+        _module(engine).compiled(recursion)
 
 
 def execute(
@@ -45,7 +56,7 @@ def execute(
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[Array]:
     """Apply the step to every sample and return the outputs, one row per sample each."""
-    run: Run = {"native": native.run, "vm": vm.run}[engine]
+    run: Run = _module(engine).run
     return run(recursion, data, carry=recursion.carry0, progress=progress)[1]
 
 
@@ -57,4 +68,8 @@ def stepper(recursion: Recursion, engine: str) -> native.Stepper | vm.Stepper:
     EngineError
         If there is no engine of that name or it cannot compile the recursion.
     """
-    return {"native": native.Stepper, "vm": vm.Stepper}[choose(engine, 1)](recursion)
+    return _module(choose(engine, 1)).Stepper(recursion)
+
+
+def _module(engine: str) -> ModuleType:
+    return importlib.import_module(f"backsight.engine.{engine}")

@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import dataclasses
+import itertools
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -53,12 +54,19 @@ def run_many(
     EngineError
         If the recursion cannot be compiled or the data do not fit it.
     """
-    jobs = [_job(recursion, data, carry) for data, carry in zip(recordings, carries, strict=True)]
-    longest_first = sorted((j for j in jobs if j.samples), key=lambda job: -job.samples)
+    checked = [native.checked(recursion, d, c) for d, c in zip(recordings, carries, strict=True)]
+    longest_first = sorted(range(len(checked)), key=lambda k: -len(checked[k][0][0]))
+    jobs: dict[int, _Job] = {}
+    groups: list[list[_Job]] = []
     width = machine.widest()
-    groups = [longest_first[i : i + width] for i in range(0, len(longest_first), width)]
-    _run_groups(recursion, groups, threads or os.cpu_count() or 1, progress)
-    return [(job.memory, job.outputs) for job in jobs]
+    for first in range(0, len(longest_first), width):
+        members = longest_first[first : first + width]
+        outputs = _places([len(checked[k][0][0]) for k in members], recursion.output_sizes)
+        group = {k: _Job(*checked[k], o) for k, o in zip(members, outputs, strict=True)}
+        jobs |= group
+        groups.append([job for job in group.values() if job.samples])
+    _run_groups(recursion, [g for g in groups if g], threads or os.cpu_count() or 1, progress)
+    return [(jobs[k].memory, jobs[k].outputs) for k in range(len(checked))]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,9 +82,19 @@ class _Job:
         return len(self.rows[0])
 
 
-def _job(recursion: Recursion, data: Sequence[Array], carry: Array) -> _Job:
-    rows, memory = native.checked(recursion, data, carry)
-    return _Job(rows, memory, [np.empty((len(rows[0]), k)) for k in recursion.output_sizes])
+def _places(lengths: Sequence[int], sizes: Sequence[int]) -> list[list[Array]]:
+    """Outputs of several recordings.
+
+    They are one piece of memory: for many small ones the system takes a tenth of all time.
+    """
+    shapes = [(n, size) for n in lengths for size in sizes]
+    ends = np.cumsum([0, *(n * size for n, size in shapes)])
+    whole = np.empty(ends[-1])
+    arrays = [
+        whole[a:b].reshape(shape)
+        for (a, b), shape in zip(itertools.pairwise(ends), shapes, strict=True)
+    ]
+    return [arrays[k : k + len(sizes)] for k in range(0, len(arrays), len(sizes))]
 
 
 def _run_groups(
@@ -118,19 +136,27 @@ def _lanes(group: list[_Job]) -> int:
 
 
 def _advance(program: native.Compiled, group: list[_Job]) -> Iterator[int]:
-    """Run a group to the end of its longest recording; yields the samples done in each block."""
-    empty = program.lanes - len(group)
-    lanes = [*group, *[group[0]] * empty]
+    """Run a group to the end of its longest recording; yields the samples done in each block.
+
+    A lane without a recording, or whose recording has ended, does the same as the first one, to
+    the same place.
+    """
+    lanes = [*group, *[group[0]] * (program.lanes - len(group))]
     memory = np.stack([job.memory for job in lanes], axis=1)
-    workspace = program.workspace()
-    columns = [*zip(*(job.rows for job in lanes), strict=True)]
-    columns += zip(*(job.outputs for job in lanes), strict=True)
-    for part in native.blocks(group[0].samples, None):
-        size = part.stop - part.start
-        left = np.array([max(job.samples - part.start, 0) for job in group] + [0] * empty)
-        # A recording that has ended still shows its last sample.
-        here = [a[min(part.start, len(a) - 1) :] for column in columns for a in column]
-        program.code(size, [memory, *workspace, *here, left])
-        yield int(np.minimum(left, size).sum())
-    for lane, job in enumerate(group):
-        job.memory[:] = memory[:, lane]
+    still = [memory, *program.workspace()]
+    start = 0
+    for end in sorted({job.samples for job in group}):
+        columns = [*zip(*(job.rows for job in lanes), strict=True)]
+        columns += zip(*(job.outputs for job in lanes), strict=True)
+        moving = [array for column in columns for array in column]
+        origin = np.array([array.ctypes.data for array in (*still, *moving)])
+        step = np.array([0] * len(still) + [array.strides[0] for array in moving])
+        running = sum(job.samples > start for job in group)
+        for part in native.blocks(end - start, None):
+            program.code.at(part.stop - part.start, origin + (start + part.start) * step)
+            yield running * (part.stop - part.start)
+        for lane, job in enumerate(lanes):
+            if job.samples == end:
+                job.memory[:] = memory[:, lane]
+                lanes[lane], memory[:, lane] = group[0], memory[:, 0]
+        start = end

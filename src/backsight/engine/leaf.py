@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -60,12 +61,15 @@ class Leaf:
     operations : tuple of Operation
     outputs : tuple of tuple of int
         For each result the operations whose numbers it holds.
+    names : tuple of str
+        Of the arguments and then of the results; for people only.
     """
 
     name: str
     inputs: tuple[int, ...]
     operations: tuple[Operation, ...]
     outputs: tuple[tuple[int, ...], ...]
+    names: tuple[str, ...]
 
     def __hash__(self) -> int:
         return hash((self.name, self.inputs, len(self.operations)))
@@ -125,7 +129,21 @@ def leaf_of(function: ca.Function) -> Leaf:
     zero = record.add("const", value=0.0) if any(-1 in o for o in outputs) else -1
     sizes = tuple(function.nnz_in(i) for i in range(function.n_in()))
     results = tuple(tuple(zero if k < 0 else k for k in output) for output in outputs)
-    return _without_unused(Leaf(function.name(), sizes, tuple(record.operations), results))
+    operations = tuple(record.operations)
+    return _without_unused(Leaf(function.name(), sizes, operations, results, _names(function)))
+
+
+def _names(function: ca.Function) -> tuple[str, ...]:
+    """Names of arguments and results; an argument without one is called as its symbol."""
+    names: list[str] = []
+    for k in range(function.n_in()):
+        name, symbols = function.name_in(k), [str(s) for s in function.sx_in(k).nonzeros()]
+        called = {re.sub(r"_\d+$", "", s) for s in symbols} if len(symbols) > 1 else {*symbols}
+        if name == f"i{k}" and len(called) == 1:
+            name = called.pop()
+        plain = re.fullmatch(r"(?![io]\d)[A-Za-z]\w*", name, re.ASCII) and name not in names
+        names.append(name if plain else f"i{k}")
+    return (*names, *(function.name_out(j) for j in range(function.n_out())))
 
 
 Part: TypeAlias = tuple[Leaf, list[tuple[int, int]]]
@@ -162,7 +180,9 @@ def parts_of(leaf: Leaf) -> list[Part]:
 def _part(leaf: Leaf, places: list[tuple[int, int]]) -> Part:
     pieces = [list(group) for _, group in itertools.groupby(places, lambda place: place[0])]
     outputs = tuple(tuple(leaf.outputs[j][i] for j, i in piece) for piece in pieces)
-    part = dataclasses.replace(leaf, outputs=outputs)
+    n = len(leaf.inputs)
+    names = (*leaf.names[:n], *(leaf.names[n + piece[0][0]] for piece in pieces))
+    part = dataclasses.replace(leaf, outputs=outputs, names=names)
     return _without_unused(part), [piece[0] for piece in pieces]
 
 
@@ -181,18 +201,13 @@ def _needed(operations: Sequence[Operation], wanted: set[int]) -> set[int]:
 def _without_unused(leaf: Leaf) -> Leaf:
     needed = _needed(leaf.operations, {k for output in leaf.outputs for k in output})
     new = {old: position for position, old in enumerate(sorted(needed))}
-    operations = (leaf.operations[old] for old in new)
-    return Leaf(
-        leaf.name,
-        leaf.inputs,
-        tuple(
-            o
-            if o.kind == "input"
-            else Operation(o.kind, tuple(new[a] for a in o.arguments), o.value)
-            for o in operations
-        ),
-        tuple(tuple(new[k] for k in output) for output in leaf.outputs),
+    kept = (leaf.operations[old] for old in new)
+    operations = tuple(
+        o if o.kind == "input" else Operation(o.kind, tuple(new[a] for a in o.arguments), o.value)
+        for o in kept
     )
+    outputs = tuple(tuple(new[k] for k in output) for output in leaf.outputs)
+    return dataclasses.replace(leaf, operations=operations, outputs=outputs)
 
 
 def _operation(name: str, operation: int, arguments: list[int], record: _Recorder) -> int:

@@ -1,10 +1,12 @@
 """A loop program in LLVM's language."""
 
 from backsight.engine.leaf import Leaf
+from backsight.engine.llvm_foreign import space, write_foreign
 from backsight.engine.llvm_lanes import Lanes
-from backsight.engine.llvm_leaf import Width, declarations, write_leaf
+from backsight.engine.llvm_leaf import declarations, write_leaf
 from backsight.engine.llvm_statements import Statements
 from backsight.engine.llvm_text import Text
+from backsight.engine.llvm_width import Width
 from backsight.engine.program import Buffer, Call, Loop, Program, Table, While, flat
 
 LARGEST_INLINE = 250
@@ -18,15 +20,15 @@ def write(program: Program, width: Width) -> str:
     """Write a module with ``void run(int64 n, void **pointers)``, which makes n > 0 steps.
 
     ``pointers`` holds the addresses of the memory (numbers of the lanes side by side), of the
-    buffers of `given`, for every data and result buffer of the rows of each lane's recording, and,
-    with more than one lane, of the lengths of the recordings (int64 each).
+    buffers of `given`, and for every data and result buffer of the rows of each lane's recording.
     """
     constants = [b for b in program.buffers if b.values is not None]
     parts = [
-        declarations(width),
+        declarations(program.leaves, width),
         *(_constant(b, width) for b in constants),
         *(_table(t) for t in program.tables),
         *(write_leaf(f, width, inline=_inline(f, program)) for f in program.leaves),
+        *write_foreign(program, width),
         _steps(program, width),
         _run(program, width),
     ]
@@ -36,7 +38,12 @@ def write(program: Program, width: Width) -> str:
 def given(program: Program, width: Width) -> tuple[Buffer, ...]:
     """Return the working buffers that are too large to be local variables."""
     largest = LARGEST_LOCAL // width.lanes
-    return tuple(b for b in program.buffers if b.values is None and b.size > largest)
+    return tuple(b for b in _working(program, width) if b.size > largest)
+
+
+def _working(program: Program, width: Width) -> tuple[Buffer, ...]:
+    """Return all buffers that hold nothing between two samples."""
+    return (*(b for b in program.buffers if b.values is None), space(program, width))
 
 
 def _inline(leaf: Leaf, program: Program) -> bool:
@@ -73,10 +80,11 @@ def _steps(program: Program, width: Width) -> str:
     text = Text()
     own = [program.carry, *given(program, width)]
     data = [*program.inputs, *program.outputs]
-    base = {b: f"%{b.name}" for b in (*program.interface, *program.buffers)}
+    working = _working(program, width)
+    base = {b: f"%{b.name}" for b in (*program.interface, *working)}
     base |= {b: f"@data.{b.name}" for b in program.buffers if b.values is not None}
-    for buffer in program.buffers:
-        if buffer.values is None and buffer not in own:
+    for buffer in working:
+        if buffer not in own:
             kind = f"[{max(buffer.size, 1)} x {width.number}]"
             text.add(f"{base[buffer]} = alloca {kind}, align 64")
     n = width.lanes
@@ -87,7 +95,7 @@ def _steps(program: Program, width: Width) -> str:
     if n == 1:
         text.repeat(".sample", "%.n", lambda: _sample(program, text, statements, rows))
     else:
-        lanes = Lanes(program, text, width, rows, text.pointer("%.rows", n * len(data)))
+        lanes = Lanes(program, text, width, rows)
         text.repeat(".sample", "%.n", lambda: lanes.write(statements))
     parameters = ", ".join(["i64 %.n", *(f"ptr noalias {base[b]}" for b in own), "ptr %.rows"])
     attributes = f"noinline nounwind {width.attribute}"

@@ -1,9 +1,10 @@
 """Leaves as functions in LLVM's language, on single numbers or on vectors of lanes."""
 
-import dataclasses
-import struct
+from collections.abc import Iterable
 
+from backsight.engine import llvm_math
 from backsight.engine.leaf import Leaf, Operation
+from backsight.engine.llvm_width import Width
 
 FLAGS = "reassoc nsz arcp contract"
 """Freedom of the compiler: reordering, reciprocals, fused multiply-add; NaN and infinity stay."""
@@ -12,75 +13,41 @@ INFIX = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "fmod": "fr
 COMPARE = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
 INTRINSICS = {
     "sqrt": "sqrt", "fabs": "fabs", "floor": "floor", "ceil": "ceil", "copysign": "copysign",
-    "fmin": "minnum", "fmax": "maxnum", "pow": "pow", "exp": "exp", "log": "log",
-    "sin": "sin", "cos": "cos",
+    "fmin": "minnum", "fmax": "maxnum", "pow": "pow",
 }  # fmt: skip
+FUSED = ("fma", "fmuladd")
+ARGUMENTS = {"minnum": 2, "maxnum": 2, "pow": 2, "copysign": 2, "fma": 3, "fmuladd": 3}
+"""Of the intrinsic functions that take more than one."""
+
 LIBRARY = {
-    "tan": 1, "asin": 1, "acos": 1, "atan": 1, "atan2": 2, "sinh": 1, "cosh": 1, "tanh": 1,
+    "tan": 1, "asin": 1, "acos": 1, "atan": 1, "atan2": 2, "sinh": 1, "cosh": 1,
     "asinh": 1, "acosh": 1, "atanh": 1, "erf": 1, "expm1": 1, "log1p": 1, "hypot": 2,
-    "remainder": 2,
+    "remainder": 2, "sin": 1, "cos": 1,
 }  # fmt: skip
 """Functions of the C library, with their number of arguments; called for every lane."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Width:
-    """Number of lanes, and what follows from it.
-
-    Parameters
-    ----------
-    lanes : int
-    """
-
-    lanes: int = 1
-
-    @property
-    def number(self) -> str:
-        """Type of a number."""
-        return "double" if self.lanes == 1 else f"<{self.lanes} x double>"
-
-    @property
-    def truth(self) -> str:
-        """Type of a condition."""
-        return "i1" if self.lanes == 1 else f"<{self.lanes} x i1>"
-
-    @property
-    def suffix(self) -> str:
-        """Type as part of the name of an intrinsic function."""
-        return "f64" if self.lanes == 1 else f"v{self.lanes}f64"
-
-    @property
-    def attribute(self) -> str:
-        """Attribute of functions, without which some processors cut wide vectors in two."""
-        return f'"min-legal-vector-width"="{64 * self.lanes}"'
-
-    def constant(self, value: float) -> str:
-        """Write a number, the same in all lanes."""
-        text = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
-        if self.lanes == 1:
-            return text
-        return "<" + ", ".join([f"double {text}"] * self.lanes) + ">"
-
-
-def declarations(width: Width) -> str:
-    """Intrinsics and library functions that leaves may call."""
-    t = width.number
+def declarations(leaves: Iterable[Leaf], width: Width) -> str:
+    """Intrinsics and library functions that leaves may call, and elementary ones that these do."""
+    t, used = width.number, {operation.kind for leaf in leaves for operation in leaf.operations}
     lines = ["declare void @llvm.memmove.p0.p0.i64(ptr, ptr, i64, i1)"]
-    for name in sorted(set(INTRINSICS.values())):
-        arguments = ", ".join([t] * (2 if name in ("minnum", "maxnum", "pow", "copysign") else 1))
+    for name in sorted({*INTRINSICS.values(), *FUSED}):
+        arguments = ", ".join([t] * ARGUMENTS.get(name, 1))
         lines.append(f"declare {t} @llvm.{name}.{width.suffix}({arguments})")
     for name, n in LIBRARY.items():
         lines.append(f"declare double @{name}({', '.join(['double'] * n)}) nounwind willreturn")
         if width.lanes > 1:
             lines.append(_each_lane(name, n, width))
-    return "\n".join(lines)
+    return "\n".join(
+        [*lines, *(llvm_math.write(f, width) for f in llvm_math.FUNCTIONS if f in used)]
+    )
 
 
 def _each_lane(name: str, n: int, width: Width) -> str:
-    t = width.number
+    t, rare = width.number, name in llvm_math.FUNCTIONS
     lines = [
         f"define internal {t} @lanes.{name}({', '.join(f'{t} %a{i}' for i in range(n))}) "
-        "alwaysinline nounwind {"
+        f"{'cold noinline' if rare else 'alwaysinline'} nounwind {{"
     ]
     result = "poison"
     for k in range(width.lanes):
@@ -138,6 +105,8 @@ def _operation(
     if kind in INTRINSICS:
         name = f"@llvm.{INTRINSICS[kind]}.{width.suffix}"
         return [f"  {me} = call {FLAGS} {t} {name}({', '.join(typed)})"], me
+    if kind in llvm_math.FUNCTIONS:
+        return [f"  {me} = call {t} @math.{kind}({typed[0]})"], me
     if kind in LIBRARY:
         name = f"@{kind}" if width.lanes == 1 else f"@lanes.{kind}"
         return [f"  {me} = call {t} {name}({', '.join(typed)})"], me

@@ -1,8 +1,19 @@
 """Statements of a loop program in LLVM's language."""
 
-from backsight.engine.llvm_leaf import Width
+from backsight.engine.llvm_foreign import SPACE, called
 from backsight.engine.llvm_text import LARGEST_UNROLLED, Text
-from backsight.engine.program import Buffer, Call, Copy, Loop, Slice, Statement, Table, While
+from backsight.engine.llvm_width import Width
+from backsight.engine.program import (
+    Buffer,
+    Call,
+    Copy,
+    Foreign,
+    Loop,
+    Slice,
+    Statement,
+    Table,
+    While,
+)
 
 
 class Statements:
@@ -21,7 +32,7 @@ class Statements:
         self._width = width
         self._base = base
         self.active: str | None = None
-        """Condition that holds in the lanes whose recording has not ended; None with one lane."""
+        """Condition that holds in the lanes whose results count here; None with one lane."""
 
     def write(self, statements: tuple[Statement, ...]) -> None:
         """Write all of them."""
@@ -30,6 +41,8 @@ class Statements:
                 case Call(leaf, inputs, outputs):
                     arguments = ", ".join(f"ptr {self._at(s)}" for s in (*inputs, *outputs))
                     self._text.add(f"call void @leaf.{leaf.name}({arguments})")
+                case Foreign():
+                    self._foreign(statement)
                 case Copy():
                     self._copy(statement)
                 case Loop(counter, length, body):
@@ -54,6 +67,15 @@ class Statements:
         """Write number k of a slice."""
         address = self._at(_number(place, k))
         self._text.add(f"store {self._width.number} {value}, ptr {address}, align 8")
+
+    def _foreign(self, call: Foreign) -> None:
+        arguments = [f"ptr {self._at(s)}" for s in (*call.inputs, *call.outputs)]
+        arguments.append(f"ptr {SPACE}")
+        if self.active is not None:
+            n = self._width.lanes
+            bits = self._text.new(f"bitcast {self._width.truth} {self.active} to i{n}")
+            arguments.append(f"i{n} {bits}")
+        self._text.add(f"call void {called(call)}({', '.join(arguments)})")
 
     def _choose(self, copy: Copy, k: int | str, where: str) -> None:
         kind = self._width.number
@@ -80,7 +102,9 @@ class Statements:
             return any_lane
 
         def body() -> None:
+            outside, self.active = self.active, where[0]
             self.write(loop.body)
+            self.active = outside
             self.update(loop.update, where[0])
 
         self._text.repeat_while(loop.limit, test, body)

@@ -35,12 +35,14 @@ class Text:
         """Load a pointer from a table of pointers."""
         return self.new(f"load ptr, ptr {self.address('ptr', table, index)}, align 8")
 
-    def each(self, n: int, body: Callable[[int | str], None]) -> None:
+    def each(
+        self, n: int, body: Callable[[int | str], None], *, unrolled: int = LARGEST_UNROLLED
+    ) -> None:
         """Write a body for k = 0 ... n - 1: one after the other or, if n is large, as a loop.
 
         The body is given the number, or the name of the counter.
         """
-        if n > LARGEST_UNROLLED:
+        if n > unrolled:
             counter = self._label("each")
             self.repeat(counter, str(n), lambda: body(counter))
         else:
@@ -74,9 +76,18 @@ class Text:
         self.add(f"br label %{head}")
         self._open(after)
 
-    def function(self, head: str) -> str:
-        """Return the whole function, which returns nothing."""
-        return "\n".join([f"{head} {{", *self._lines, "  ret void", "}"])
+    def mended(self, good: str, kind: str, value: str, mend: Callable[[], str]) -> str:
+        """Return the value, or, where the condition `good` fails, what is written to mend it."""
+        before, wrong, after = self._block, self._label("wrong"), self._label("after")
+        self._branch(good, after, wrong, following=wrong)
+        other = mend()
+        wrong = self._block
+        self._start(after)
+        return self.new(f"phi {kind} [ {value}, %{before} ], [ {other}, %{wrong} ]")
+
+    def function(self, head: str, result: str = "void") -> str:
+        """Return the whole function; the result is its type and value."""
+        return "\n".join([f"{head} {{", *self._lines, f"  ret {result}", "}"])
 
     def _label(self, wish: str) -> str:
         self._count += 1

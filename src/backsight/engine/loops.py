@@ -19,7 +19,8 @@ class Loop:
 
     Parameters
     ----------
-    kind : {"scan", "iterate"}
+    kind : {"scan", "back", "iterate"}
+        ``back`` is a scan that takes the columns from the last to the first.
     length : int
         Number of passes, for ``iterate`` the largest number.
     n_carry, n_xs, n_constants : int
@@ -36,7 +37,7 @@ class Loop:
     body: ca.Function
 
 
-_NAME = re.compile(r"(scan|iterate)_(\d+)_(\d+)_(\d+)_(\d+)_of_(\w+)")
+_NAME = re.compile(r"(scan|back|iterate)_(\d+)_(\d+)_(\d+)_(\d+)_of_(\w+)")
 
 
 def scan(
@@ -46,6 +47,7 @@ def scan(
     carry: Sequence[ca.MX],
     xs: Sequence[ca.MX] = (),
     constants: Sequence[ca.MX] = (),
+    backward: bool = False,
 ) -> tuple[list[ca.MX], list[ca.MX]]:
     """Run ``carry, y = body(carry, x_k, constants)`` for k = 0 ... length - 1.
 
@@ -61,6 +63,8 @@ def scan(
         The inputs of all passes, side by side in the columns.
     constants : sequence of MX
         The same in every pass.
+    backward : bool
+        Go from k = length - 1 to 0; the results of pass k are still in the columns of pass k.
 
     Returns
     -------
@@ -76,17 +80,29 @@ def scan(
     accumulate = body.mapaccum(
         f"{body.name()}_times_{length}", length, list(range(n_carry)), list(range(n_carry))
     )
-    results = accumulate.call([*symbols[: n_carry + len(xs)], *mapped])
+    turn = _turned if backward else _as_they_are
+    stacks = [turn(s, length) for s in symbols[n_carry : n_carry + len(xs)]]
+    results = accumulate.call([*symbols[:n_carry], *stacks, *mapped])
     final = [
         r[:, (length - 1) * c.shape[1] :] for r, c in zip(results[:n_carry], carry, strict=True)
     ]
+    kind = "back" if backward else "scan"
     loop = ca.Function(
-        f"scan_{length}_{n_carry}_{len(xs)}_{len(constants)}_of_{body.name()}",
+        f"{kind}_{length}_{n_carry}_{len(xs)}_{len(constants)}_of_{body.name()}",
         symbols,
-        [*final, *results[n_carry:]],
+        [*final, *(turn(r, length) for r in results[n_carry:])],
     )
     outputs = loop.call(inputs)
     return outputs[:n_carry], outputs[n_carry:]
+
+
+def _as_they_are(stack: ca.MX, _: int) -> ca.MX:
+    return stack
+
+
+def _turned(stack: ca.MX, length: int) -> ca.MX:
+    """The pieces of a stack in reverse order."""
+    return ca.horzcat(*reversed(ca.horzsplit(stack, stack.shape[1] // length)))
 
 
 def iterate(

@@ -4,7 +4,7 @@ import ctypes
 import dataclasses
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import llvmlite.binding as llvm
 import numpy as np
@@ -48,12 +48,16 @@ class Code:
         Holds the memory of the code.
     """
 
-    function: Callable[[int, "ctypes.Array[ctypes.c_void_p]"], None]
+    function: Callable[[int, "ctypes.Array[ctypes.c_void_p] | int"], None]
     owner: object
 
     def __call__(self, samples: int, arrays: Sequence[np.ndarray]) -> None:
         """Run on the memory of the arrays; other threads run meanwhile."""
         self.bound(samples, arrays)()
+
+    def at(self, samples: int, addresses: np.ndarray) -> None:
+        """Run on memory at these addresses, whose owner must be kept meanwhile."""
+        self.function(samples, addresses.ctypes.data)
 
     def bound(self, samples: int, arrays: Sequence[np.ndarray]) -> Callable[[], None]:
         """Return a call that runs on the memory of these arrays again and again."""
@@ -66,9 +70,11 @@ class Code:
         return call
 
 
-def load(content: bytes) -> Code:
-    """Load an object file into this process."""
+def load(content: bytes, symbols: Mapping[str, int]) -> Code:
+    """Load an object file into this process; `symbols` are addresses of what else it calls."""
     _provide_library()
+    for name, address in symbols.items():
+        llvm.add_symbol(name, address)
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
     engine.add_object_file(llvm.ObjectFileRef.from_data(content))
     engine.finalize_object()
@@ -94,18 +100,7 @@ def _provide_library() -> None:
     if os.name != "nt":
         return
     library = ctypes.CDLL("ucrtbase")
-    for name in (
-        *LIBRARY,
-        "exp",
-        "log",
-        "sin",
-        "cos",
-        "pow",
-        "fmod",
-        "memmove",
-        "memcpy",
-        "memset",
-    ):
+    for name in (*LIBRARY, "exp2", "fma", "fmod", "memcpy", "memmove", "memset", "pow"):
         address = ctypes.cast(getattr(library, name), ctypes.c_void_p).value
         if address is not None:
             llvm.add_symbol(name, address)

@@ -14,10 +14,12 @@ import llvmlite
 import numpy as np
 
 from backsight.engine import cache, llvm, machine
-from backsight.engine.llvm_leaf import Width
+from backsight.engine.llvm_foreign import symbol
+from backsight.engine.llvm_width import Width
 from backsight.engine.recursion import Recursion
 from backsight.engine.walk import walk
 from backsight.errors import EngineError
+from backsight.kernels import library, sources
 from backsight.types import Array
 
 BLOCK_SECONDS = 0.05
@@ -177,10 +179,12 @@ def _compiled(step: ca.Function, lanes: int) -> Compiled:
         program = walk(step)
         given = [buffer.size for buffer in llvm.given(program, Width(lanes))]
         code = machine.assemble(llvm.write(program, Width(lanes)))
-        kept = json.dumps(given).encode() + b"\n" + code
+        kept = json.dumps([given, program.kernels]).encode() + b"\n" + code
         cache.keep(name, kept)
     head, _, code = kept.partition(b"\n")
-    return Compiled(machine.load(code), tuple(json.loads(head)), lanes)
+    given, kernels = json.loads(head)
+    symbols = {symbol(kernel): library.address(kernel) for kernel in kernels}
+    return Compiled(machine.load(code, symbols), tuple(given), lanes)
 
 
 @functools.cache
@@ -189,4 +193,5 @@ def _versions() -> list[str]:
     folder = importlib.resources.files("backsight.engine")
     texts = sorted((f.name, f) for f in folder.iterdir() if f.name.endswith(".py"))
     writers = hashlib.sha256(b"".join(file.read_bytes() for _, file in texts)).hexdigest()
-    return [importlib.metadata.version("backsight"), llvmlite.__version__, writers]
+    versions = importlib.metadata.version("backsight"), llvmlite.__version__
+    return [*versions, writers, sources.fingerprint()]

@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Iterable, Iterator
 from typing import TypeAlias
 
+from backsight.engine.foreign import Kernel
 from backsight.engine.leaf import Leaf
 from backsight.errors import EngineError
 
@@ -98,6 +99,25 @@ class Call:
 
 
 @dataclasses.dataclass(frozen=True)
+class Foreign:
+    """Call a kernel; no output overlaps an input or another output.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    inputs, outputs : tuple of Slice
+    reals, ints : int
+        Work space that the kernel needs meanwhile.
+    """
+
+    kernel: Kernel
+    inputs: tuple[Slice, ...]
+    outputs: tuple[Slice, ...]
+    reals: int
+    ints: int
+
+
+@dataclasses.dataclass(frozen=True)
 class Copy:
     """Copy a slice to another of the same size, number after number.
 
@@ -135,7 +155,7 @@ class While:
     update: tuple[Copy, ...]
 
 
-Statement: TypeAlias = Call | Copy | Loop | While
+Statement: TypeAlias = Call | Foreign | Copy | Loop | While
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,8 +171,7 @@ class Program:
         Data and results of one sample.
     body : tuple of Statement
     update : tuple of Copy
-        What becomes of the memory at the end of the step; with several lanes only in those whose
-        recording has not ended.
+        What becomes of the memory at the end of the step.
     """
 
     name: str
@@ -171,6 +190,22 @@ class Program:
     def leaves(self) -> tuple[Leaf, ...]:
         """Distinct leaves, in the order of their first call."""
         return tuple(dict.fromkeys(s.leaf for s in flat(self.body) if isinstance(s, Call)))
+
+    @property
+    def foreign(self) -> tuple[Foreign, ...]:
+        """Calls of kernels, in their order."""
+        return tuple(s for s in flat(self.body) if isinstance(s, Foreign))
+
+    @property
+    def kernels(self) -> tuple[str, ...]:
+        """Names of the kernels that are called."""
+        return tuple(sorted({call.kernel.name for call in self.foreign}))
+
+    @property
+    def space(self) -> tuple[int, int]:
+        """Numbers and ints in which all kernels can work, one after the other."""
+        calls = self.foreign
+        return max((c.reals for c in calls), default=0), max((c.ints for c in calls), default=0)
 
     @property
     def buffers(self) -> tuple[Buffer, ...]:
@@ -210,7 +245,7 @@ def operands(statement: Statement) -> tuple[Slice, ...]:
 def reads(statement: Statement) -> tuple[Slice, ...]:
     """Slices that a statement itself reads."""
     match statement:
-        case Call(inputs=inputs):
+        case Call(inputs=inputs) | Foreign(inputs=inputs):
             return inputs
         case Copy(source=source):
             return (source,)
@@ -223,7 +258,7 @@ def reads(statement: Statement) -> tuple[Slice, ...]:
 def writes(statement: Statement) -> tuple[Slice, ...]:
     """Slices that a statement itself writes."""
     match statement:
-        case Call(outputs=outputs):
+        case Call(outputs=outputs) | Foreign(outputs=outputs):
             return outputs
         case Copy(target=target):
             return (target,)

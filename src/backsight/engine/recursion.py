@@ -59,6 +59,8 @@ class Recursion:
         Sampling period [s].
     least_samples : int
         A shorter recording does not fill a window without which the method is not itself.
+    lag : int
+        The outputs of a step are about the sample so many steps ago.
     """
 
     step: ca.Function
@@ -66,6 +68,7 @@ class Recursion:
     channels: tuple[Channel, ...]
     dt: float
     least_samples: int = 1
+    lag: int = 0
 
     @property
     def name(self) -> str:

@@ -7,7 +7,7 @@ import re
 import casadi as ca
 
 from backsight.engine.leaf import Leaf, Part, leaf_of, parts_of
-from backsight.engine.program import Buffer, Slice
+from backsight.engine.program import Buffer, Slice, Table
 
 
 class Scope:
@@ -17,6 +17,7 @@ class Scope:
         self.recursion = recursion
         self._names: set[str] = set()
         self._constants: dict[tuple[float, ...], Slice] = {}
+        self._tables: dict[tuple[int, ...], Table] = {}
         # The functions are kept, since the address of one that is gone may be used again.
         self._leaves: dict[int, tuple[ca.Function, Leaf]] = {}
         self._parts: dict[str, list[Part]] = {}
@@ -43,6 +44,12 @@ class Scope:
             buffer = Buffer(self.name("constant"), len(values), values)
             self._constants[values] = buffer.whole()
         return self._constants[values]
+
+    def table(self, wish: str, values: tuple[int, ...]) -> Table:
+        """Return the table that holds the values."""
+        if values not in self._tables:
+            self._tables[values] = Table(self.name(wish), values)
+        return self._tables[values]
 
     def leaf(self, function: ca.Function) -> Leaf:
         """Return the leaf of an SX function; of the same function always the same."""

@@ -1,20 +1,22 @@
 """From the step function of a recursion to its loop program."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 
 from backsight.engine import loops
 from backsight.engine.coalesce import without_copies
 from backsight.engine.dense import dense_of
+from backsight.engine.foreign import Kernel, kernel_of
 from backsight.engine.glue import ELEMENTWISE, glue, scalar
 from backsight.engine.leaf import Leaf
 from backsight.engine.moves import in_order
-from backsight.engine.program import Call, Copy, Loop, Program, Slice, Statement, While
+from backsight.engine.program import Call, Copy, Foreign, Loop, Program, Slice, Statement, While
 from backsight.engine.scope import Scope
 from backsight.engine.walk_dense import write_dense
 from backsight.errors import EngineError
+from backsight.kernels import library
 
 Pieces = list[Slice]
 """A value as the slices that make it up, one after the other."""
@@ -62,6 +64,9 @@ def _function(function: ca.Function, arguments: Sequence[Slice], scope: Scope) -
     operation = dense_of(function)
     if operation is not None:
         return write_dense(operation, arguments, scope)
+    kernel = kernel_of(function)
+    if kernel is not None:
+        return _foreign(function, kernel, arguments, scope)
     if function.is_a("SXFunction"):
         return _call(scope.leaf(function), arguments, scope)
     if function.is_a("MXFunction"):
@@ -85,6 +90,18 @@ def _call(leaf: Leaf, arguments: Sequence[Slice], scope: Scope) -> Walked:
         ]
         calls.append(Call(part, tuple(arguments), tuple(targets)))
     return calls, [[r] for r in results]
+
+
+def _foreign(
+    function: ca.Function, kernel: Kernel, arguments: Sequence[Slice], scope: Scope
+) -> Walked:
+    results = [
+        scope.buffer(f"{kernel.name}_{j}", function.nnz_out(j)).whole()
+        for j in range(function.n_out())
+    ]
+    reals, ints = library.work(kernel.name, kernel.sizes)
+    call = Foreign(kernel, tuple(arguments), tuple(results), reals, ints)
+    return [call], [[r] for r in results]
 
 
 def _instructions(function: ca.Function, arguments: Sequence[Slice], scope: Scope) -> Walked:
@@ -192,13 +209,14 @@ def _loop(
     counter = scope.name("k")
     carry = [scope.buffer(f"{body.name()}_carry", a.size).whole() for a in arguments[:n]]
     start = [Copy(a, c) for a, c in zip(arguments, carry, strict=False) if a.size]
-    xs = [_piece(arguments[i], counter, body.nnz_in(i)) for i in range(n, n + loop.n_xs)]
+    at = _places(loop, counter, scope)
+    xs = [at(arguments[i], body.nnz_in(i)) for i in range(n, n + loop.n_xs)]
     inner, results = _function(body, [*carry, *xs, *arguments[n + loop.n_xs :]], scope)
     stacks = [
         scope.buffer(f"{body.name()}_all", function.nnz_out(i)).whole()
         for i in range(n, function.n_out())
     ]
-    columns = [_piece(s, counter, s.size // loop.length) for s in stacks]
+    columns = [at(s, s.size // loop.length) for s in stacks]
     ends = [c for r, t in zip(results, [*carry, *columns], strict=True) for c in _copies(r, t)]
     update = in_order(ends, scope.scratch)
     if loop.kind == "iterate":
@@ -208,9 +226,17 @@ def _loop(
     return [*start, whole], [[v] for v in (*carry, *stacks)]
 
 
-def _piece(stack: Slice, counter: str, size: int) -> Slice:
-    """Piece number `counter` of a stack of pieces."""
-    return stack.part(0, size).moving(counter, size)
+def _places(loop: loops.Loop, counter: str, scope: Scope) -> Callable[[Slice, int], Slice]:
+    """Where in a stack of pieces of some size a pass of the loop finds its piece."""
+
+    def forward(stack: Slice, size: int) -> Slice:
+        return stack.part(0, size).moving(counter, size)
+
+    def backward(stack: Slice, size: int) -> Slice:
+        places = tuple(size * k for k in reversed(range(loop.length)))
+        return stack.part(0, size).moving(counter, scope.table("backward", places))
+
+    return backward if loop.kind == "back" else forward
 
 
 def _check_dense(body: ca.Function, recursion: str) -> None:

@@ -1,0 +1,84 @@
+"""The compiled kernels."""
+
+import ctypes
+import functools
+import importlib.machinery
+from collections.abc import Sequence
+from pathlib import Path
+
+from backsight.errors import EngineError, nearest
+from backsight.kernels import sources
+
+NAME = "_backsight"
+"""Of the library's file, without the ending."""
+
+REMEDY = "install a C compiler and install Backsight again ('pip install .' in its folder)"
+
+
+def path() -> Path:
+    """Return the file of the library.
+
+    Raises
+    ------
+    EngineError
+        If the kernels have not been compiled.
+    """
+    endings = importlib.machinery.EXTENSION_SUFFIXES
+    found = [f for ending in endings if (f := sources.FOLDER / f"{NAME}{ending}").is_file()]
+    if not found:
+        raise EngineError(f"the C kernels of Backsight are not compiled: {REMEDY}")
+    return found[0]
+
+
+def address(kernel: str) -> int:
+    """Return the address of a kernel in this process.
+
+    Raises
+    ------
+    EngineError
+        If there is no such kernel, or the kernels have not been compiled from these sources.
+    """
+    return ctypes.cast(_with(kernel)[kernel], ctypes.c_void_p).value or 0
+
+
+def work(kernel: str, sizes: Sequence[int]) -> tuple[int, int]:
+    """Return how many numbers and how many ints of work space a call needs.
+
+    Raises
+    ------
+    EngineError
+        As `address`.
+    """
+    reals, ints = ctypes.c_long(), ctypes.c_long()
+    given = (ctypes.c_int * max(len(sizes), 1))(*sizes)
+    _with(kernel)[f"{kernel}_work"](given, ctypes.byref(reals), ctypes.byref(ints))
+    return reals.value, ints.value
+
+
+def handle() -> ctypes.CDLL:
+    """Return the library in this process.
+
+    Raises
+    ------
+    EngineError
+        If the kernels have not been compiled from these sources.
+    """
+    return _loaded(path(), sources.fingerprint())
+
+
+def _with(kernel: str) -> ctypes.CDLL:
+    """The library, if it has that kernel."""
+    known = sources.names()
+    if kernel not in known:
+        raise EngineError(f"there is no kernel '{kernel}': {nearest(kernel, known)}")
+    return handle()
+
+
+@functools.cache
+def _loaded(file: Path, expected: str) -> ctypes.CDLL:
+    library = ctypes.CDLL(str(file))
+    made_of = library.foreign_sources
+    made_of.restype = ctypes.c_char_p
+    if made_of().decode() != expected:
+        raise EngineError(f"the C kernels of Backsight were compiled from other sources: {REMEDY}")
+    return library
