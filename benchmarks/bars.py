@@ -43,6 +43,10 @@ class Measured:
         """Least time of a contender; NaN if it could not take part."""
         return next(r.best for r in self.rows if (r.contest, r.name) == (contest, name))
 
+    def difference(self, contest: str, name: str) -> float:
+        """Difference of a contender from the expected results; NaN if it could not take part."""
+        return next(r.difference for r in self.rows if (r.contest, r.name) == (contest, name))
+
     def startup(self, name: str) -> float:
         """Median time of something that happens once [s]."""
         return next(s.median for s in self.startups if s.name == name)
@@ -83,6 +87,10 @@ def bars(measured: Measured) -> list[Bar]:
                     ratio(contests.UNSCENTED, contests.FILTERPY),
                     100,
                 ),
+                "LMHE with limits: native against OSQP from Python [times faster]": (
+                    ratio(contests.LIMITED, contests.OSQP),
+                    5,
+                ),
             }
         ),
         *_most(
@@ -104,6 +112,22 @@ def bars(measured: Measured) -> list[Bar]:
                 "AHG: adaptive gain [us per sample]": (
                     time(contests.FILTERS, contests.AHG_ADAPTIVE),
                     5,
+                ),
+                "LMHE: 4 states, N = 20, no limits [us per sample]": (
+                    time(contests.FILTERS, contests.FREE),
+                    1,
+                ),
+                "LMHE: 5 states, N = 20, limits [us per sample]": (
+                    time(contests.LIMITED, contests.NATIVE),
+                    30,
+                ),
+                "LMHE: the same, samples missing [us per sample]": (
+                    time(contests.LIMITED, contests.GAPS),
+                    30,
+                ),
+                "LMHE: the same, difference from OSQP [scaled states]": (
+                    measured.difference(contests.LIMITED, contests.OSQP),
+                    1e-8,
                 ),
                 "EKF: 60 states, row of masses, against NumPy with BLAS [times as long]": (
                     large(contests.CHAIN),

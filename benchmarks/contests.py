@@ -21,6 +21,9 @@ EKF_ODE = "EKF, 6 states, 8 Heun sub-steps, covariance equation"
 UKF = "UKF, 5 states, 4 Heun sub-steps"
 AHG_FIXED = "Adaptive high-gain observer, fixed gain"
 AHG_ADAPTIVE = "Adaptive high-gain observer, adaptive gain"
+FREE = "Least-squares estimator, 4 states, window of 21 samples, no limits"
+GAPS = "Backsight, native, a fifth of the samples missing"
+OSQP = "OSQP from Python, warm start"
 FILTERPY = "filterpy"
 NUMPY = "NumPy with BLAS"
 PYTHON_CONTROL = "python-control, multiple shooting, SLSQP"
@@ -30,6 +33,7 @@ WINDOW = "One window of the moving horizon observer"
 EXTENDED = "Extended Kalman filter, Q once per sample, no bounds"
 UNSCENTED = "Unscented Kalman filter"
 FILTERS = "Filters and observers of Backsight"
+LIMITED = "Least-squares estimator with limits, 5 states, window of 21 samples"
 CHAIN = "Extended Kalman filter, 60 states, row of masses"
 DENSE = "Extended Kalman filter, 60 states, dense"
 
@@ -43,6 +47,7 @@ def contests() -> tuple[Contest, ...]:
         _extended(problems.free_stage_filter()),
         _unscented(problems.punch_filter()),
         _filters(),
+        _limited(),
         _large(CHAIN, problems.chain(30)),
         _large(DENSE, problems.dense(60)),
     )
@@ -129,9 +134,28 @@ def _filters() -> Contest:
         UKF: problems.punch_filter(),
         AHG_FIXED: problems.punch_observer(adaptive=False),
         AHG_ADAPTIVE: problems.punch_observer(adaptive=True),
+        FREE: problems.masses(unknown_force=False),
     }
     entries = (Entry(name, partial(ours.machine_code, p)) for name, p in problem.items())
     return Contest(FILTERS, "us per sample", tuple(entries), "Native engine, whole recording.")
+
+
+def _limited() -> Contest:
+    problem = problems.masses(unknown_force=True)
+    gaps = problems.masses(unknown_force=True, missing=0.2)
+    return Contest(
+        LIMITED,
+        "us per sample",
+        (
+            Entry(NATIVE, partial(ours.machine_code, problem)),
+            Entry(GAPS, partial(ours.machine_code, gaps)),
+            Entry(VIRTUAL, partial(ours.virtual_machine, problem)),
+            Entry(OSQP, _peer("osqp_qp", "build", problem)),
+        ),
+        "Two masses with an unknown force that switches between its bounds: more than half of the "
+        "samples in a window are at one. OSQP gets the window already condensed to its 21 limited "
+        "quantities, with the identity as Hessian, so that only the limits change.",
+    )
 
 
 def _large(title: str, problem: Problem) -> Contest:

@@ -13,6 +13,7 @@ from backsight.estimators import EKF, MHO, Noise, Prior
 from backsight.estimators.adaptive_gain import AdaptiveGain
 from backsight.estimators.ahg import AHG
 from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.estimators.linear_mhe import LinearMHE
 from backsight.estimators.ukf import UKF
 from backsight.models.augment import augment
 from backsight.models.lti import lti
@@ -24,6 +25,8 @@ from backsight.run.match import match
 from backsight.run.simulate import simulate
 from backsight.signals.profiles import punch_strokes
 from backsight.solvers.gauss_newton import GaussNewton
+from backsight.studies.lecture.experiment import WIDE
+from backsight.studies.lecture.plants import FORCE, masses_motion, two_masses
 from backsight.studies.nanopositioner.plant import DT, simulate_stage
 from backsight.studies.nanopositioner.tuning import HEUN, HORIZON, NOISE, PRIOR, joint_model
 from backsight.types import Array
@@ -33,6 +36,12 @@ SAMPLES = 4000
 
 PUNCH_SAMPLES = 8000
 """Samples of the recording of the punch."""
+
+MASSES_SAMPLES = 2000
+"""Samples of the recording of the two masses."""
+
+SENSOR = 2e-3
+"""Standard deviation of the measured place of the first mass [m]."""
 
 TWICE = GaussNewton(max_iterations=2, tolerance=0.0)
 """Two Gauss-Newton iterations, always: the same work for every engine."""
@@ -202,6 +211,21 @@ def punch_filter() -> Problem:
     )
     prior = Prior(P0=np.diag((np.array([2.0, 0.1, 0.8, 0.8, 0.8]) * size) ** 2))
     return Problem(UKF(noise, prior, integrator=Integrator("heun", 4)), model, punch())
+
+
+def masses(*, unknown_force: bool, missing: float = 0.0) -> Problem:
+    """Least-squares estimator of the lecture's two masses: 4 states, window of 21 samples.
+
+    With an unknown force on the second mass, which switches between its bounds, as fifth state;
+    and with a share of the samples missing.
+    """
+    rng = np.random.default_rng(0)
+    motion = masses_motion(MASSES_SAMPLES, rng=rng, force=FORCE if unknown_force else 0.0)
+    y = motion.y + SENSOR * rng.standard_normal(motion.y.shape)
+    y[rng.random(y.shape) < missing] = np.nan
+    model = two_masses(unknown_force=unknown_force)
+    noise = Noise(SENSOR, {"d": 0.3 * FORCE} if unknown_force else 0.0)
+    return Problem(LinearMHE(noise, WIDE, N=20), model, motion.recording(model, y))
 
 
 def chain(masses: int = 30, *, samples: int = 1000) -> Problem:

@@ -1,46 +1,128 @@
-"""Estimate states, parameters and unknown forces of machines from a model and measurements."""
+"""Estimate states, parameters and unknown forces of machines from a model and measurements.
 
-from importlib.metadata import version as _version
+The public names are imported when they are used first, so that the command line and programs that
+need a few of them start at once. The table says where each of them lives; the imports above it say
+the same to type checkers and editors.
+"""
 
-from backsight import errors as errors
-from backsight.analysis.observability import observability as observability
-from backsight.data import from_arrays as from_arrays
-from backsight.data import merge as merge
-from backsight.data import read as read
-from backsight.data import resample as resample
-from backsight.data.increments import increments as increments
-from backsight.discrete.runge_kutta import Integrator as Integrator
-from backsight.estimators import AHG as AHG
-from backsight.estimators import EKF as EKF
-from backsight.estimators import ESTIMATORS as ESTIMATORS
-from backsight.estimators import HGO as HGO
-from backsight.estimators import MHO as MHO
-from backsight.estimators import UKF as UKF
-from backsight.estimators import KalmanFilter as KalmanFilter
-from backsight.estimators import Limit as Limit
-from backsight.estimators import LinearMHE as LinearMHE
-from backsight.estimators import Luenberger as Luenberger
-from backsight.estimators import Noise as Noise
-from backsight.estimators import Prior as Prior
-from backsight.estimators import RecursiveMHE as RecursiveMHE
-from backsight.estimators.adaptive_gain import AdaptiveGain as AdaptiveGain
-from backsight.models import Model as Model
-from backsight.models import Signal as Signal
-from backsight.models import augment as augment
-from backsight.models import duffing as duffing
-from backsight.models import friction_drive as friction_drive
-from backsight.models import from_equations as from_equations
-from backsight.models import lti as lti
-from backsight.models import scale as scale
-from backsight.models import sdof as sdof
-from backsight.models import second_order as second_order
-from backsight.models.incremental import incremental as incremental
+import importlib
+from typing import TYPE_CHECKING
+
+# The function must hide the folder of the same name, which it does if it is bound after it.
 from backsight.report import report as report
-from backsight.run.compare import compare as compare
-from backsight.run.estimate import estimate as estimate
-from backsight.run.many import estimate_many as estimate_many
-from backsight.run.simulate import simulate as simulate
-from backsight.run.stream import stream as stream
-from backsight.solvers.gauss_newton import GaussNewton as GaussNewton
 
-__version__ = _version("backsight")
+if TYPE_CHECKING:
+    from backsight import errors as errors
+    from backsight.analysis.force_locations import force_locations as force_locations
+    from backsight.analysis.judging import consistency as consistency
+    from backsight.analysis.observability import observability as observability
+    from backsight.data import from_arrays as from_arrays
+    from backsight.data import merge as merge
+    from backsight.data import read as read
+    from backsight.data import resample as resample
+    from backsight.data.increments import increments as increments
+    from backsight.discrete.runge_kutta import Integrator as Integrator
+    from backsight.estimators import AHG as AHG
+    from backsight.estimators import EKF as EKF
+    from backsight.estimators import ESTIMATORS as ESTIMATORS
+    from backsight.estimators import HGO as HGO
+    from backsight.estimators import MHE as MHE
+    from backsight.estimators import MHO as MHO
+    from backsight.estimators import UKF as UKF
+    from backsight.estimators import CompressiveSensingMHE as CompressiveSensingMHE
+    from backsight.estimators import JointInput as JointInput
+    from backsight.estimators import KalmanFilter as KalmanFilter
+    from backsight.estimators import Limit as Limit
+    from backsight.estimators import LinearMHE as LinearMHE
+    from backsight.estimators import Luenberger as Luenberger
+    from backsight.estimators import Noise as Noise
+    from backsight.estimators import Prior as Prior
+    from backsight.estimators import RecursiveMHE as RecursiveMHE
+    from backsight.estimators.adaptive_gain import AdaptiveGain as AdaptiveGain
+    from backsight.estimators.arrival import ConstantArrival as ConstantArrival
+    from backsight.estimators.arrival import EKFArrival as EKFArrival
+    from backsight.estimators.arrival import NoArrival as NoArrival
+    from backsight.estimators.arrival import SmoothedArrival as SmoothedArrival
+    from backsight.estimators.arrival import UKFArrival as UKFArrival
+    from backsight.estimators.carryover import Carryover as Carryover
+    from backsight.estimators.dictionary import Atoms as Atoms
+    from backsight.estimators.dictionary import HalfSines as HalfSines
+    from backsight.estimators.dictionary import Impulses as Impulses
+    from backsight.models import Model as Model
+    from backsight.models import Signal as Signal
+    from backsight.models import augment as augment
+    from backsight.models import beam as beam
+    from backsight.models import duffing as duffing
+    from backsight.models import friction_drive as friction_drive
+    from backsight.models import from_equations as from_equations
+    from backsight.models import lti as lti
+    from backsight.models import modal as modal
+    from backsight.models import reduced as reduced
+    from backsight.models import scale as scale
+    from backsight.models import sdof as sdof
+    from backsight.models import second_order as second_order
+    from backsight.models.incremental import incremental as incremental
+    from backsight.models.sampling import check_sampling as check_sampling
+    from backsight.models.unknown_forces import forces_as_inputs as forces_as_inputs
+    from backsight.run.alignment import alignment as alignment
+    from backsight.run.certify import certify as certify
+    from backsight.run.compare import compare as compare
+    from backsight.run.estimate import estimate as estimate
+    from backsight.run.many import estimate_many as estimate_many
+    from backsight.run.simulate import simulate as simulate
+    from backsight.run.stream import stream as stream
+    from backsight.solvers.gauss_newton import GaussNewton as GaussNewton
+    from backsight.tune.sparsity import lambda_max as lambda_max
+
+    __version__: str
+
+_NAMES = {
+    "analysis.force_locations": "force_locations",
+    "analysis.judging": "consistency",
+    "analysis.observability": "observability",
+    "data": "from_arrays merge read resample",
+    "data.increments": "increments",
+    "discrete.runge_kutta": "Integrator",
+    "estimators": (
+        "AHG CompressiveSensingMHE EKF ESTIMATORS HGO MHE MHO UKF JointInput KalmanFilter Limit "
+        "LinearMHE Luenberger Noise Prior RecursiveMHE"
+    ),
+    "estimators.adaptive_gain": "AdaptiveGain",
+    "estimators.carryover": "Carryover",
+    "estimators.dictionary": "Atoms HalfSines Impulses",
+    "estimators.arrival": "ConstantArrival EKFArrival NoArrival SmoothedArrival UKFArrival",
+    "models": (
+        "Model Signal augment beam duffing friction_drive from_equations lti modal reduced scale "
+        "sdof second_order"
+    ),
+    "models.incremental": "incremental",
+    "models.sampling": "check_sampling",
+    "models.unknown_forces": "forces_as_inputs",
+    "run.alignment": "alignment",
+    "run.certify": "certify",
+    "run.compare": "compare",
+    "run.estimate": "estimate",
+    "run.many": "estimate_many",
+    "run.simulate": "simulate",
+    "run.stream": "stream",
+    "solvers.gauss_newton": "GaussNewton",
+    "tune.sparsity": "lambda_max",
+}
+_HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        found: object = importlib.import_module("importlib.metadata").version(__name__)
+    elif name == "errors":
+        found = importlib.import_module(f"{__name__}.errors")
+    elif name in _HOMES:
+        found = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    else:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'", name=name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES, "errors", "__version__"})

@@ -4,20 +4,20 @@ Commands import what they need when they run, so that help and version come at o
 """
 
 import contextlib
-import importlib.metadata
 import io
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from backsight.errors import BacksightError, ProblemError, nearest
+
+if TYPE_CHECKING:
+    from backsight.estimators.base import AbstractEstimator
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 study = typer.Typer(no_args_is_help=True, help="Reproduce a paper or work on a real system.")
@@ -39,6 +39,8 @@ def main(
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     if version:
+        import importlib.metadata
+
         typer.echo(importlib.metadata.version("backsight"))
         raise typer.Exit
 
@@ -77,23 +79,44 @@ def run(
 
 
 @app.command()
-def check(problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")]) -> None:
+def check(
+    problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
+    certify: Annotated[
+        str | None,
+        typer.Option(help="Estimator that should equal the Kalman filter on the linearised model."),
+    ] = None,
+) -> None:
     """Say whether the recording can show what is asked for, and which sensor would help.
 
-    The exit code is 0 if every state that does not fade by itself can be
-    seen, 1 if not, and 2 if the problem or the recording is at fault.
+    It also says whether outputs and inputs belong to the same samples,
+    and whether units and signs are those of the model. The exit code is 0
+    if nothing is wrong, 1 if a state that does not fade by itself cannot
+    be seen, if times, units or signs are wrong, or if an estimator is not
+    what it is asked to be, and 2 if the problem or the recording is at
+    fault.
     """
     with _told():
         from backsight.problem import load
         from backsight.problem.seeing import examine
         from backsight.problem.source import recording
+        from backsight.run.audit import aligned
+        from backsight.run.certify import certify as certified
 
         read = load(problem)
-        found = examine(read, recording(read))
+        chosen = None if certify is None else _estimator(certify, read.estimators)
+        data = recording(read)
+        found = examine(read, data)
+        timing = aligned(read.estimators, read.model, data)
         typer.echo(f"{read.title}\n\n{read.model}\n")
-        for sentence in found.lines():
+        for sentence in [*found.lines(), *(timing.lines() if timing else [])]:
             typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
-    if not found.detectable:
+        certificate = None if chosen is None else certified(chosen, read.model, data)
+        if certificate is not None:
+            typer.echo(f"\n{certificate.table()}\n")
+            for sentence in certificate.lines():
+                typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
+    fine = found.detectable and (timing is None or timing.sound)
+    if not (fine and (certificate is None or certificate.holds)):
         raise typer.Exit(1)
 
 
@@ -112,11 +135,8 @@ def export(
         from backsight.problem.source import recording
 
         read = load(problem)
-        if estimator not in read.estimators:
-            hint = nearest(estimator, read.estimators)
-            raise ProblemError(f"estimators: there is no '{estimator}', {hint}")
         export_c(
-            read.estimators[estimator],
+            _estimator(estimator, read.estimators),
             read.model,
             recording(read),
             out,
@@ -165,6 +185,12 @@ def study_run(
         typer.echo(f"{findings}\n\nPage: {findings.page}")
 
 
+def _estimator(name: str, known: Mapping[str, "AbstractEstimator"]) -> "AbstractEstimator":
+    if name not in known:
+        raise ProblemError(f"estimators: there is no '{name}', {nearest(name, known)}")
+    return known[name]
+
+
 def _warn(sentence: str) -> None:
     typer.echo(f"backsight: warning: {sentence}", err=True)
 
@@ -185,13 +211,16 @@ def _told() -> Iterator[None]:
 @contextlib.contextmanager
 def _bar() -> Iterator[Callable[[str, float], None]]:
     """Show what is being done and the share that is done, on a terminal only."""
+    from rich import progress as bars
+    from rich.console import Console
+
     columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeRemainingColumn(),
+        bars.TextColumn("{task.description}", markup=False),
+        bars.BarColumn(),
+        bars.TaskProgressColumn(),
+        bars.TimeRemainingColumn(),
     )
-    with Progress(
+    with bars.Progress(
         *columns,
         console=Console(stderr=True),
         transient=True,

@@ -137,6 +137,12 @@ def test_active_bound_is_met_and_reported():
     clipped = (result["status"].astype(int) & int(Status.CLIPPED)) != 0
     np.testing.assert_array_equal(clipped, np.abs(b - 0.5) < 1e-9)
     assert 3 < clipped.sum() < 30
+    free = Run(estimator, model(), DT)(u, y)["P"]
+    np.testing.assert_array_equal(result["P"][clipped, 1], 0)
+    assert np.all(np.linalg.eigvalsh(free - result["P"]) > -1e-12)
+    same = np.isclose(result["P"], free, rtol=1e-9, atol=0).all(axis=(1, 2))
+    assert 0 < same.sum() < 30
+    assert not (same & clipped).any()
 
 
 def test_contradiction_is_named_and_leaves_the_estimate():

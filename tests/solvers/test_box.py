@@ -27,7 +27,8 @@ def random_problem(n: int, seed: int) -> tuple[np.ndarray, ...]:
 def solve(M, x, low, high) -> tuple[np.ndarray, np.ndarray, float]:
     n = len(x)
     packed = np.concatenate([M[j:, j] for j in range(n)])
-    lam, side, passes = dual_active_set(n)(packed, x, low, high)
+    lam, side, passes, exhausted = dual_active_set(n)(packed, x, low, high)
+    assert not exhausted
     return np.asarray(lam)[:, 0], np.asarray(side)[:, 0], float(passes)
 
 

@@ -7,6 +7,7 @@ from scipy.optimize import least_squares
 
 from backsight.algebra.symmetric import vech
 from backsight.errors import TuningError
+from backsight.solvers import box
 from backsight.solvers.gauss_newton import GaussNewton, minimise
 
 TIMES = np.linspace(0.0, 2.0, 9)
@@ -109,6 +110,14 @@ def test_limit_is_reported():
     result = solve(GaussNewton(max_iterations=2, tolerance=1e-12))
     assert result["limit"]
     assert result["iterations"] == 2
+
+
+def test_bounds_that_could_not_be_sorted_out_are_reported(monkeypatch):
+    bounds = (np.array([1.0, 0.0, 0.45]), np.array([1.7, 1.2, 0.6]))
+    assert not solve(PRECISE, bounds)["limit"]
+    monkeypatch.setattr(box, "BLOCK_PASSES", 1)
+    monkeypatch.setattr(box, "SINGLE_PASSES", 0)
+    assert solve(PRECISE, bounds)["limit"]
 
 
 def test_zero_tolerance_makes_exactly_so_many_iterations():

@@ -24,7 +24,15 @@ def solve(A, Sigma, x, lower, upper, tried=None):
     n = len(A)
     tried = np.zeros(n) if tried is None else tried
     found = limited(n)(A @ Sigma @ A.T, A @ x, lower, upper, tried)
-    lam, side, conflict, infeasible, exhausted = (np.array(f)[:, 0] for f in found)
+    lam, side, conflict, infeasible, exhausted = (np.array(found[i])[:, 0] for i in (0, 1, 3, 4, 5))
+    active = np.flatnonzero(side)
+    if not infeasible:
+        expected = np.zeros((n, n))
+        M = A @ Sigma @ A.T
+        expected[np.ix_(active, active)] = np.linalg.inv(M[np.ix_(active, active)])
+        np.testing.assert_allclose(
+            np.array(found[2]), expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max()
+        )
     return lam, side, conflict, infeasible[0], exhausted[0]
 
 

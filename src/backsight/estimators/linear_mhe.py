@@ -66,8 +66,8 @@ class LinearMHE(AbstractEstimator):
     -----
     Limits are imposed by an exact active set method on the optimal solution without them; inactive
     ones change nothing. If they contradict each other, the estimate is the one without limits, the
-    status says *infeasible*, and the output ``infeasible`` names them. P is the covariance without
-    limits.
+    status says *infeasible*, and the output ``infeasible`` names them. In P the active limits count
+    as exact measurements: directions that they fix have no variance.
 
     Missing samples are left out. If those that remain do not determine the state, the arrival
     cost is used with its full weight for this sample and the status says *unobserved*.
@@ -140,7 +140,7 @@ class LinearMHE(AbstractEstimator):
         flags, channels, named, active = [lacking], ESTIMATE_CHANNELS, [], before
         if n:
             limits = bounds(system, rows, N)(*window)
-            x, active, conflict, raised = impose(s, n, N)(x, *quantities, *limits, before)
+            x, P, active, conflict, raised = impose(s, n, N)(x, P, *quantities, *limits, before)
             flags.append(raised)
             named = [conflict]
             channels += (Channel("infeasible", ("limit",), labels=rows.names),)

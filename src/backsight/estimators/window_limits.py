@@ -14,7 +14,7 @@ from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.symmetric import unvech
 from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked
-from backsight.engine.dense import add_product
+from backsight.engine.dense import add_product, filled_up
 from backsight.engine.loops import scan
 from backsight.estimators.limits import Rows, stacked_rows
 from backsight.estimators.linear import Linear
@@ -69,33 +69,32 @@ def window_limits(system: Linear, rows: Rows, N: int) -> ca.Function:
     nx, nu, ny = (len(system.A), *system.D.T.shape)
     n = len(rows.names)
     total = n * (N + 1)
+    full = filled_up(total)
     x, vP = ca.MX.sym("x", nx), ca.MX.sym("P", nx * (nx + 1) // 2)
     diffuse, present = ca.MX.sym("diffuse"), ca.MX.sym("present", 1, N + 1)
     U, Y, M_ = (ca.MX.sym(k, m, N + 1) for k, m in (("U", nu), ("Y", ny), ("M", ny)))
-    zeros = [ca.MX.zeros(total, k) for k in (1, nx, nx, total)]
+    zeros = [ca.MX.zeros(full, k) for k in (1, nx, nx, full)]
     end, _ = scan(
-        _sample(system, rows, total),
+        _sample(system, rows, full),
         N + 1,
         carry=[x, *begin(nx)(vP, diffuse), *zeros],
         xs=[
             ca.horzcat(U[:, 0], U[:, :-1]), U, Y, M_, ca.horzcat(0, present[:, :-1]), present,
-            ca.MX(ca.DM.eye(total).full()),
+            ca.MX(np.eye(full, total)),
         ],
     )  # fmt: skip
     *filtered, c, Psi, Xc, M = end
     x_end, P_end, deficient, first, spread, inverse = solve_start(nx)(*filtered, diffuse)
-    wide = add_product(ca.MX.zeros(total, nx), Xc, inverse)
+    wide = add_product(ca.MX.zeros(full, nx), Xc, inverse)
+    limited = [
+        add_product(c, Xc, first.T),
+        add_product(M, wide, wide)[:, :total],
+        add_product(Psi, wide, spread),
+    ]
     return ca.Function(
         "window_limits",
         [x, vP, diffuse, U, Y, M_, present],
-        [
-            x_end,
-            P_end,
-            deficient,
-            add_product(c, Xc, first.T),
-            add_product(M, wide, wide),
-            add_product(Psi, wide, spread),
-        ],
+        [x_end, P_end, deficient, *(rows_[:total, :] for rows_ in limited)],
     )
 
 

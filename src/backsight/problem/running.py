@@ -8,13 +8,13 @@ from pathlib import Path
 
 import xarray as xr
 
-from backsight.analysis.summary import summary
+from backsight.analysis.summary import ALIGNMENT, summary
 from backsight.output import whole, writing
 from backsight.problem.checking import at
 from backsight.problem.problem import Problem
 from backsight.problem.seeing import doubts
 from backsight.problem.source import recording
-from backsight.report.page import report
+from backsight.report import report
 from backsight.run.compare import Comparison, compare
 from backsight.run.estimate import failure
 from backsight.run.match import match
@@ -104,6 +104,7 @@ def _write(folder: Path, problem: Problem, results: Mapping[str, xr.Dataset]) ->
 
 def _summary(problem: Problem, results: Mapping[str, xr.Dataset]) -> dict[str, object]:
     first = next(iter(results.values()))
+    found = str(first.attrs.get(ALIGNMENT, "")).splitlines()
     return {
         "problem": {
             "title": problem.title,
@@ -112,6 +113,7 @@ def _summary(problem: Problem, results: Mapping[str, xr.Dataset]) -> dict[str, o
             "model": problem.model.name,
             "samples": first.sizes["time"],
             "dt": first.attrs["dt"],
+            "alignment": found,
         },
         "estimators": {
             name: summary(result, problem.reference) | {"failure": failure(result) or None}

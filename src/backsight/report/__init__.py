@@ -1,3 +1,59 @@
-"""Results as a page to look at, and static figures."""
+"""Results as a page to look at, and static figures.
 
-from backsight.report.page import report as report
+The package itself is imported together with `backsight`; what draws, only when something is drawn.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def report(
+    results: Mapping[str, xr.Dataset],
+    path: str | os.PathLike[str],
+    *,
+    problem: str | Mapping[str, object] | None = None,
+    title: str | None = None,
+    reference: Mapping[str, float] | None = None,
+) -> Path:
+    """Write one self-contained HTML page that compares results; it opens without a network.
+
+    Parameters
+    ----------
+    results : dict
+        Name of the estimator to its result (see `backsight.schema`), of the same recording.
+    path : path
+        The page to write; missing folders are made.
+    problem : str or dict, optional
+        The problem as it was read, shown at the end.
+    title : str, optional
+        Heading; the name of the model if not given.
+    reference : dict, optional
+        Known value of some states or parameters [their units].
+
+    Returns
+    -------
+    Path
+        Where the page is.
+
+    Raises
+    ------
+    DataError
+        If there is no result, a dataset is not one, or `reference` names an unknown state.
+    OutputError
+        If the page cannot be written; nothing is left behind then.
+
+    Notes
+    -----
+    Long recordings are thinned for display to the smallest and largest value of every interval, so
+    that every peak is there; the tables use all samples.
+    """
+    from backsight.report.page import write_page
+
+    return write_page(results, path, problem=problem, title=title, reference=reference)

@@ -11,7 +11,8 @@ from string import Template
 import xarray as xr
 
 from backsight.analysis.rounding import whole
-from backsight.analysis.summary import Row, ranked_table
+from backsight.analysis.row import Row
+from backsight.analysis.summary import ranked_table
 from backsight.analysis.verdict import verdicts
 from backsight.errors import DataError
 from backsight.output import write_whole
@@ -30,46 +31,15 @@ from backsight.report.theme import TEMPLATE
 from backsight.report.thin import POINTS, interval_length
 
 
-def report(
+def write_page(
     results: Mapping[str, xr.Dataset],
     path: str | os.PathLike[str],
     *,
-    problem: str | Mapping[str, object] | None = None,
-    title: str | None = None,
-    reference: Mapping[str, float] | None = None,
+    problem: str | Mapping[str, object] | None,
+    title: str | None,
+    reference: Mapping[str, float] | None,
 ) -> Path:
-    """Write one self-contained HTML page that compares results; it opens without a network.
-
-    Parameters
-    ----------
-    results : dict
-        Name of the estimator to its result (see `backsight.schema`), of the same recording.
-    path : path
-        The page to write; missing folders are made.
-    problem : str or dict, optional
-        The problem as it was read, shown at the end.
-    title : str, optional
-        Heading; the name of the model if not given.
-    reference : dict, optional
-        Known value of some states or parameters [their units].
-
-    Returns
-    -------
-    Path
-        Where the page is.
-
-    Raises
-    ------
-    DataError
-        If there is no result, a dataset is not one, or `reference` names an unknown state.
-    OutputError
-        If the page cannot be written; nothing is left behind then.
-
-    Notes
-    -----
-    Long recordings are thinned for display to the smallest and largest value of every interval, so
-    that every peak is there; the tables use all samples.
-    """
+    """Write the page, see `backsight.report.report`."""
     if not results:
         raise DataError("there are no results to report: give at least one")
     rows = ranked_table(results, reference)

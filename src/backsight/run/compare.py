@@ -10,7 +10,8 @@ from backsight.analysis.verdict import verdicts
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimate import estimate
+from backsight.run.audit import audited
+from backsight.run.estimate import carry_out, check_memory, ready
 from backsight.run.ranking import as_text, final_values, ranking, true_errors
 
 
@@ -83,18 +84,16 @@ def compare(
     Returns
     -------
     Comparison
-        A mapping from name to result.
+        A mapping from name to result. The results also say whether outputs and inputs are aligned
+        and by how much the noise is off, see `backsight.run.audit`.
     """
     if not estimators:
         raise TuningError("there is no estimator to compare")
-    results = {}
-    for name, estimator in estimators.items():
-        results[name] = estimate(
-            estimator,
-            model,
-            recording,
-            engine=engine,
-            throw=throw,
-            progress=lambda k, n=name: progress(n, k),
-        )
-    return Comparison(results)
+    tasks = {name: ready(e, model, recording) for name, e in estimators.items()}
+    samples = next(iter(tasks.values())).samples
+    check_memory([task.recursion for task in tasks.values()], samples)
+    results = {
+        name: carry_out(task, engine=engine, throw=throw, progress=lambda k, n=name: progress(n, k))
+        for name, task in tasks.items()
+    }
+    return Comparison(audited(results, estimators, model, recording))

@@ -1,7 +1,8 @@
 """Run an estimator over a recording."""
 
+import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import psutil
@@ -12,9 +13,11 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
+from backsight.run.lag import aligned, run_on
 from backsight.run.match import match
 from backsight.run.result import as_result
 from backsight.schema import FAILURES, STATUS_TEXT
+from backsight.types import Array
 
 
 def estimate(
@@ -60,17 +63,56 @@ def estimate(
     EstimationError
         If the estimate became non-finite; the exception carries the results.
     """
-    u, y, mask = match(model, recording)
+    task = ready(estimator, model, recording)
+    check_memory([task.recursion], task.samples)
+    return carry_out(task, engine=engine, throw=throw, progress=progress)
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """An estimator compiled for a model, and data that fit: inputs, outputs and mask."""
+
+    estimator: AbstractEstimator
+    model: Model
+    recording: xr.Dataset
+    recursion: Recursion
+    data: tuple[Array, Array, Array]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of the recording."""
+        return len(self.data[0])
+
+
+def ready(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> Task:
+    """Check all but the memory that the result takes, see `estimate`."""
+    data = match(model, recording)
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
-    check_length(recursion, len(u))
-    check_memory(recursion, len(u))
-    chosen = choose(engine, len(u))
+    check_length(recursion, len(data[0]))
+    return Task(estimator, model, recording, recursion, data)
+
+
+def carry_out(
+    task: Task, *, engine: str | None, throw: bool, progress: Callable[[int], None]
+) -> xr.Dataset:
+    """Run what is ready, see `estimate`."""
+    recursion, samples = task.recursion, task.samples
+    chosen = choose(engine, samples)
     prepare(recursion, chosen)
     started = time.perf_counter()
-    outputs = execute(recursion, [u, y, mask], engine=chosen, progress=progress)
+    data = run_on(list(task.data), recursion.lag)
+    outputs = execute(
+        recursion, data, engine=chosen, progress=lambda done: progress(min(done, samples))
+    )
     seconds = time.perf_counter() - started
     result = as_result(
-        outputs, recursion, estimator, model, recording, engine=chosen, seconds=seconds
+        aligned(outputs, recursion.lag),
+        recursion,
+        task.estimator,
+        task.model,
+        task.recording,
+        engine=chosen,
+        seconds=seconds,
     )
     failed = np.flatnonzero(result["status"].values & int(FAILURES))
     if throw and len(failed):
@@ -99,15 +141,17 @@ def check_length(recursion: Recursion, samples: int) -> None:
         )
 
 
-def check_memory(recursion: Recursion, samples: int) -> None:
-    """Raise `DataError` if the result of so many samples would not fit into memory."""
-    doubled = [2 if c.symmetric else 1 for c in recursion.channels]
-    numbers = sum(
-        size * (1 + factor) for size, factor in zip(recursion.output_sizes, doubled, strict=True)
-    )
+def check_memory(recursions: Sequence[Recursion], samples: int) -> None:
+    """Raise `DataError` if the results of so many samples would not fit into memory together."""
+    numbers = 0
+    for recursion in recursions:
+        doubled = [2 if c.symmetric else 1 for c in recursion.channels]
+        sizes = zip(recursion.output_sizes, doubled, strict=True)
+        numbers += sum(size * (1 + factor) for size, factor in sizes)
     needed, available = 8 * numbers * samples, psutil.virtual_memory().available
     if needed > available:
+        results = "result" if len(recursions) == 1 else f"{len(recursions)} results"
         raise DataError(
-            f"the result of {samples} samples would take {needed / 1e9:.1f} GB of memory, but only "
-            f"{available / 1e9:.1f} GB are free; process the recording in parts"
+            f"the {results} of {samples} samples would take {needed / 1e9:.1f} GB of memory, but "
+            f"only {available / 1e9:.1f} GB are free; process the recording in parts"
         )

@@ -72,7 +72,7 @@ class QuasiNewton:
             *(carry[k] for k in ("z", "g", "H", "count")), z_try, g_try, x_try, L
         )
         if bounded:
-            lam, side_try, _ = dual_active_set(nb)(M, x_free, lower[bounded], upper[bounded])
+            lam, side_try, *_ = dual_active_set(nb)(M, x_free, lower[bounded], upper[bounded])
         else:
             lam, side_try = ca.MX(0, 1), ca.MX(0, 1)
         after = _judge(nx, bounded, self)(

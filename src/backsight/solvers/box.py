@@ -16,7 +16,7 @@ SINGLE_PASSES = 20
 def dual_active_set(n: int) -> ca.Function:
     r"""Multipliers of bounds on a Gaussian.
 
-    ``(M, x, lower, upper) -> (multipliers, side, passes)``.
+    ``(M, x, lower, upper) -> (multipliers, side, passes, exhausted)``.
 
     The minimiser of :math:`\tfrac12 (\xi - x)' \Sigma^{-1} (\xi - x)` subject to bounds on n
     entries is :math:`x + \Sigma_{:,b} \lambda`, where with :math:`M = \Sigma_{b,b}`
@@ -31,7 +31,8 @@ def dual_active_set(n: int) -> ca.Function:
     `BLOCK_PASSES` only the one of least index, which always ends (Murty 1974): in practice
     within `SINGLE_PASSES` times n, although there are :math:`3^n` choices of sides.
 
-    M is given as its lower triangle; ``side`` is 1 at a lower bound, -1 at an upper one, else 0.
+    M is given as its lower triangle; ``side`` is 1 at a lower bound, -1 at an upper one, else 0;
+    ``exhausted`` is 1 if the passes did not suffice, so that some bound or sign is still violated.
 
     Source: Júdice and Pires, "A block principal pivoting algorithm for large-scale strictly
     monotone linear complementarity problems", 1994, doi:10.1016/0305-0548(94)90106-6.
@@ -67,5 +68,5 @@ def dual_active_set(n: int) -> ca.Function:
     constants = [ca.MX.sym(k, size) for k, size in names]
     start = [ca.MX(1), ca.MX.zeros(n), ca.MX.zeros(n), ca.MX(0)]
     limit = BLOCK_PASSES + min(3**n, SINGLE_PASSES * n)
-    _, lam_out, side_out, passes = iterate(body, limit, carry=start, constants=constants)
-    return ca.Function(f"dual_active_set_{n}", constants, [lam_out, side_out, passes])
+    go_out, *found = iterate(body, limit, carry=start, constants=constants)
+    return ca.Function(f"dual_active_set_{n}", constants, [*found, go_out])

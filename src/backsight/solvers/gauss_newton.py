@@ -83,8 +83,9 @@ def minimise(
     -------
     casadi.Function
         ``(run, x_bar, L, *data) -> (x, Sigma, iterations, limit, rejected)``. With ``run = 0`` the
-        result is x_bar. Sigma is the lower triangle of the covariance of x; directions fixed by an
-        active bound have none.
+        result is x_bar. ``limit`` is 1 if the iterations, or the passes that find the active bounds
+        of the last step, did not suffice. Sigma is the lower triangle of the covariance of x;
+        directions fixed by an active bound have none.
     """
     nx = len(lower)
     symbols = [ca.MX.sym("run"), ca.MX.sym("x_bar", nx), ca.MX.sym("L", nx, nx)]
@@ -95,28 +96,29 @@ def minimise(
         ca.MX.sym(n, k) for n, k in zip("gzdtJs", (1, nx, nx, 1, 1, 1), strict=True)
     )
     vG, side = ca.MX.sym("G", nx * (nx + 1) // 2), ca.MX.sym("side", len(bounded))
-    count, stalled = ca.MX.sym("count"), ca.MX.sym("stalled")
-    carry = [go, z, d, t, cost, slope, vG, side, count, stalled]
+    count, stalled, unsolved = (ca.MX.sym(n) for n in ("count", "stalled", "unsolved"))
+    carry = [go, z, d, t, cost, slope, vG, side, count, stalled, unsolved]
 
     z_try, x_try = trial(nx)(z, d, t, x_bar, L)
     loss, c, vG_try = evaluate(x_try, *data)
     z_free, V, M, x_free = _step(nx, bounded)(z_try, x_bar, L, c, _hessian(nx)(vG_try, L))
     if bounded:
-        lam, side_try, _ = dual_active_set(len(bounded))(M, x_free, lower[bounded], upper[bounded])
+        found = dual_active_set(len(bounded))(M, x_free, lower[bounded], upper[bounded])
+        lam, side_try, _, exhausted = found
     else:
-        lam, side_try = ca.MX(0, 1), ca.MX(0, 1)
+        lam, side_try, exhausted = ca.MX(0, 1), ca.MX(0, 1), ca.MX(0)
     after = _judge(nx, len(bounded), method, cost_unit)(
         z, d, t, cost, slope, vG, side, count, z_try, loss, c, vG_try, z_free, V, lam, side_try, L
     )
-    body = ca.Function("gauss_newton", [*carry, x_bar, L, *data], list(after))
+    body = ca.Function("gauss_newton", [*carry, x_bar, L, *data], [*after, exhausted])
     start = [
         run, *(ca.MX.zeros(nx) for _ in range(2)), ca.MX(0), ca.MX(1e300), ca.MX(0),
-        ca.MX.zeros(vG.numel()), ca.MX.zeros(len(bounded)), ca.MX(0), ca.MX(0),
+        ca.MX.zeros(vG.numel()), ca.MX.zeros(len(bounded)), ca.MX(0), ca.MX(0), ca.MX(0),
     ]  # fmt: skip
     last = iterate(body, method.max_iterations, carry=start, constants=[x_bar, L, *data])
-    go_out, z_out, d_out, t_out, _, _, vG_out, side_out, count_out, stalled_out = last
+    go_out, z_out, d_out, t_out, _, _, vG_out, side_out, count_out, stalled_out, open_out = last
     x, Sigma = finish(nx, bounded, lower, upper)(z_out, d_out, t_out, vG_out, side_out, x_bar, L)
-    limit = go_out if method.tolerance > 0 else ca.MX(0)
+    limit = ca.fmax(go_out, open_out) if method.tolerance > 0 else open_out
     return ca.Function("minimise", [*symbols, *data], [x, Sigma, count_out, limit, stalled_out])
 
 
