@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from backsight.analysis.consistency import log_likelihood, mean_nis
-from backsight.analysis.summary import Final, assess, ranked_table, summary, units
+from backsight.analysis.row import Final
+from backsight.analysis.summary import assess, ranked_table, summary, units
 from backsight.analysis.verdict import consistency, verdicts
 from backsight.errors import DataError
 from backsight.schema import Status

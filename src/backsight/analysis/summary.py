@@ -15,75 +15,21 @@ from backsight.analysis.consistency import (
     nis_band,
 )
 from backsight.analysis.errors import rms_innovation, rmse
+from backsight.analysis.force_remarks import force_remarks
+from backsight.analysis.hits import Hits, hits
+from backsight.analysis.judging import Consistency, consistency
+from backsight.analysis.noise_factors import NoiseFactors
+from backsight.analysis.row import Final, Row
+from backsight.analysis.verdict import line
 from backsight.errors import DataError, nearest
 from backsight.schema import FAILURES, Status, check_result
 
+ALIGNMENT, ALIGNED = "alignment", "aligned"
+"""Attributes of a result: what was found out about its recording, a line per sentence; and 1 if
+outputs and inputs belong to the same samples, 0 if not (not there if that is not known)."""
 
-@dataclasses.dataclass(frozen=True)
-class Final:
-    """Last estimate of one state [unit], and the reference value it is held against, if any."""
-
-    value: float
-    std: float
-    unit: str
-    reference: float | None = None
-
-    @property
-    def error(self) -> float:
-        """Value minus reference; ``NaN`` without a reference."""
-        return math.nan if self.reference is None else self.value - self.reference
-
-    @property
-    def relative_error(self) -> float:
-        """Error per magnitude of the reference; ``NaN`` if that is zero or unknown."""
-        return self.error / abs(self.reference) if self.reference else math.nan
-
-    @property
-    def deviations(self) -> float:
-        """Error in standard deviations of the estimate, not negative."""
-        return abs(self.error) / self.std if self.std > 0 else math.nan
-
-
-@dataclasses.dataclass(frozen=True)
-class Row:
-    """What the comparison table says of one estimator.
-
-    Parameters
-    ----------
-    estimator : str
-        Its name in the comparison.
-    samples : int
-        Number of samples of the recording.
-    log_likelihood : float
-        Mean logarithm of the density of the innovations, per measured sample.
-    mean_nis, nis_expected : float
-        Mean normalised innovation squared and its expectation.
-    nis_band : (float, float)
-        95 % interval of the mean NIS of a consistent estimator.
-    rms_innovation, rms_error : dict
-        Per output [its unit]; per state against the truth [its unit], empty if that is unknown.
-    final : dict
-        Last estimate per state.
-    us_per_sample : float
-        Computing time [us]; ``NaN`` if it was not measured.
-    status : dict
-        Number of samples for every `Status` that occurs, "OK" included.
-    failed : bool
-        Whether the estimates are worthless: the filter diverged.
-    """
-
-    estimator: str
-    samples: int
-    log_likelihood: float
-    mean_nis: float
-    nis_expected: float
-    nis_band: tuple[float, float]
-    rms_innovation: dict[str, float]
-    rms_error: dict[str, float]
-    final: dict[str, Final]
-    us_per_sample: float
-    status: dict[str, int]
-    failed: bool
+MOST_HITS = 50
+"""So many of the largest hits are in a summary; all are in the result."""
 
 
 def assess(
@@ -124,12 +70,17 @@ def assess(
         mean_nis=mean_nis(settled),
         nis_expected=float(measured_channels(settled).where(valid).mean("time")),
         nis_band=nis_band(settled),
+        consistency=consistency(settled),
         rms_innovation=_by_name(rms_innovation(settled), "output"),
         rms_error=_rms_error(settled),
         final=_final(result, reference or {}),
+        alignment=tuple(str(result.attrs.get(ALIGNMENT, "")).splitlines()),
+        aligned=None if ALIGNED not in result.attrs else bool(result.attrs[ALIGNED]),
         us_per_sample=float(result.attrs.get("us_per_sample", math.nan)),
         status=_status_counts(result),
         failed=failed(result),
+        remarks=tuple(force_remarks(result)),
+        hits=hits(result),
     )
 
 
@@ -140,7 +91,13 @@ def summary(
 
     Keys: ``final`` (per state: value, std, unit; with a reference also reference, error,
     relative_error), ``mean_nis``, ``nis_expected``, ``nis_band``, ``mean_log_likelihood``,
-    ``rms_innovation``, ``rms_error``, ``us_per_sample``, ``status`` (samples per kind), ``failed``.
+    ``rms_innovation``, ``rms_error``, ``us_per_sample``, ``status`` (samples per kind), ``failed``,
+    ``verdict`` (a sentence), and what it rests on: ``mean_nees``, ``nees_expected``,
+    ``innovations`` (per output: the correlation of successive ones, ``lag1``, the largest one with
+    its lag, the share that past inputs explain, and the shares within 1, 2 and 3 deviations),
+    ``within`` (per state whose truth is known: the shares within 1, 2 and 3 deviations), and
+    ``noise_factors`` (by how much the variances R and Q should be larger) or None; ``hits`` (number
+    of unknown forces found, and the largest of them), or None if the estimator looks for none.
     Arguments and errors as in `assess`.
     """
     row = assess(result, reference, burn_in=burn_in)
@@ -155,6 +112,13 @@ def summary(
         "us_per_sample": _known(row.us_per_sample),
         "status": row.status,
         "failed": row.failed,
+        "verdict": f"{line(row)}.",
+        "mean_nees": _known(row.consistency.nees.value),
+        "nees_expected": _known(row.consistency.nees.expected),
+        "innovations": _innovations(row.consistency),
+        "within": {state: list(shares) for state, shares in row.consistency.states.items()},
+        "noise_factors": _noise_factors(row.consistency.noise),
+        "hits": None if row.hits is None else _hits(row.hits),
     }
 
 
@@ -224,6 +188,43 @@ def _final_entry(final: Final) -> dict[str, object]:
         "error": _known(final.error),
         "relative_error": _known(final.relative_error),
     }
+
+
+def _innovations(found: Consistency) -> dict[str, object]:
+    return {
+        c.output: {
+            "lag1": _known(c.lag1),
+            "largest": _known(c.largest),
+            "lag": c.lag,
+            "explained_by_inputs": _known(c.explained),
+            "within": list(found.innovations.get(c.output, ())),
+        }
+        for c in found.colours
+    }
+
+
+def _hits(found: Hits) -> dict[str, object]:
+    largest = [
+        {
+            "time": hit.impact.time,
+            "place": hit.impact.place,
+            "position": hit.position,
+            "force": hit.force,
+            "std": _known(hit.std),
+            "impulse": hit.impact.impulse,
+            "impulse_std": _known(hit.impact.std or math.nan),
+            "start": hit.impact.start,
+            "end": hit.impact.end,
+        }
+        for hit in found.hits[:MOST_HITS]
+    ]
+    return {"count": len(found.hits), "unit": found.unit, "largest": largest}
+
+
+def _noise_factors(noise: NoiseFactors | None) -> dict[str, float | None] | None:
+    if noise is None:
+        return None
+    return {name: _known(value) for name, value in dataclasses.asdict(noise).items()}
 
 
 def _rms_error(result: xr.Dataset) -> dict[str, float]:

@@ -3,15 +3,16 @@
 import math
 from collections.abc import Sequence
 
+from backsight.analysis.diagnosis import cause, pattern
 from backsight.analysis.rounding import significant
-from backsight.analysis.summary import Row
+from backsight.analysis.row import Row
 
 _CLOSE = 0.10
 """Innovations that are so much larger or smaller than predicted do no harm in practice."""
 
 
 def verdicts(rows: Sequence[Row]) -> list[str]:
-    """Return a few lines: the ranking, then consistency and final errors of each estimator.
+    """Return a few lines: the recording, the ranking, consistency and final errors of each.
 
     Parameters
     ----------
@@ -19,16 +20,49 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
         As `ranked_table` gives them, best first.
     """
     ranking = [_ranking(rows)] if len(rows) > 1 else []
-    return ranking + [f"{row.estimator}: {_line(row)}." for row in rows]
+    recording = list(rows[0].alignment) if rows else []
+    return recording + ranking + [f"{row.estimator}: {line(row)}." for row in rows]
 
 
 def consistency(row: Row) -> str:
-    """Return one clause on whether the covariance of an estimator agrees with its innovations."""
+    """Return a clause or two on whether an estimator agrees with its own covariances, and why not.
+
+    Sizes of innovations are judged by `mean_nis`, their pattern and the cause by
+    `backsight.analysis.diagnosis`.
+    """
     if math.isnan(row.mean_nis):
         return "no covariance of the innovations, so nothing can be said about the bands"
-    low, high = row.nis_band
-    if low <= row.mean_nis <= high:
+    if row.hits is not None:
+        return _beside_forces(row)
+    found = row.consistency
+    seen, why = pattern(found), cause(found, row.aligned)
+    size = _size(row)
+    if not (size or seen or why):
         return "consistent, its innovations are as large as it predicts"
+    clauses = [size or "inconsistent, although its innovations are as large as it predicts"]
+    clauses += [text for text in (seen, why) if text]
+    return "; ".join(clauses)
+
+
+def _beside_forces(row: Row) -> str:
+    """Return what innovations say that contain forces which are not known yet.
+
+    How they hang together says nothing of the noise then, nor does it that they are large.
+    """
+    acted = row.hits is not None and row.hits.hits
+    if acted and row.mean_nis > row.consistency.nis_band[1]:
+        ratio = math.sqrt(row.mean_nis / row.nis_expected)
+        return (
+            f"its innovations contain the forces before they are found and are {_compared(ratio)} "
+            "it predicts without them, which says nothing about the bands"
+        )
+    return _size(row) or "consistent, its innovations are as large as it predicts"
+
+
+def _size(row: Row) -> str:
+    """Return what the size of the innovations means; empty if it is as predicted."""
+    if row.consistency.sized:
+        return ""
     ratio = math.sqrt(row.mean_nis / row.nis_expected)
     size = f"{_compared(ratio)} it predicts"
     if abs(ratio - 1.0) < _CLOSE:
@@ -38,11 +72,13 @@ def consistency(row: Row) -> str:
     return f"too cautious, its innovations are {size} and its bands too wide"
 
 
-def _line(row: Row) -> str:
+def line(row: Row) -> str:
+    """Return what is to be said of one estimator, without its name."""
     if row.failed:
         return "diverged, its estimates are worthless; see the status"
     against = _against_reference(row)
-    return f"{consistency(row)}; {against}" if against else consistency(row)
+    found = str(row.hits) if row.hits is not None and not row.remarks else ""
+    return "; ".join(text for text in (found, consistency(row), against, *row.remarks) if text)
 
 
 def _compared(ratio: float) -> str:
@@ -69,4 +105,6 @@ def _ranking(rows: Sequence[Row]) -> str:
     margins = [best.log_likelihood - r.log_likelihood for r in others if not r.failed]
     known = [m for m in margins if not math.isnan(m)]
     lead = f", by {significant(min(known), 2)} in log-likelihood per sample" if known else ""
-    return f"{best.estimator} explains the recording best{lead}."
+    forced = any(row.hits is not None and row.hits.hits for row in rows)
+    late = "; forces that are found afterwards do not count in it" if forced else ""
+    return f"{best.estimator} explains the recording best{lead}{late}."

@@ -1,10 +1,13 @@
 """Models: named signals, state and output equations, and what builds and changes them."""
 
 from backsight.models.augment import augment
+from backsight.models.beam import beam
 from backsight.models.builtin import duffing, friction_drive, sdof
 from backsight.models.equations import from_equations
 from backsight.models.lti import lti
+from backsight.models.modal import modal
 from backsight.models.model import Model
+from backsight.models.reduced import reduced
 from backsight.models.scale import scale
 from backsight.models.second_order import second_order
 from backsight.models.signals import Signal
@@ -13,10 +16,13 @@ __all__ = [
     "Model",
     "Signal",
     "augment",
+    "beam",
     "duffing",
     "friction_drive",
     "from_equations",
     "lti",
+    "modal",
+    "reduced",
     "scale",
     "sdof",
     "second_order",

@@ -25,6 +25,8 @@ class Signal:
         Typical size [unit], used inside for conditioning; found from the prior if not given.
     lower, upper : float
         Bounds [unit].
+    position : float, optional
+        Where along the structure it is [unit of length], for maps.
     name : str
         Set by the model.
     """
@@ -34,6 +36,7 @@ class Signal:
     scale: float | None = None
     lower: float = -math.inf
     upper: float = math.inf
+    position: float | None = None
     name: str = ""
 
     def problems(self) -> list[str]:

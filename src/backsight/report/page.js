@@ -24,7 +24,7 @@
     if (Array.isArray(value)) return value.map((v) => coloured(v, key));
     if (value && typeof value === "object")
       return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, coloured(v, k)]));
-    const named = typeof value === "string" && key.endsWith("color") && value.startsWith("--");
+    const named = typeof value === "string" && /color(scale)?$/.test(key) && value.startsWith("--");
     return named ? css.getPropertyValue(value).trim() : value;
   };
 

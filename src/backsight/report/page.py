@@ -17,6 +17,7 @@ from backsight.analysis.verdict import verdicts
 from backsight.errors import DataError
 from backsight.output import write_whole
 from backsight.report import tables
+from backsight.report.forces import NOTE, force_maps, hit_tables
 from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
 from backsight.report.plots import (
     innovation_plots,
@@ -74,8 +75,10 @@ def _sections(
     states, outputs = signals(every, "state"), signals(every, "output")
     compared = tables.comparison(rows, every, outputs) + tables.final_values(rows, every, states)
     happened = tables.status_list(rows)
+    maps = force_maps(rows, every)
     found = [
         _section("Comparison", compared, []),
+        _section("Unknown forces", NOTE if maps else "", maps, below=hit_tables(rows, every)),
         _section("Measured and estimated", "", output_plots(every)),
         _section("Inputs", "", input_plots(every)),
         _section(
@@ -92,7 +95,9 @@ def _sections(
         _section(
             "Consistency",
             "<p>Innovations measured with their own covariance. Of a consistent estimator, 95 % "
-            "lie in the band; above it the estimator is over-confident, below it too cautious.</p>",
+            "lie in the band; above it the estimator is over-confident, below it too cautious. "
+            "They are neither correlated with each other nor explained by inputs.</p>"
+            + tables.consistency(rows, every),
             [nis_plot(every)],
         ),
     ]
@@ -102,11 +107,11 @@ def _sections(
     return [*found, (_problem(problem), [])]
 
 
-def _section(name: str, text: str, plots: Sequence[Plot]) -> Section:
+def _section(name: str, text: str, plots: Sequence[Plot], *, below: str = "") -> Section:
     if not (plots or text):
         return "", []
     grid = f'<div class="plots">{"".join(map(_place, plots))}</div>' if plots else ""
-    return f"<section><h2>{name}</h2>{text}{grid}</section>", plots
+    return f"<section><h2>{name}</h2>{text}{grid}{below}</section>", plots
 
 
 def _place(plot: Plot) -> str:

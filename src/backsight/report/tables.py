@@ -1,10 +1,11 @@
 """The page's tables as HTML; every text from outside is escaped here."""
 
+import math
 from collections.abc import Mapping, Sequence
 from html import escape
 
 from backsight.analysis.rounding import percent, plus_minus, shortest, significant, whole
-from backsight.analysis.summary import Final, Row
+from backsight.analysis.row import Final, Row
 from backsight.report.series import Series, quantity
 from backsight.schema import STATUS_TEXT, Status
 
@@ -31,7 +32,28 @@ def comparison(rows: Sequence[Row], every: Sequence[Series], outputs: Mapping[st
         ]
         for rank, row in enumerate(rows, 1)
     ]
-    return _table("comparison", head, body, caption="Over the whole recording")
+    return table("comparison", head, body, caption="Over the whole recording")
+
+
+def consistency(rows: Sequence[Row], every: Sequence[Series]) -> str:
+    """What is left in the innovations: one line per estimator and output."""
+    head = ["estimator", "output", "correlation<small>of successive innovations</small>"]
+    head += ["explained<small>by past inputs</small>", "within 3σ<small>ideal: 99.7 %</small>"]
+    head += ["R should be<small>times the assumed</small>", "Q should be<small>the same</small>"]
+    marks = {s.name: swatch(s) for s in every}
+    body = [
+        [
+            f"{marks[row.estimator]}{escape(row.estimator)}",
+            escape(c.output),
+            significant(c.lag1, 2),
+            _share(c.explained),
+            _share(row.consistency.innovations.get(c.output, (float("nan"),) * 3)[2]),
+            *_factors(row),
+        ]
+        for row in rows
+        for c in row.consistency.colours
+    ]
+    return table("consistency", head, body, caption="Innovations over the whole recording")
 
 
 def final_values(rows: Sequence[Row], every: Sequence[Series], states: Mapping[str, str]) -> str:
@@ -52,7 +74,7 @@ def final_values(rows: Sequence[Row], every: Sequence[Series], states: Mapping[s
             known = name in references
             cells.append(shortest(references[name]) if known else "")
         body.append(cells)
-    return _table("final", head, body, caption="At the last sample")
+    return table("final", head, body, caption="At the last sample")
 
 
 def status_list(rows: Sequence[Row]) -> str:
@@ -72,13 +94,26 @@ def swatch(s: Series) -> str:
     return f'<i class="stroke" style="border-top: 3px {style} var({s.colour})"></i>'
 
 
-def _table(name: str, head: Sequence[str], body: Sequence[Sequence[str]], *, caption: str) -> str:
+def table(name: str, head: Sequence[str], body: Sequence[Sequence[str]], *, caption: str) -> str:
+    """Return a table; cells, head and caption are HTML already."""
     top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
     lines = "".join(f"<tr>{''.join(f'<td>{c}</td>' for c in cells)}</tr>" for cells in body)
     return (
         f'<div class="scroll"><table class="{name}"><caption>{caption}</caption>'
         f"<thead><tr>{top}</tr></thead><tbody>{lines}</tbody></table></div>"
     )
+
+
+def _share(value: float) -> str:
+    return f"{significant(100 * value, 3)} %" if math.isfinite(value) else significant(value)
+
+
+def _factors(row: Row) -> list[str]:
+    """Factors of R and Q; not known where the theory does not apply."""
+    noise = row.consistency.noise
+    if noise is None:
+        return [significant(math.nan)] * 2
+    return [plus_minus(noise.R, noise.R_std), plus_minus(noise.Q, noise.Q_std)]
 
 
 def _label(name: str, unit: str) -> str:

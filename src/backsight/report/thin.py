@@ -67,6 +67,29 @@ def envelope(lower: Array, upper: Array, points: int = POINTS) -> tuple[Position
     return np.append(start, n - 1), np.append(low, low[-1]), np.append(high, high[-1])
 
 
+def peaks(values: Array, intervals: int) -> tuple[Array, int]:
+    """Thin several signals for a map: of every interval the value that is largest in size.
+
+    Parameters
+    ----------
+    values : (n, m) array
+        Finite.
+    intervals : int
+        As many at most.
+
+    Returns
+    -------
+    (k, m) array, int
+        Values, and how many samples an interval has; the last may have fewer.
+    """
+    n, m = values.shape
+    length = max(-(-n // intervals), 1)
+    rows = np.zeros((-(-n // length), length, m))
+    rows.reshape(-1, m)[:n] = values
+    at = np.abs(rows).argmax(axis=1)[:, np.newaxis]
+    return np.take_along_axis(rows, at, axis=1)[:, 0], length
+
+
 def interval_length(n: int, points: int = POINTS) -> int:
     """Samples per interval when `n` samples are thinned; 1 if they are not."""
     return 1 if n <= points else -(-n // (points // 2))

@@ -11,6 +11,7 @@ from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimate import check_length, check_memory, failure
+from backsight.run.lag import aligned, run_on
 from backsight.run.match import match
 from backsight.run.result import as_result
 
@@ -71,11 +72,11 @@ def estimate_many(
     recursion = estimator.compile(model, periods[0])
     for rows in data:
         check_length(recursion, len(rows[0]))
-    check_memory(recursion, samples)
+    check_memory([recursion], samples)
     started = time.perf_counter()
     outcomes = run_many(
         recursion,
-        data,
+        [run_on(rows, recursion.lag) for rows in data],
         carries=[recursion.carry0] * len(data),
         threads=threads or os.cpu_count(),
         progress=progress,
@@ -83,7 +84,7 @@ def estimate_many(
     seconds = time.perf_counter() - started
     results = [
         as_result(
-            outputs,
+            aligned(outputs, recursion.lag),
             recursion,
             estimator,
             model,

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from backsight.analysis.rounding import percent, plus_minus, shortest, significant, whole
-from backsight.analysis.summary import Final, Row
+from backsight.analysis.row import Final, Row
 from backsight.schema import Status
 
 MOST_OUTPUTS = 2

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from backsight.analysis.force_remarks import REMARKS, force_remarks
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.schema import RESULT_VARIABLES, SCHEMA_VERSION, Status
+from backsight.schema import AGO, RESULT_VARIABLES, SCHEMA_VERSION, Status
 from backsight.types import Array
 
 
@@ -45,6 +46,9 @@ def as_result(
         "us_per_sample": seconds / result.sizes["time"] * 1e6,
         "schema": SCHEMA_VERSION,
     }
+    remarks = force_remarks(result)
+    if remarks:
+        result.attrs[REMARKS] = "\n".join(remarks)
     return result
 
 
@@ -83,6 +87,10 @@ def _dataset(
     for channel in channels:
         if channel.labels:
             result[channel.dims[0]] = list(channel.labels)
+        if channel.ago:
+            result[channel.name].attrs[AGO] = channel.ago
+    if "force" in result.dims:
+        result = _with_forces(result, model)
     result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
     result["y"] = (("time", "output"), measured.values)
     result["status"].attrs |= {
@@ -94,6 +102,20 @@ def _dataset(
         known = [n for n in names if n in truth["state"].values]
         result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
     return result
+
+
+def _with_forces(result: xr.Dataset, model: Model) -> xr.Dataset:
+    """Add units, positions, and standard deviations where only the covariance is given."""
+    known = {s.name: s for s in model.parameters}
+    forces = [known[str(name)] for name in result["force"].values]
+    about = {"force_unit": ("force", [s.unit for s in forces])}
+    positions = [s.position for s in forces]
+    if None not in positions:
+        about["force_position"] = ("force", positions)
+    if "P_d" in result:
+        variance = np.einsum("kii->ki", result["P_d"].values)
+        result["d_std"] = (("time", "force"), np.sqrt(np.maximum(variance, 0.0)))
+    return result.assign_coords(about)
 
 
 def _long_name(variable: str) -> str:

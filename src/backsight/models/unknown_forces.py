@@ -1,0 +1,52 @@
+"""Unknown forces as inputs, for the methods that treat them so."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import casadi as ca
+
+from backsight.errors import ModelError, nearest
+from backsight.models.model import Model
+
+
+def forces_as_inputs(model: Model, forces: Sequence[str]) -> Model:
+    r"""Move parameters that are unknown forces to the end of the inputs.
+
+    With :math:`\dot x = f(x, u, p)` linear, the last columns of its matrices (`state_space`) are
+    then those of the forces: what `augment` does for the states, this does for the inputs.
+
+    Parameters
+    ----------
+    model : Model
+        Every unknown force is a parameter of it, with the value 0.
+    forces : sequence of str
+        Names, in the order of the new inputs.
+
+    Raises
+    ------
+    ModelError
+        If no force is named, one is named twice, or the model has no such parameter.
+    """
+    known = {s.name: s for s in model.parameters}
+    if not forces:
+        raise ModelError(f"no unknown force is named; the model has {', '.join(known) or 'none'}")
+    for name in forces:
+        if name not in known:
+            raise ModelError(f"the model has no parameter '{name}': {nearest(name, known)}")
+    twice = [n for i, n in enumerate(forces) if n in forces[:i]]
+    if twice:
+        raise ModelError(f"the force '{twice[0]}' is named twice")
+    kept = [s for s in model.parameters if s.name not in forces]
+    x, p = ca.SX.sym("x", model.nx), ca.SX.sym("p", len(kept))
+    u = ca.SX.sym("u", model.nu + len(forces))
+    symbols = {n: u[model.nu + i] for i, n in enumerate(forces)}
+    symbols |= {s.name: p[i] for i, s in enumerate(kept)}
+    full = ca.vertcat(*(symbols[s.name] for s in model.parameters))
+    given = [x, u[: model.nu], full]
+    return dataclasses.replace(
+        model,
+        f=ca.Function("f", [x, u, p], model.f.call(given)),
+        h=ca.Function("h", [x, u, p], model.h.call(given)),
+        inputs=(*model.inputs, *(known[n] for n in forces)),
+        parameters=tuple(kept),
+    )
