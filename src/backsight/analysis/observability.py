@@ -228,7 +228,9 @@ def _unseen(A: Array, C: Array, tolerance: float) -> tuple[Array, int, float]:
 
 def _null(rows: Array, tolerance: float, *, largest: float = 0.0) -> tuple[Array, float]:
     """Orthonormal basis of what the rows do not see, and the smallest value that counts."""
-    _, values, vectors = np.linalg.svd(rows, full_matrices=True)
+    tall = len(rows) > rows.shape[1]
+    triangle = np.linalg.qr(rows, mode="r") if tall else rows
+    _, values, vectors = np.linalg.svd(triangle, full_matrices=True)
     top = max(largest, values[0] if len(values) else 0.0)
     rank = int((values > tolerance * top).sum())
     return vectors[rank:].T, float(values[rank - 1] / top) if rank else 1.0
