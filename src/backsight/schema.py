@@ -2,7 +2,8 @@
 
 A *recording* has ``u (time, input)`` and ``y (time, output)``; ``NaN`` in ``y`` is "not measured".
 A *result* has, beside the recording's ``u`` and ``y``, the variables of `RESULT_VARIABLES`.
-Units are coordinates: ``input_unit``, ``output_unit``, ``state_unit``.
+Units are coordinates: ``input_unit``, ``output_unit``, ``state_unit``. The unknown forces of a
+result, ``d_hat (time, force)``, have ``force_unit``, and ``force_position`` if that is known.
 """
 
 import enum
@@ -24,6 +25,10 @@ RESULT_VARIABLES = {
     "status": (("time",), "bits of Status"),
 }
 
+AGO = "ago"
+"""Attribute of a variable that is held between the samples: number of samples from the one of a row
+back to where the interval begins that it is about; 0 if not there."""
+
 
 class Status(enum.IntFlag):
     """What happened at a sample; zero is "nothing to report"."""
@@ -38,6 +43,7 @@ class Status(enum.IntFlag):
     UNDEFINED = 64
     UNOBSERVED = 128
     INFEASIBLE = 256
+    DEPENDENT = 512
 
 
 STATUS_TEXT = {
@@ -73,6 +79,10 @@ STATUS_TEXT = {
     Status.INFEASIBLE: (
         "no trajectory satisfies all constraints; the estimate is the one without them, and the "
         "variable 'infeasible' names the constraints that contradict each other"
+    ),
+    Status.DEPENDENT: (
+        "several places or moments of a force explain the measurements equally well to rounding, "
+        "so that one of them was left out; a sensor more, or fewer places, would tell them apart"
     ),
 }
 """Cause and remedy of every status bit."""

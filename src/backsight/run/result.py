@@ -108,14 +108,14 @@ def _with_forces(result: xr.Dataset, model: Model) -> xr.Dataset:
     """Add units, positions, and standard deviations where only the covariance is given."""
     known = {s.name: s for s in model.parameters}
     forces = [known[str(name)] for name in result["force"].values]
-    about = {"force_unit": ("force", [s.unit for s in forces])}
-    positions = [s.position for s in forces]
-    if None not in positions:
-        about["force_position"] = ("force", positions)
+    result = result.assign_coords(force_unit=("force", [s.unit for s in forces]))
+    positions = [s.position for s in forces if s.position is not None]
+    if len(positions) == len(forces):
+        result = result.assign_coords(force_position=("force", positions))
     if "P_d" in result:
         variance = np.einsum("kii->ki", result["P_d"].values)
         result["d_std"] = (("time", "force"), np.sqrt(np.maximum(variance, 0.0)))
-    return result.assign_coords(about)
+    return result
 
 
 def _long_name(variable: str) -> str:

@@ -81,9 +81,7 @@ def sparse_forces(
     return result
 
 
-def prepared(
-    estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset
-) -> ForceSearch:
+def prepared(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset) -> ForceSearch:
     """Check estimator, model and recording, and make the regression of `sparse_forces`."""
     data = match(model, recording)
     forced = estimator._forced(model, float(recording.attrs["dt"]))

@@ -45,7 +45,7 @@ class Stream:
         -------
         dict
             The variables of a result for this sample, among them ``x_hat`` (nx,), ``P`` (nx, nx)
-            and ``status``.
+            and ``status``; of an estimator that looks back, for the sample `lag` steps ago.
 
         Raises
         ------

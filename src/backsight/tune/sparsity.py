@@ -1,0 +1,38 @@
+"""The weight from which on no sparse force is found: the end of the scale for `lam`."""
+
+import dataclasses
+import math
+
+import xarray as xr
+
+from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.models.model import Model
+from backsight.run.estimate import estimate
+
+
+def lambda_max(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset) -> float:
+    r"""Smallest weight of the l1 norm with which no window of a recording contains a force.
+
+    Without forces every window leaves the residual r with the covariance S; an atom
+    :math:`\theta` enters it as soon as :math:`2 |\theta' S^{-1} r| > \lambda`.
+
+    Parameters
+    ----------
+    estimator : CompressiveSensingMHE
+        Its `lam` is ignored.
+    model : Model
+    recording : xarray.Dataset
+
+    Returns
+    -------
+    float
+        In the unit of `CompressiveSensingMHE.lam`. Useful weights are between a ten-thousandth of
+        it, where there is hardly any noise, and half of it.
+
+    Raises
+    ------
+    TuningError, ModelError, DataError
+        As `estimate`.
+    """
+    without = dataclasses.replace(estimator, lam=math.inf, carryover=None)
+    return float(estimate(without, model, recording)["lam_max"].max())

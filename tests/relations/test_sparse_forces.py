@@ -1,0 +1,151 @@
+"""Limits and symmetries of the compressive-sensing MHE."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from backsight.estimators import (
+    CompressiveSensingMHE,
+    KalmanFilter,
+    LinearMHE,
+    Noise,
+    Prior,
+)
+from backsight.models.lti import lti
+from backsight.models.model import Model
+from closeness import assert_close
+from estimators import struck
+from relations.linear import Run
+
+N = 6
+
+
+def run(made, of, u, y):
+    return Run(made, struck.model(of), struck.DT)(u, y)
+
+
+def sparse(of, **settings):
+    given = {"forces": struck.FORCES, "lam": math.inf, "N": N, "lag": 0}
+    return CompressiveSensingMHE(**struck.gaussians(of), **(given | settings))
+
+
+@pytest.mark.parametrize("accelerations", [False, True])
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+def test_no_sparse_force_allowed_is_the_kalman_filter(missing, accelerations):
+    """At every sample, also while the window fills."""
+    of = struck.system(accelerations=accelerations)
+    u, y = struck.record(of, 50, seed=1, missing=missing)
+    found = run(sparse(of), of, u, y)
+    expected = run(KalmanFilter(**struck.gaussians(of)), of, u, y)
+    for name in ("x_hat", "P", "y_hat", "e", "S"):
+        assert_close(found[name], expected[name], 1e-9)
+    assert not found["d_raw"].any()
+
+
+def test_background_forces_are_process_noise():
+    of = struck.system()
+    u, y = struck.record(of, 40, seed=2)
+    found = run(sparse(of, sigma_force=struck.SIGMA_FORCE), of, u, y)
+    Q = of.Q + of.E @ np.diag(struck.SIGMA_FORCE**2) @ of.E.T
+    filtered = KalmanFilter(Noise(R=of.R, Q=Q), Prior(P0=struck.P0, x0=struck.X0))
+    expected = run(filtered, of, u, y)
+    for name in ("x_hat", "P", "e", "S"):
+        assert_close(found[name], expected[name], 1e-9)
+
+
+def test_without_arrival_cost_it_is_the_least_squares_mhe():
+    of = struck.system()
+    u, y = struck.record(of, 40, seed=3)
+    found = run(sparse(of, arrival="none"), of, u, y)
+    expected = run(LinearMHE(**struck.gaussians(of), N=N), of, u, y)
+    for name in ("x_hat", "P"):
+        assert_close(found[name][N:], expected[name][N:], 1e-7)
+
+
+def test_without_arrival_cost_too_few_measurements_are_told():
+    of = struck.system()
+    u, y = struck.record(of, 30, seed=3)
+    y[10:24] = np.nan
+    found = run(sparse(of, arrival="none"), of, u, y)
+    unobserved = (found["status"].astype(int) & 128) != 0
+    assert unobserved[16:24].all()
+    assert not unobserved[:14].any()
+    assert np.isfinite(found["x_hat"]).all()
+
+
+def test_a_window_later_is_the_same_window():
+    """Time invariance: the same recording after a shorter and after a longer rest."""
+    of = dataclasses.replace(struck.system(), Q=np.zeros((4, 4)))
+    u, y = struck.record(of, 30, seed=4)
+    made = CompressiveSensingMHE(
+        Noise(R=of.R), Prior(P0=np.zeros((4, 4))), forces=struck.FORCES, lam=0.5, N=N,
+        sigma_force=0.3, arrival="constant",
+    )  # fmt: skip
+    early, late = (
+        run(made, of, np.vstack([np.zeros((n, 1)), u]), np.vstack([np.zeros((n, 2)), y]))
+        for n in (8, 17)
+    )
+    assert early["d_raw"].any()
+    for name in ("x_hat", "P", "d_raw", "d_std"):
+        np.testing.assert_allclose(late[name][17:], early[name][8:], rtol=1e-7, atol=1e-10)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 2.0, 1e3])
+def test_forces_grow_with_the_measurements(factor):
+    """Odd and homogeneous: y and lam times c is the force times c."""
+    of = struck.system()
+    u, y = struck.record(of, 30, seed=5)
+    made = dataclasses.replace(sparse(of, lam=0.6, lag=N), prior=Prior(P0=struck.P0))
+    plain = run(made, of, u, y)
+    louder = dataclasses.replace(made, lam=abs(factor) * made.lam)
+    scaled = run(louder, of, factor * u, factor * y)
+    assert np.abs(plain["d_raw"]).max() > 1
+    for name in ("d_raw", "x_hat"):
+        assert_close(scaled[name], factor * plain[name], 1e-9)
+    np.testing.assert_allclose(scaled["d_std"], plain["d_std"], rtol=1e-9)
+
+
+def test_only_ratios_of_variances_count():
+    """Homogeneity: noise, prior and background times c with lam over c are the same forces."""
+    of = struck.system()
+    u, y = struck.record(of, 30, seed=6)
+    c = 7.3
+    noisy = dataclasses.replace(of, R=c * of.R, Q=c * of.Q)
+    made = sparse(of, lam=0.6, lag=N, sigma_force=0.3)
+    other = dataclasses.replace(
+        made, noise=Noise(R=noisy.R, Q=noisy.Q), prior=Prior(P0=c * struck.P0, x0=struck.X0),
+        sigma_force=0.3 * np.sqrt(c), lam=0.6 / c,
+    )  # fmt: skip
+    a, b = run(made, of, u, y), run(other, of, u, y)
+    assert np.abs(a["d_raw"]).max() > 1
+    np.testing.assert_allclose(b["d_raw"], a["d_raw"], rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize("hold", ["zoh", "foh"])
+def test_known_inputs_of_a_continuous_model(hold):
+    """Known inputs held and interpolated, as in the Kalman filter."""
+    A = np.array([[0.0, 1.0], [-40.0, -0.7]])
+    plant = lti(A, [[0.0], [1.0]], [[1.0, 0.0]], states={"q": "", "v": ""}, inputs={"F": ""},
+                outputs={"y": ""})  # fmt: skip
+    forced = with_force()
+    given = {"noise": Noise(sigma_y=0.01, sigma_w={"v": 0.02}), "prior": Prior(sigma_x0=0.5)}
+    rng = np.random.default_rng(7)
+    u, y = rng.standard_normal((40, 1)), rng.standard_normal((40, 1))
+    made = CompressiveSensingMHE(**given, forces=("hit",), lam=math.inf, N=N, lag=0, hold=hold)
+    found = Run(made, forced, 0.05)(u, y)
+    expected = Run(KalmanFilter(**given, hold=hold), plant, 0.05)(u, y)
+    for name in ("x_hat", "P", "e", "S"):
+        assert_close(found[name], expected[name], 1e-9)
+
+
+def with_force():
+    return Model(
+        f=lambda x, u, p: [x.v, -40.0 * x.q - 0.7 * x.v + u.F + p.hit],
+        h=lambda x, u, p: [x.q],
+        states={"q": "", "v": ""},
+        inputs={"F": ""},
+        outputs={"y": ""},
+        parameters={"hit": 0.0},
+    )
