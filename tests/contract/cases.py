@@ -19,8 +19,11 @@ from backsight.estimators import (
     AHG,
     EKF,
     HGO,
+    MHE,
     MHO,
     UKF,
+    CompressiveSensingMHE,
+    JointInput,
     KalmanFilter,
     LinearMHE,
     Luenberger,
@@ -32,6 +35,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.solvers.gauss_newton import GaussNewton
 
 Build = Callable[["Problem", Integrator], AbstractEstimator]
 
@@ -76,6 +80,11 @@ CASES: dict[str, Case] = {
     "mho": Case(
         lambda on, integrator: MHO(on.noise, on.prior, N=5, alpha=0.1, integrator=integrator)
     ),
+    "mhe": Case(
+        lambda on, integrator: MHE(
+            on.noise, on.prior, N=2, integrator=integrator, optimiser=GaussNewton(2, tolerance=0.0)
+        )
+    ),
     "ukf": Case(lambda on, integrator: UKF(on.noise, on.prior, integrator=integrator)),
     "hgo": Case(
         lambda on, integrator: HGO(on.noise, on.prior, lam=15.0, integrator=integrator),
@@ -100,6 +109,24 @@ CASES: dict[str, Case] = {
             on.noise, on.prior, poles=(0.7 + 0.2j, 0.7 - 0.2j), hold=integrator.hold
         ),
         outputs=("position",),
+    ),
+    # The innovation is that of a motion without the unknown force, which is zero here.
+    "joint_input": linear(
+        lambda on, integrator: JointInput(
+            on.noise, on.prior, forces=("push",), hold=integrator.hold
+        )
+    ),
+    # The weight is so large that the noise is not taken for a force.
+    "csmhe": linear(
+        lambda on, integrator: CompressiveSensingMHE(
+            on.noise,
+            on.prior,
+            forces=("push",),
+            lam=100 / on.length,
+            N=6,
+            lag=0,
+            hold=integrator.hold,
+        )
     ),
 }
 """Every estimator by its key."""
@@ -172,12 +199,12 @@ class Problem:
         value = K_TRUE if self.k_known else 120.0
         k = Signal("1/s2", value, scale=self.scales.get("k"), lower=lower, upper=upper)
         plant = Model(
-            f=lambda x, u, p: [x.v, -p.k * x.q - p.b * x.v + u.F],
+            f=lambda x, u, p: [x.v, -p.k * x.q - p.b * x.v + u.F + p.push],
             h=lambda x, u, p: [x.q, x.v][: self.ny],
             states={n: Signal("length", scale=self.scales.get(n)) for n in ("q", "v")},
             inputs={"F": "length/s2"},
             outputs={n: u for n, u in UNITS.items() if n in self.outputs},
-            parameters={"k": k, "b": (DAMPING, "1/s")},
+            parameters={"k": k, "b": (DAMPING, "1/s"), "push": (0.0, "length/s2")},
         )
         return plant if self.k_known else augment(plant, ["k"])
 

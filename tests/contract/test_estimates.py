@@ -169,7 +169,7 @@ def test_breakdown_names_the_sample(build, problem, hold):
     def f(x, u, p):
         k = 120.0 if problem.k_known else x.k
         push = 1e4 * u.F if problem.exact else u.F**2
-        return [x.v, -k * x.q - DT * x.v + push, 0.0][: problem.nx]
+        return [x.v, -k * x.q - DT * x.v + push + p.push, 0.0][: problem.nx]
 
     model = dataclasses.replace(problem.model, f=f)
     with pytest.raises(EstimationError) as caught:

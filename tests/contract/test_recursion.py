@@ -39,7 +39,7 @@ def test_sizes(engine, recursion, problem, hold):
     for output, size, channel in zip(
         outputs, recursion.output_sizes, recursion.channels, strict=True
     ):
-        sizes = {"state": problem.nx, "output": problem.ny, "parameter": 1}
+        sizes = {"state": problem.nx, "output": problem.ny, "parameter": 1, "force": 1, "limit": 1}
         assert output.shape == (7, size)
         dims = [d.rstrip("_") for d in channel.dims]
         assert channel.unpack(output).shape == (7, *(sizes[d] for d in dims))

@@ -54,6 +54,22 @@ def test_scan_is_a_for_loop(length):
         np.testing.assert_allclose(np.asarray(result), expected, rtol=1e-14, atol=1e-15)
 
 
+def test_backward_scan_is_a_for_loop_from_the_end():
+    """Column k of the results belongs to column k of the inputs."""
+    x, M, t = (ca.MX.sym(n, *shape) for n, shape in (("x", (2, 1)), ("M", (2, 2)), ("t", (1, 1))))
+    u, W, a = (ca.MX.sym(n, *s) for n, s in (("u", (3, 5)), ("W", (2, 10)), ("a", (2, 2))))
+    carry, ys = scan(body(), 5, carry=[x, M, t], xs=[u, W], constants=[a], backward=True)
+    back = ca.Function("back", [x, M, t, u, W, a], [*carry, *ys])
+    pairs = [PAIRS[:, 2 * k : 2 * k + 2] for k in range(5)]
+    turned = scanned(5)(X0, M0, 0, U[:, ::-1], np.hstack(pairs[::-1]), A)
+    results = [np.asarray(r) for r in back(X0, M0, 0, U, PAIRS, A)]
+    for result, expected in zip(results[:3], turned[:3], strict=True):
+        np.testing.assert_array_equal(result, np.asarray(expected))
+    np.testing.assert_array_equal(results[3], np.asarray(turned[3])[:, ::-1])
+    products = np.hsplit(np.asarray(turned[4]), 5)
+    np.testing.assert_array_equal(results[4], np.hstack(products[::-1]))
+
+
 def collatz() -> ca.Function:
     go, n, count, factor = (ca.SX.sym(k) for k in ("go", "n", "count", "factor"))
     n_next = ca.if_else(ca.fmod(n, 2) == 0, n / 2, factor * n + 1)

@@ -9,7 +9,8 @@ import pytest
 from backsight.engine import native
 from backsight.engine.recursion import Channel, Recursion
 from backsight.solvers.active_trajectory import solve
-from backsight.solvers.smoother import Chain, smoothed
+from backsight.solvers.chain import Chain
+from backsight.solvers.smoothed import smoothed
 
 DT = 0.1
 OSCILLATOR = np.array([[1.0, DT], [-4 * DT, 1 - 0.2 * DT]])
@@ -59,7 +60,7 @@ class Window:
         return [F, c, before, H, e, A, low, high]
 
     def program(self, delta, c, e):
-        """Quadratic program in the whitened unknowns: H, g, C, low, high; and T, t of the states."""
+        """Quadratic program in whitened unknowns: H, g, C, low, high; and T, t of the states."""
         nx, m = len(self.F), self.N + 1
         size = nx * m
         T, t, W = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
@@ -129,6 +130,13 @@ WINDOWS = {
 """Windows in which limits are active at many samples."""
 
 
+@pytest.fixture(params=[12, 1], ids=["unrolled", "loops"], autouse=True)
+def largest(request, monkeypatch) -> int:
+    """Number of states up to which the code is unrolled; with 1 it never is."""
+    monkeypatch.setattr("backsight.solvers.chain.UNROLL", request.param)
+    return request.param
+
+
 @pytest.fixture(params=list(WINDOWS))
 def case(request) -> Window:
     return WINDOWS[request.param]
@@ -145,7 +153,7 @@ def draw(case: Window, rng: np.random.Generator):
 def test_states_are_those_of_a_dense_program(case):
     rng = np.random.default_rng(1)
     solver, active = solve(case.chain), 0
-    for _ in range(12):
+    for _ in range(8):
         delta, c, e = draw(case, rng)
         side = rng.integers(-1, 2, (len(case.A), case.N + 1))
         results = run(solver, case, delta, c, e, side)
@@ -157,12 +165,12 @@ def test_states_are_those_of_a_dense_program(case):
         assert np.all(nu * found >= 0)
         assert np.all(nu[found == 0] == 0)
         active += np.count_nonzero(found)
-    assert active > 8
+    assert active > 5
 
 
 def run(solver, case, delta, c, e, side) -> dict[str, np.ndarray]:
-    P = (case.L @ case.L.T).T[np.triu_indices(len(case.L))]
-    names = "x eta nu side end conflict residual passes open".split()
+    P = case.chain.stored(case.L @ case.L.T)
+    names = ["x", "eta", "nu", "side", "end", "conflict", "residual", "passes", "open"]
     values = solver(delta, P, *case.stages(c, e), side)
     return {k: np.asarray(v) for k, v in zip(names, values, strict=True)}
 
@@ -199,12 +207,11 @@ def test_covariance_at_every_sample_has_the_active_limits_in_it():
     held = C[results["side"].T.ravel() != 0]
     free = np.linalg.svd(held)[2][len(held) :].T
     covariance = T @ free @ np.linalg.inv(free.T @ H @ free) @ free.T @ T.T
-    P = (case.L @ case.L.T).T[np.triu_indices(3)]
+    P = case.chain.stored(case.L @ case.L.T)
     for back in (0, 1, 7, case.N):
         side = results["side"]
-        found = np.asarray(
-            smoothed(case.chain, back)(delta, P, *case.stages(c, e), side, 0 * side)
-        )[:, 0]
+        given = [delta, P, *case.stages(c, e), side, 0 * side]
+        found = np.asarray(case.chain.triangle()(smoothed(case.chain, back)(*given)))[:, 0]
         full = np.zeros((3, 3))
         full.T[np.triu_indices(3)] = found
         k = 3 * (case.N - back)
@@ -217,7 +224,7 @@ def test_contradicting_limits_are_named():
     case = WINDOWS["limits that leave no freedom"]
     stages = case.stages(np.zeros((2, 16)), np.zeros((1, 16)))
     stages[-2][1], stages[-1][1] = 1.0, 2.0
-    P = np.array([0.09, 0.0, 1.0])
+    P = case.chain.stored(np.diag([0.09, 1.0]))
     x, _, _, side, _, conflict, _, _, unfinished = map(
         np.asarray, solve(case.chain)(np.zeros(2), P, *stages, np.zeros((2, 16)))
     )
@@ -235,7 +242,10 @@ def test_native_code_does_the_same():
     stages = case.stages(c, np.zeros((1, m)))
     stages[4] = e.T
     x, *_, passes, _ = solve(case.chain)(
-        ca.MX.zeros(2), ca.MX([0.09, 0.0, 1.0]), *map(ca.MX, stages), ca.MX.zeros(2, m)
+        ca.MX.zeros(2),
+        ca.MX(case.chain.stored(np.diag([0.09, 1.0]))),
+        *map(ca.MX, stages),
+        ca.MX.zeros(2, m),
     )
     carry = ca.MX.sym("carry", 1)
     step = ca.Function("window", [carry, e], [carry, ca.vec(x), passes])

@@ -22,12 +22,15 @@ class Channel:
         The value is the lower triangle of a symmetric matrix with dimensions `dims`.
     labels : tuple of str
         Names along the dimension, where the caller does not know them.
+    ago : int
+        What is held between the samples is about the interval that began so many samples earlier.
     """
 
     name: str
     dims: tuple[str, ...] = ()
     symmetric: bool = False
     labels: tuple[str, ...] = ()
+    ago: int = 0
 
     def unpack(self, values: Array) -> Array:
         """Values of all samples (n, length) in the shape of `dims`."""

@@ -80,8 +80,12 @@ class EKF(AbstractEstimator):
         s = setting(model, dt, noise=self.noise, prior=self.prior)
         if self.measurement == "continuous":
             return assemble_continuous(self.key, s, self.integrator)
-        halves = (_large if model.nx > UNROLL else _small)(s, self.integrator, self.covariance)
-        return assemble(self.key, s, halves)
+        return assemble(self.key, s, halves(s, self.integrator, self.covariance))
+
+
+def halves(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+    """Measurement update and time update, see `EKF`."""
+    return (_large if s.model.nx > UNROLL else _small)(s, integrator, covariance)
 
 
 def _small(s: Setting, integrator: Integrator, covariance: str) -> Halves:

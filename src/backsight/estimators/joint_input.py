@@ -63,8 +63,9 @@ class JointInput(AbstractEstimator):
 
     Notes
     -----
-    The result has two more variables: ``d_hat (time, force)`` and its covariance ``P_d``. ``e`` and
-    ``S`` are those of a motion without forces, so that the NIS is large while a force acts.
+    The result has more variables: ``d_hat (time, force)``, its standard deviation ``d_std`` and
+    covariance ``P_d``. ``e`` and ``S`` are those of a motion without forces, so that the NIS is
+    large while a force acts.
 
     Rows that were not measured are left out. If those that remain do not determine all forces, the
     forces of this sample get the mean zero and the standard deviation `sigma_forces`; the

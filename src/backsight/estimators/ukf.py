@@ -68,13 +68,17 @@ class UKF(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        n = model.nx
+        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        return assemble(self.key, s, self.halves(s))
+
+    def halves(self, s: Setting) -> Halves:
+        """Measurement update and time update."""
+        n = s.model.nx
         if not n + self.kappa > 0:
             raise TuningError(f"kappa is {self.kappa}; it must be above -{n} for {n} states")
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
         w = weights(n, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
         start = cholesky_semidefinite(ca.SX(ca.DM(s.P0)))
-        halves = Halves(
+        return Halves(
             spread0=np.append(np.asarray(ca.evalf(vech(start))), 0.0),
             innovation=_innovation(s, w),
             correct=_correct(s, w),
@@ -82,7 +86,6 @@ class UKF(AbstractEstimator):
             covariance=_covariance(n),
             ramp=self.integrator.hold == "foh",
         )
-        return assemble(self.key, s, halves)
 
 
 def _symbols(s: Setting) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
