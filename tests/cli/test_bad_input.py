@@ -171,7 +171,7 @@ equations = { q = "v", v = "FORMULA" }"""
         ('"mho"', '"mh0"', "estimators.MHO.kind: unknown kind 'mh0', did you mean 'mho'?"),
         ("[estimators.EKF]", '[estimators."a/b"]', "estimators.a/b: use letters, digits"),
         ('"sdof"', '"sodf"', "model.kind: unknown kind 'sodf', did you mean 'sdof'?"),
-        ('kind = "sdof"\n', "", "model.kind: is missing; known: duffing, equations, "),
+        ('kind = "sdof"\n', "", "model.kind: is missing; known: beam, duffing, equations, "),
         ("c = 1.0", "d = 1.0", "model.d: unknown key, "),
         ("c = 1.0", 'c = "1.0"', "model.c: must be a number, not '1.0'"),
         ("k = { start", "kk = { start", "model.k: is missing"),

@@ -100,7 +100,7 @@ def test_a_study_is_run_with_its_seeds_and_recordings(backsight, tmp_path, monke
         asked.update(out=out, seeds=list(seeds), recordings=list(recordings))
         return Findings(page=out / "index.html", checks=(), summary="all is well")
 
-    monkeypatch.setitem(STUDIES, "own", Study(name="own", title="Own", run=run))
+    monkeypatch.setitem(STUDIES, "own", Study(name="own", title="Own", run=run, seeds=4))
     extra = tmp_path / "more.csv"
     code, printed, _ = backsight(
         "study", "run", "own", "-o", tmp_path, "--seeds", 3, "--recording", extra
@@ -109,6 +109,8 @@ def test_a_study_is_run_with_its_seeds_and_recordings(backsight, tmp_path, monke
     assert asked == {"out": tmp_path, "seeds": [0, 1, 2], "recordings": [extra]}
     assert "all is well" in printed
     assert f"Page: {tmp_path / 'index.html'}" in printed
+    assert backsight("study", "run", "own", "-o", tmp_path)[0] == 0
+    assert asked["seeds"] == [0, 1, 2, 3]
 
 
 def test_an_unknown_study_is_refused(backsight, tmp_path):

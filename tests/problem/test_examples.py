@@ -2,12 +2,17 @@
 
 import json
 import os
+import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import backsight as bs
 from backsight.cli import app
+from backsight.models.lti import state_space
+from backsight.problem import load
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -18,32 +23,46 @@ MEASURED = pytest.mark.skipif(
 )
 
 
-def finals(name, folder):
-    """Last estimates of every estimator, from the command line."""
+def summaries(path, folder):
+    """What the command line sums up of every estimator."""
     ran = CliRunner().invoke(
-        app,
-        ["run", str(EXAMPLES / name / "problem.toml"), "-o", str(folder)],
-        catch_exceptions=False,
+        app, ["run", str(EXAMPLES / path), "-o", str(folder)], catch_exceptions=False
     )
     assert ran.exit_code == 0
-    written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    assert list(written["estimators"]) == ["EKF", "MHO"]
-    return {key: entry["final"] for key, entry in written["estimators"].items()}
+    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))["estimators"]
+
+
+def finals(path, folder, *estimators):
+    """Last estimates of every estimator."""
+    written = summaries(path, folder)
+    assert tuple(written) == estimators
+    return {key: entry["final"] for key, entry in written.items()}
 
 
 @pytest.mark.data
 @MEASURED
 def test_mass_and_friction_of_the_measured_drive(tmp_path):
-    for final in finals("emps", tmp_path).values():
+    for final in finals("emps/problem.toml", tmp_path, "EKF", "MHO", "MHE").values():
         for name, tolerance in {"M": 0.005, "Fv": 0.02, "Fc": 0.03, "offset": 0.05}.items():
             assert abs(final[name]["relative_error"]) < tolerance
             assert abs(final[name]["error"]) < 3 * final[name]["std"]
 
 
 @pytest.mark.data
+@pytest.mark.slow
+@MEASURED
+def test_the_measured_drive_with_an_unknown_force(tmp_path):
+    for final in finals("emps/disturbance.toml", tmp_path, "EKF", "MHE").values():
+        for name, tolerance in {"M": 0.005, "Fv": 0.02, "Fc": 0.03, "offset": 0.05}.items():
+            assert abs(final[name]["relative_error"]) < tolerance
+            assert abs(final[name]["error"]) < 3 * final[name]["std"]
+        assert abs(final["D"]["value"]) < 3 * final["D"]["std"]
+
+
+@pytest.mark.data
 @MEASURED
 def test_stiffness_and_damping_of_the_measured_oscillator(tmp_path):
-    for final in finals("silverbox", tmp_path).values():
+    for final in finals("silverbox/problem.toml", tmp_path, "EKF", "MHO", "MHE").values():
         for name, tolerance in {"k1": 0.01, "d": 0.03, "k3": 0.03}.items():
             assert abs(final[name]["relative_error"]) < tolerance
             assert abs(final[name]["error"]) < 3 * final[name]["std"]
@@ -53,6 +72,50 @@ def test_the_stage_after_the_removal_of_its_payload(tmp_path):
     # The last line of the recording holds the truth.
     last = (EXAMPLES / "stage" / "stage.csv").read_text(encoding="utf-8").splitlines()[-1]
     truth = dict(zip("kbc", map(float, last.split(",")[-3:]), strict=True))
-    for final in finals("stage", tmp_path).values():
+    for final in finals("stage/problem.toml", tmp_path, "EKF", "MHO").values():
         for name, true in truth.items():
             assert abs(final[name]["value"] - true) < min(3 * final[name]["std"], 0.05 * true)
+
+
+BEAM = ("problem.toml", "by_modes.toml", "by_matrices.toml")
+
+
+@pytest.mark.parametrize("name", BEAM)
+def test_the_hits_on_the_beam(tmp_path, name):
+    """Place, sample and force of all six, and no other, however the beam is described."""
+    made = runpy.run_path(str(EXAMPLES / "beam" / "make_recording.py"))
+    listed = summaries(f"beam/{name}", tmp_path)["CS-MHE"]["hits"]
+    assert listed["count"] == len(made["HITS"])
+    found = {round(hit["start"] / made["DT"]): hit for hit in listed["largest"]}
+    for k, (place, force) in made["HITS"].items():
+        assert found[k]["place"] == place
+        assert abs(found[k]["force"] - force) < min(3 * found[k]["std"], 0.05 * abs(force))
+        assert found[k]["position"] in (None, pytest.approx(made["PLACES"][place]))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert '<table class="hits">' in page
+    assert '"type":"heatmap"' in page
+
+
+def test_the_three_descriptions_of_the_beam_are_the_same():
+    """By what a force does to the sensors over a few samples."""
+    answers = []
+    for name in BEAM:
+        problem = load(EXAMPLES / "beam" / name)
+        forces = problem.estimators["CS-MHE"].forces
+        A, B, C, _ = state_space(bs.forces_as_inputs(problem.model, forces))
+        answers.append([C @ np.linalg.matrix_power(A, i) @ B for i in range(4)])
+    for other in answers[1:]:
+        for expected, found in zip(answers[0], other, strict=True):
+            np.testing.assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
+
+
+def test_the_recording_of_the_beam_is_that_of_its_script():
+    made = runpy.run_path(str(EXAMPLES / "beam" / "make_recording.py"))
+    kept = (EXAMPLES / "beam" / "beam.csv").read_text(encoding="utf-8")
+    head, again = made["HEADER"].splitlines(), made["recording_text"]().splitlines()
+    assert [line[2:] for line in kept.splitlines()[: len(head)]] == head
+    rows = [
+        np.loadtxt(text.splitlines()[len(head) + 1 :], delimiter=",")
+        for text in (kept, "\n".join(again))
+    ]
+    np.testing.assert_allclose(rows[0], rows[1], atol=1e-11)

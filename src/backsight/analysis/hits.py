@@ -30,7 +30,7 @@ class Hit:
         Largest force during the hit with its standard deviation [unit of the force]; NaN if the
         deviation is unknown.
     position : float or None
-        Of the place [unit of length], if the result says so.
+        Of the place [m], if the result says so.
     where : str
         Name of the place, with its position if the result says so.
     """
@@ -132,7 +132,7 @@ def _hit(impact: Impact, acting: xr.Dataset, label: str) -> Hit:
     at = acting[["d_hat", "d_std"]].sel(force=impact.place).isel(time=during)
     k = int(np.abs(at["d_hat"].values).argmax())
     std = float(at["d_std"].values[k])
-    place = at.coords["force_position"] if "force_position" in at.coords else None
+    place = at.coords.get("force_position")
     return Hit(
         impact=impact,
         force=float(at["d_hat"].values[k]),

@@ -47,14 +47,15 @@ def consistency(row: Row) -> str:
 def _beside_forces(row: Row) -> str:
     """Return what innovations say that contain forces which are not known yet.
 
-    How they hang together says nothing of the noise then, nor does it that they are large.
+    That they are large says nothing of the noise then, nor does how they hang together. Remarks
+    tell of forces that are too small for the settings.
     """
-    acted = row.hits is not None and row.hits.hits
+    acted = bool(row.remarks) or (row.hits is not None and bool(row.hits.hits))
     if acted and row.mean_nis > row.consistency.nis_band[1]:
         ratio = math.sqrt(row.mean_nis / row.nis_expected)
         return (
-            f"its innovations contain the forces before they are found and are {_compared(ratio)} "
-            "it predicts without them, which says nothing about the bands"
+            f"its innovations contain the unknown forces and are {_compared(ratio)} it predicts "
+            "without them, which says nothing about the bands"
         )
     return _size(row) or "consistent, its innovations are as large as it predicts"
 

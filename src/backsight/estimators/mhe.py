@@ -76,13 +76,14 @@ class MHE(AbstractEstimator):
         States without process noise inside the window; their random walk is added when the window
         moves. For parameters: one value per window.
     lag : int
-        The estimate at sample k is that of sample k - lag, given all measurements up to k: a
-        fixed-lag smoother; with ``lag = N`` that of the start of the window. While the window
-        fills it is at most that of the first sample.
+        The estimate of a sample is made when `lag` more have been measured: a fixed-lag smoother;
+        with ``lag = N`` from the start of the window. Results are put to the sample that they are
+        about; a stream gives at every step the estimate of the sample `lag` steps ago, and at
+        first that of the first sample.
 
     Notes
     -----
-    ``e`` and ``S`` are innovation and covariance of the newest sample before it enters. In P,
+    ``e`` and ``S`` are innovation and covariance of the sample before it entered the window. In P,
     active bounds count as exact measurements: a direction that is fixed has no variance.
 
     If limits contradict each other, the estimate is the one without limits, the status says

@@ -15,7 +15,13 @@ from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.filtering import carry_inputs, choose, data_inputs, physical
 from backsight.estimators.mhe_limits import Limits
 from backsight.estimators.mhe_window import linearise
-from backsight.estimators.window import advance, as_columns, empty_window
+from backsight.estimators.window import (
+    advance,
+    as_columns,
+    empty_queue,
+    empty_window,
+    queued,
+)
 from backsight.schema import Status
 from backsight.solvers.chain import Chain
 from backsight.solvers.gauss_newton import GaussNewton
@@ -80,6 +86,8 @@ class Solved:
         the adjoints and multipliers of its solution.
     x_start, spread : MX
         Arrival cost of the window.
+    late : MX
+        Innovations that wait for the estimate of their sample.
     problem : list
         What `solvers.smoother.smoothed` takes.
     P_end : MX
@@ -102,6 +110,7 @@ class Solved:
     nu: ca.MX
     x_start: ca.MX
     spread: ca.MX
+    late: ca.MX
     problem: list[ca.MX]
     P_end: ca.MX
     conflict: ca.MX
@@ -125,6 +134,7 @@ def memory0(parts: Parts) -> dict[str, Array]:
         "present": np.zeros(samples),
         "X": np.tile(s.x0, samples),
         "side": np.zeros(parts.chain.n * samples),
+        "late": empty_queue(s, parts.lag),
     }
 
 
@@ -133,7 +143,8 @@ def solved(parts: Parts) -> Solved:
     s, chain, N = parts.s, parts.chain, parts.chain.N
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    symbol, (x_start, spread, x_last, P_last, *stored) = carry_inputs(list(memory0(parts).values()))
+    symbol, kept = carry_inputs(list(memory0(parts).values()))
+    x_start, spread, x_last, P_last, *stored, late = kept
     U, Y, M, present, X, side = as_columns(stored, N + 1)
     called, moved = present[N], present[0]
     U, Y, M, present = advance((U, Y, M, present), (u, y, mask, 1))
@@ -156,7 +167,7 @@ def solved(parts: Parts) -> Solved:
     problem = [offset, P_start, *stages, side, ca.MX.zeros(*side.shape)]
     return Solved(
         [symbol, *data], prior, [u, y, mask], U, Y, M, present, X, side, along, eta, nu,
-        x_start, spread, problem, *rest,
+        x_start, spread, late, problem, *rest,
     )  # fmt: skip
 
 
@@ -165,6 +176,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
     s, chain, N = parts.s, parts.chain, parts.chain.N
     w = solved(parts)
     e, S = (large if chain.dense else gaussian).innovation(s)(*w.prior, *w.data)
+    (e, S), late = queued(w.late, [e, S], parts.lag)
     end = N - parts.lag
     P = chain.triangle()(smoothed(chain, parts.lag)(*w.problem) if parts.lag else w.P_end)
     x_start, spread = choose(
@@ -173,7 +185,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
     )  # fmt: skip
     window = (w.U, w.Y, w.M, w.present, w.X, w.side)
     critical = [x_start, spread, w.X[:, N], w.P_end]
-    carry = ca.vertcat(*critical, *(ca.vec(k) for k in window))
+    carry = ca.vertcat(*critical, *(ca.vec(k) for k in window), late)
     carry0 = np.concatenate(list(memory0(parts).values()))
     names, flags = _verdict(chain)(w.side[:, end], w.conflict, w.limit, w.unfinished, w.rejected, P)
     outputs = [
@@ -185,7 +197,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
         outputs.append(names)
         channels = (*channels, Channel("infeasible", ("limit",), labels=parts.limits.names))
     step = ca.Function(name, w.inputs, [_unless_broken(critical, carry, carry0), *outputs])
-    return Recursion(step=step, carry0=carry0, channels=channels, dt=s.dt)
+    return Recursion(step=step, carry0=carry0, channels=channels, dt=s.dt, lag=parts.lag)
 
 
 def _leaving(w: Solved, chain: Chain) -> Leaving:

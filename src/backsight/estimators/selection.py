@@ -17,6 +17,10 @@ from backsight.solvers.regression import Fit, Indices, inverse, refit
 from backsight.types import Array
 
 
+ROUNDING = 1e-6
+"""Violation of an optimality condition, as a share of lam, that is no violation."""
+
+
 @dataclasses.dataclass(frozen=True)
 class AbstractSelection(abc.ABC):
     """A way to choose atoms."""
@@ -169,7 +173,13 @@ class Given(AbstractSelection):
 
 
 def _l1(search: ForceSearch, weights: Array | None = None) -> tuple[Indices, Array]:
-    return l1_path(search.regression, search.lam, weights=weights).at(search.lam)
+    path = l1_path(search.regression, search.lam, weights=weights)
+    if not path.complete or path.kkt > ROUNDING:
+        raise TuningError(
+            f"the l1 problem could not be solved exactly down to lam = {search.lam:g}: "
+            f"{len(path.lam)} times a force has come or gone by lam = {path.lam[-1]:.3g}; raise lam"
+        )
+    return path.at(search.lam)
 
 
 def _ended(search: ForceSearch, which: Indices, values: Array, *, again: bool) -> Fit:

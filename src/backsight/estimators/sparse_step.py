@@ -10,7 +10,7 @@ from backsight.estimators.carryover import Carryover, slide
 from backsight.estimators.filtering import carry_inputs, choose, physical
 from backsight.estimators.sparse_tables import Forced
 from backsight.estimators.sparse_window import ROUNDING, Solved, Solver, begun_before, motion
-from backsight.estimators.window import advance, as_columns
+from backsight.estimators.window import advance, as_columns, empty_queue, queued
 from backsight.schema import Status
 from backsight.types import Array
 
@@ -60,9 +60,8 @@ def recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recursi
         leaving = found.alpha[:, 0] + found.extra[:, 0]
         carry.append(ca.vec(slide(slid, tail) + slid * begun_before(solver, leaving)))
     carry += map(ca.vec, _handed_on(solver, carryover, slid, found, variance))
-    if lag:
-        e, S, late = _queued(late, e, S, lag)
-        carry.append(late)
+    (e, S), late = queued(late, [e, S], lag)
+    carry.append(late)
     flags, *numbers = _told(solver.lam)(*found.info)
     estimate = physical(s, RAISED)(x, P, v, e, S, flags)
     return Recursion(
@@ -72,13 +71,6 @@ def recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recursi
         dt=s.dt,
         lag=lag,
     )
-
-
-def _queued(late: ca.MX, e: ca.MX, S: ca.MX, lag: int) -> tuple[ca.MX, ca.MX, ca.MX]:
-    """Innovation and covariance of `lag` samples ago, and those that still wait."""
-    queue = ca.horzcat(ca.reshape(late, -1, lag), ca.vertcat(e, S))
-    first, second = ca.vertsplit(queue[:, 0], [0, e.numel(), queue.shape[0]])
-    return first, second, ca.vec(queue[:, 1:])
 
 
 def _memory(solver: Solver, carryover: Carryover | None) -> list[Array]:
@@ -93,7 +85,7 @@ def _memory(solver: Solver, carryover: Carryover | None) -> list[Array]:
         np.full(1, float(samples)),
         np.zeros(nf * samples if solver.shapes.shape[1] > 1 else 0),
         *(np.zeros(k) for k in (atoms * steps, known, known)),
-        np.zeros(solver.lag * (ny + ny * (ny + 1) // 2)),
+        empty_queue(s, solver.lag),
     ]
 
 

@@ -26,3 +26,27 @@ def as_columns(stored: Sequence[ca.MX], samples: int) -> Iterator[ca.MX]:
 def advance(window: Sequence[ca.MX], sample: Sequence[ca.MX | int]) -> Iterator[ca.MX]:
     """The window one sample later: the oldest column leaves, the new one enters."""
     return (ca.horzcat(w[:, 1:], new) for w, new in zip(window, sample, strict=True))
+
+
+def queued(late: ca.MX, new: Sequence[ca.MX], lag: int) -> tuple[list[ca.MX], ca.MX]:
+    """The values of `lag` samples ago, and those that still wait.
+
+    Parameters
+    ----------
+    late : MX
+        What waits, flat; empty if there is no lag.
+    new : sequence of MX
+        Columns of the newest sample.
+    lag : int
+    """
+    if not lag:
+        return list(new), late
+    queue = ca.horzcat(ca.reshape(late, -1, lag), ca.vertcat(*new))
+    ends = np.cumsum([0, *(v.numel() for v in new)])
+    return ca.vertsplit(queue[:, 0], [int(k) for k in ends]), ca.vec(queue[:, 1:])
+
+
+def empty_queue(s: Setting, lag: int) -> Array:
+    """Innovations and covariances that wait before the first sample."""
+    ny = s.model.ny
+    return np.zeros(lag * (ny + ny * (ny + 1) // 2))

@@ -15,6 +15,7 @@ from backsight.engine.walk import walk
 from backsight.errors import DataError, EngineError
 from backsight.estimators.base import AbstractEstimator
 from backsight.export.selftest import Vectors, selftest
+from backsight.kernels import sources
 from backsight.models.model import Model
 from backsight.output import whole
 from backsight.run.match import match
@@ -26,6 +27,9 @@ SINGLE = """In single precision no step of an optimiser is as short as 1e-6 stan
 export it with `tolerance = 1e-3`, or with a fixed number of iterations.
 
 """
+
+INT = 4
+"""Bytes of an int on most controllers."""
 
 TOLERANCE = {"double": 1e-10, "float": 1e-2}
 """Largest deviation from Python, relative to the largest value of the output."""
@@ -76,6 +80,8 @@ def export_c(
     """
     if not (name.isidentifier() and name.isascii()):
         raise EngineError(f"'{name}' is no name in C: use letters, digits and underscores")
+    if name in ("kernels", *sources.names()):
+        raise EngineError(f"'{name}' is the name of a file of the export: choose another one")
     kind = Precision(precision)
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
     program = walk(recursion.step)
@@ -90,12 +96,14 @@ def export_c(
     )
     vectors = _vectors(recursion, model, recording)
     passes = [s.limit for s in flat(program.body) if isinstance(s, While)]
+    kernels = sources.files(source.kernels) if source.kernels else []
     with whole(out) as folder:
         files = {
             f"{name}.h": source.header,
             f"{name}.c": source.code,
             f"{name}_selftest.c": selftest(vectors, name, kind, TOLERANCE[precision]),
-            "Makefile": _makefile(name),
+            "Makefile": _makefile(name, [f.name for f in kernels]),
+            **{f.name: f.read_text(encoding="utf-8") for f in kernels},
             "README.md": _readme(source, name, kind, passes, recursion, model),
         }
         for file, text in files.items():
@@ -119,14 +127,15 @@ def _vectors(recursion: Recursion, model: Model, recording: xr.Dataset) -> Vecto
     )
 
 
-def _makefile(name: str) -> str:
+def _makefile(name: str, kernels: list[str]) -> str:
+    needed = " ".join([f"{name}.c", f"{name}_selftest.c", f"{name}.h", *kernels])
     return f"""CC ?= cc
 CFLAGS ?= -std=c99 -pedantic -Wall -Wextra -Werror -O2
 
 test: {name}_selftest
 \t./{name}_selftest
 
-{name}_selftest: {name}.c {name}_selftest.c {name}.h
+{name}_selftest: {needed}
 \t$(CC) $(CFLAGS) -o $@ {name}.c {name}_selftest.c -lm
 
 clean:
@@ -149,12 +158,16 @@ def _readme(
     states = ", ".join(f"{s.name} [{s.unit}]" if s.unit else s.name for s in model.states)
     inputs = ", ".join(s.name for s in model.inputs) or "none"
     outputs = ", ".join(s.name for s in model.outputs)
+    workspace = kind.bytes * source.workspace + INT * source.ints
+    files = ", ".join(f"`{kernel}.c`" for kernel in source.kernels)
+    without = " without the kernels" if files else ""
+    included = f", `kernels.h` and {files}, which `{name}.c` includes" if files else ""
     limits = ", ".join(map(str, passes)) or "none: every sample takes the same time"
     return f"""# {name}
 
 `{name}.c` and `{name}.h` estimate the states {states}, every {recursion.dt:g} s. They are C99 and
-need nothing but `<math.h>`. `make test` compiles them with all warnings as errors and compares them
-with Python on the first samples of your recording.
+need nothing but `<math.h>`{included}. `make test` compiles them with all
+warnings as errors and compares them with Python on the first samples of your recording.
 
 ```c
 static {name}_memory memory;        /* survives from sample to sample */
@@ -172,8 +185,8 @@ for (;;) {{
 | u | {inputs} |
 | y, mask | {outputs} |
 | numbers | {kind.name}, {kind.bytes} bytes |
-| RAM | {kind.bytes * source.memory} bytes memory, {kind.bytes * source.workspace} bytes workspace |
-| flash | about {flash:.0f} kB; `size` of the object file tells exactly |
+| RAM | {kind.bytes * source.memory} bytes memory, {workspace} bytes workspace |
+| flash | about {flash:.0f} kB{without}; `size` of the object file tells exactly |
 | largest number of passes of the loops inside each other | {limits} |
 
 {SINGLE if kind.name == "float" else ""}There is no allocation, no recursion and no global variable;

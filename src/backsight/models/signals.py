@@ -26,7 +26,7 @@ class Signal:
     lower, upper : float
         Bounds [unit].
     position : float, optional
-        Where along the structure it is [unit of length], for maps.
+        Where along the structure it is [m], for maps.
     name : str
         Set by the model.
     """

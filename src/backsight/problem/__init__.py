@@ -12,7 +12,8 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     outputs.y = { column = "q_m", unit = "m" }
                                   # [truth.STATE; start, stop, resample [s]; skip_lines]
     [model]
-    kind = "friction_drive"       # with its arguments; or "equations", "lti", "second_order"
+    kind = "friction_drive"       # with its arguments; or "equations", "lti", "second_order",
+                                  # "beam", "modal", "reduced"
 
     [estimate]                    # parameters that are not known
     M = { start = 70.0, sigma = 30.0 }              # [walk, lower, upper, scale, unit]

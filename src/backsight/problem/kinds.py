@@ -9,10 +9,13 @@ from typing import Any, ClassVar
 import pydantic
 
 from backsight.errors import ProblemError
+from backsight.models.beam import beam
 from backsight.models.builtin import duffing, friction_drive, sdof
 from backsight.models.equations import from_equations
 from backsight.models.lti import lti
+from backsight.models.modal import modal
 from backsight.models.model import Model
+from backsight.models.reduced import reduced
 from backsight.models.second_order import second_order
 from backsight.models.signals import Signal
 from backsight.problem.tables import Table
@@ -159,6 +162,66 @@ class SecondOrderTable(ModelTable):
         )
 
 
+class StructureTable(ModelTable, abc.ABC):
+    """Sensors, unknown forces and measured forces at places of a structure."""
+
+    function: ClassVar[Callable[..., Model]]
+
+    sensors: dict[str, SensorTable] = pydantic.Field(min_length=1)
+    forces: dict[str, Any] = pydantic.Field(default_factory=dict)
+    inputs: dict[str, Any] = pydantic.Field(default_factory=dict)
+    damping: Any = None
+    name: str | None = None
+
+    def build(self, given: Given) -> Model:
+        """See `ModelTable.build`."""
+        del given  # everything is in the table
+        values = {k: getattr(self, k) for k in type(self).model_fields}
+        values |= {"sensors": {name: (at.kind, at.at) for name, at in self.sensors.items()}}
+        return type(self).function(**{k: v for k, v in values.items() if v is not None})
+
+
+class BeamTable(StructureTable):
+    """A uniform beam by its geometry; places are positions [m]."""
+
+    function = staticmethod(beam)
+
+    length: float
+    boundary: str = "cantilever"
+    modes: int = 3
+    width: float | None = None
+    thickness: float | None = None
+    youngs_modulus: float | None = None
+    density: float | None = None
+    bending_stiffness: float | None = None
+    mass_per_length: float | None = None
+    tip_mass: float = 0.0
+
+
+class ModalTable(StructureTable):
+    """A structure by its modes; a place is a list of their shapes there."""
+
+    function = staticmethod(modal)
+
+    frequencies: list[float]
+    modal_masses: Any = 1.0
+    length_unit: str = "m"
+    force_unit: str = "N"
+
+
+class ReducedTable(StructureTable):
+    """A structure by its matrices; a place is the number of a coordinate, or weights."""
+
+    function = staticmethod(reduced)
+
+    mass: Matrix
+    stiffness: Matrix
+    modes: int
+    damping_matrix: Matrix | None = None
+    length_unit: str = "m"
+    force_unit: str = "N"
+
+
 def _parameters(
     known: Mapping[str, ParameterTable], start: Mapping[str, float]
 ) -> dict[str, Signal]:
@@ -181,6 +244,9 @@ KINDS: dict[str, type[ModelTable]] = {
     "equations": EquationsTable,
     "lti": LtiTable,
     "second_order": SecondOrderTable,
+    "beam": BeamTable,
+    "modal": ModalTable,
+    "reduced": ReducedTable,
     **{function.__name__: _builtin(function) for function in (sdof, duffing, friction_drive)},
 }
 """Every kind of model by the name that ``model.kind`` gives."""

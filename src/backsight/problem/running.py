@@ -9,6 +9,7 @@ from pathlib import Path
 import xarray as xr
 
 from backsight.analysis.summary import ALIGNMENT, summary
+from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
 from backsight.problem.checking import at
 from backsight.problem.problem import Problem
@@ -80,6 +81,8 @@ def execute(
 def _rehearse(problem: Problem, data: xr.Dataset) -> None:
     """Find out what does not fit before the first estimator has run for minutes."""
     match(problem.model, data)
+    with at("model"):
+        check_sampling(problem.model, float(data.attrs["dt"]))
     for name, estimator in problem.estimators.items():
         with at(f"estimators.{name}"):
             estimator.compile(problem.model, float(data.attrs["dt"]))

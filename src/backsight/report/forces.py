@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from html import escape
 
 import numpy as np
+import xarray as xr
 
 from backsight.analysis.hits import Hits, forces, where
 from backsight.analysis.rounding import plus_minus, significant, whole
@@ -17,9 +18,9 @@ from backsight.report.traces import Trace, encoded, plain
 from backsight.types import Array
 
 NOTE = (
-    "<p>Force over place and time, with the largest hits in circles: neighbouring steps at the same "
-    "place are one hit, σ is its standard deviation. Where an estimator gives a force to every "
-    "sample, hits are those that chance would make in one recording of a hundred at most.</p>"
+    "<p>Force over place and time, with the largest hits in circles. Neighbouring steps at one "
+    "place are one hit; σ is the standard deviation. Where an estimator gives a force to every "
+    "sample, a hit is what chance alone would reach in one recording of a hundred.</p>"
 )
 
 MOST_HITS = 12
@@ -32,8 +33,9 @@ _COLOURS = [[0.0, "--series-0"], [0.5, "--paper"], [1.0, "--series-1"]]
 
 
 def force_maps(rows: Sequence[Row], every: Sequence[Series]) -> list[Plot]:
-    """One map per estimator that looks for forces: place over time, force in colour."""
-    return [_map(s, hits) for s, _, hits in _found(rows, every)]
+    """One map per estimator that found forces: place over time, force in colour."""
+    found = [(s, forces(s.result)[0], hits) for s, _, hits in _found(rows, every)]
+    return [_map(s, held, hits) for s, held, hits in found if held.values.any()]
 
 
 def hit_tables(rows: Sequence[Row], every: Sequence[Series]) -> str:
@@ -72,24 +74,21 @@ def _table(s: Series, row: Row, found: Hits) -> str:
     return table("hits", head, body, caption=f"{name}: {shown}, the largest impulse first")
 
 
-def _map(s: Series, found: Hits) -> Plot:
-    held, _ = forces(s.result)
+def _map(s: Series, held: xr.DataArray, found: Hits) -> Plot:
     labels = [plain(label) for label in where(s.result)]
     shown = found.hits[:MOST_HITS]
     traces = [_heat(s, held.values, labels, found.unit), *([_circles(s, found)] if shown else [])]
-    placed = "force_position" in held.coords
+    axis = "place (position [m])" if "force_position" in held.coords else "place"
     every = -(-len(labels) // _MOST_LABELS)
     layout = {
         "annotations": [
-            heading(plain(f"{s.name}: {quantity('force', found.unit)}")),
+            heading(plain(f"{s.name}: {quantity('force', found.unit)} over {axis}")),
             *([remark("○ the largest hits")] if shown else []),
         ],
         "yaxis": {
             "type": "category",
-            "title": {"text": "place (position [m])" if placed else "place"},
             "tickmode": "linear",
             "dtick": every,
-            "showgrid": False,
         },
         "hovermode": "closest",
     }
@@ -108,9 +107,11 @@ def _heat(s: Series, held: Array, labels: Sequence[str], unit: str) -> Trace:
         "x0": s.time[0] + 0.5 * length * dt,
         "dx": length * dt,
         "y": list(labels),
-        "z": encoded(kept.T) | {"shape": f"{kept.shape[1]}, {kept.shape[0]}"},
+        "z": encoded(np.where(kept.T == 0, np.nan, kept.T))
+        | {"shape": f"{kept.shape[1]}, {kept.shape[0]}"},
         "zmin": -largest,
         "zmax": largest,
+        "hoverongaps": False,
         "colorscale": _COLOURS,
         "colorbar": {"thickness": 10, "outlinewidth": 0, "nticks": 5, "tickfont": {"size": 10.5}},
         "legendgroup": s.group,

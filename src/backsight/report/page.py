@@ -108,7 +108,7 @@ def _sections(
 
 
 def _section(name: str, text: str, plots: Sequence[Plot], *, below: str = "") -> Section:
-    if not (plots or text):
+    if not (plots or text or below):
         return "", []
     grid = f'<div class="plots">{"".join(map(_place, plots))}</div>' if plots else ""
     return f"<section><h2>{name}</h2>{text}{grid}{below}</section>", plots

@@ -1,0 +1,84 @@
+"""Sparse forces from a problem file."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from backsight.errors import BacksightError
+from backsight.problem import execute, load
+from oracles import struck_beam
+
+FORCES = ", ".join(f'"{name}"' for name in struck_beam.FORCES)
+PLACES = ", ".join(f"F{i} = {x:.3f}" for i, x in enumerate(struck_beam.NODES))
+PROBLEM = f"""
+[recording]
+path = "beam.csv"
+dt = 0.0025
+outputs = {{ s1 = "s1", s2 = "s2", s3 = "s3" }}
+
+[model]
+kind = "beam"
+length = 0.405
+width = 0.025
+thickness = 0.003
+youngs_modulus = 65.9e9
+density = 7502
+damping = [0.030, 0.037, 0.119]
+sensors.s1 = {{ kind = "displacement", at = 0.245 }}
+sensors.s2 = {{ kind = "displacement", at = 0.325 }}
+sensors.s3 = {{ kind = "displacement", at = 0.405 }}
+forces = {{ {PLACES} }}
+
+[prior]
+sigma_x0 = {{ q1 = 1e-5, q2 = 1e-5, q3 = 1e-5, q1_dot = 1e-3, q2_dot = 1e-3, q3_dot = 1e-3 }}
+
+[noise]
+sigma_y = {{ s1 = 1e-5, s2 = 1e-5, s3 = 1e-5 }}
+
+[estimators.CS]
+kind = "csmhe"
+forces = [{FORCES}]
+lam = 0.3
+sigma_force = {{ F0 = 0.05, F4 = 0.05 }}
+threshold = 1.0
+carryover = {{ drift = [100, 1000], age = 4 }}
+dictionary = {{ kind = "HalfSines", widths = [1, 2] }}
+"""
+
+
+@pytest.fixture
+def problem(tmp_path):
+    rows = struck_beam.measured()
+    np.savetxt(tmp_path / "beam.csv", rows, delimiter=",", header="s1,s2,s3", comments="")
+
+    def read(text: str):
+        (tmp_path / "problem.toml").write_text(text, encoding="utf-8")
+        return load(tmp_path / "problem.toml")
+
+    return read
+
+
+def test_hits_are_found(problem, tmp_path):
+    execute(problem(PROBLEM), tmp_path / "out", progress=lambda *_: None)
+    with xr.open_dataset(tmp_path / "out" / "estimates.nc", group="CS") as result:
+        found = result["d_hat"].transpose("time", "force").values
+        assert list(result["force"].values) == list(struck_beam.FORCES)
+    np.testing.assert_allclose(found, struck_beam.forces(), atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"HalfSines", widths', '"HalfSine", widths', "dictionary.kind: unknown kind 'HalfSine'"),
+        ("widths = [1, 2]", "widths = [1, 12]", "atoms of 12 steps"),
+        ("age = 4", "age = 0", "carryover: age is 0"),
+        ("lam = 0.3\n", "", "estimators.CS.lam: is missing"),
+        ("lam = 0.3", "lam = -0.3", "estimators.CS: lam is -0.3"),
+        ("F4 = 0.05 }\nthr", "F9 = 0.05 }\nthr", "sigma_force names 'F9'"),
+    ],
+)
+def test_mistakes_are_named(problem, tmp_path, old, new, message):
+    assert old in PROBLEM
+    with pytest.raises(BacksightError) as caught:
+        execute(problem(PROBLEM.replace(old, new)), tmp_path / "out", progress=lambda *_: None)
+    assert message in str(caught.value)
