@@ -167,7 +167,10 @@ def study_list() -> None:
 def study_run(
     name: Annotated[str, typer.Argument(help="Name of the study, see `backsight study list`.")],
     out: Out,
-    seeds: Annotated[int, typer.Option(min=0, help="Number of simulated recordings.")] = 3,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=0, help="Number of simulated recordings; if not given, the study's own."),
+    ] = None,
     recording: Annotated[
         list[Path] | None, typer.Option(help="Further recording; may be given several times.")
     ] = None,
@@ -178,9 +181,11 @@ def study_run(
 
         if name not in STUDIES:
             raise ProblemError(f"there is no study '{name}', {nearest(name, STUDIES)}")
+        entry = STUDIES[name]
+        count = entry.seeds if seeds is None else seeds
         with _bar() as advance:
-            findings = STUDIES[name].run(
-                out, seeds=range(seeds), recordings=recording or [], progress=advance
+            findings = entry.run(
+                out, seeds=range(count), recordings=recording or [], progress=advance
             )
         typer.echo(f"{findings}\n\nPage: {findings.page}")
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from backsight.data import from_arrays
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import native
 from backsight.estimators import (
@@ -17,6 +18,7 @@ from backsight.estimators import (
     UKFArrival,
 )
 from backsight.models.second_order import second_order
+from backsight.run.estimate import estimate
 from backsight.solvers.gauss_newton import GaussNewton
 from closeness import assert_close
 from oracles.kalman import kalman_filter
@@ -62,6 +64,26 @@ def test_lag_is_the_fixed_lag_smoother(arrival, lag):
         xs, Ps = smoother(u[: k + 1], y[: k + 1])
         assert_close(result["x_hat"][k][None], xs[k - lag][None], 1e-9)
         assert_close(result["P"][k][None], Ps[k - lag][None], 1e-9)
+
+
+def test_results_with_lag_are_put_to_their_samples():
+    """The last rows know all of the recording; innovations are those of the row's own sample."""
+    u, y = record(25, seed=2, missing=0.3)
+    channels = {"inputs": {"f": "", "g": ""}, "outputs": {"y": "", "z": ""}}
+    recording = from_arrays(u=u, y=y, dt=DT, **channels)
+    lagged, newest = (
+        estimate(MHE(**GAUSSIANS, N=5, lag=lag, optimiser=ONCE), model(), recording)
+        for lag in (4, 0)
+    )
+    for k in (0, 9, 20):
+        xs, Ps = smoother(u[: k + 5], y[: k + 5])
+        assert_close(lagged["x_hat"].values[k][None], xs[k][None], 1e-9)
+        assert_close(lagged["P"].values[k][None], Ps[k][None], 1e-9)
+    xs, Ps = smoother(u, y)
+    assert_close(lagged["x_hat"].values[-4:], xs[-4:], 1e-9)
+    assert_close(lagged["P"].values[-4:], Ps[-4:], 1e-9)
+    for name in ("e", "S"):
+        np.testing.assert_allclose(lagged[name].values, newest[name].values, atol=1e-12)
 
 
 def test_long_window_is_full_information():

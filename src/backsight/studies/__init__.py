@@ -1,5 +1,7 @@
 """Papers and real systems, worked through: model, data, estimators and checks."""
 
+from backsight.studies.arrival import STUDY as ARRIVAL
+from backsight.studies.frame_hammer import STUDY as FRAME_HAMMER
 from backsight.studies.lecture import STUDY as LECTURE
 from backsight.studies.nanopositioner import STUDY as NANOPOSITIONER
 from backsight.studies.punch import STUDY as PUNCH
@@ -11,6 +13,8 @@ STUDIES: dict[str, Study] = {
         NANOPOSITIONER,
         PUNCH,
         LECTURE,
+        FRAME_HAMMER,
+        ARRIVAL,
     )
 }
 """Every study by its name: the one place where a new one is registered."""

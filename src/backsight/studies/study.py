@@ -43,8 +43,11 @@ class Study:
         ``(out, *, seeds, recordings, progress) -> Findings``: writes everything into the folder
         `out`. `seeds` are those of the simulated recordings, `recordings` paths of more of them,
         `progress` is told what is being done and the share of the work that is done, 0 to 1.
+    seeds : int
+        How many of them there are on the command line if it does not say.
     """
 
     name: str
     title: str
     run: Callable[..., Findings]
+    seeds: int = 3
