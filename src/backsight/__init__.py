@@ -13,7 +13,9 @@ from backsight.report import report as report
 
 if TYPE_CHECKING:
     from backsight import errors as errors
+    from backsight.analysis.force_errors import force_errors as force_errors
     from backsight.analysis.force_locations import force_locations as force_locations
+    from backsight.analysis.impacts import impacts as impacts
     from backsight.analysis.judging import consistency as consistency
     from backsight.analysis.observability import observability as observability
     from backsight.data import from_arrays as from_arrays
@@ -48,6 +50,10 @@ if TYPE_CHECKING:
     from backsight.estimators.dictionary import Atoms as Atoms
     from backsight.estimators.dictionary import HalfSines as HalfSines
     from backsight.estimators.dictionary import Impulses as Impulses
+    from backsight.estimators.selection import L1 as L1
+    from backsight.estimators.selection import Given as Given
+    from backsight.estimators.selection import Greedy as Greedy
+    from backsight.estimators.selection import Reweighted as Reweighted
     from backsight.models import Model as Model
     from backsight.models import Signal as Signal
     from backsight.models import augment as augment
@@ -63,6 +69,7 @@ if TYPE_CHECKING:
     from backsight.models import second_order as second_order
     from backsight.models.incremental import incremental as incremental
     from backsight.models.sampling import check_sampling as check_sampling
+    from backsight.models.sensor_lag import sensor_lag as sensor_lag
     from backsight.models.unknown_forces import forces_as_inputs as forces_as_inputs
     from backsight.run.alignment import alignment as alignment
     from backsight.run.certify import certify as certify
@@ -70,14 +77,26 @@ if TYPE_CHECKING:
     from backsight.run.estimate import estimate as estimate
     from backsight.run.many import estimate_many as estimate_many
     from backsight.run.simulate import simulate as simulate
+    from backsight.run.sparse_forces import sparse_forces as sparse_forces
     from backsight.run.stream import stream as stream
+    from backsight.run.window import window as window
     from backsight.solvers.gauss_newton import GaussNewton as GaussNewton
+    from backsight.tune.calibration import calibrate as calibrate
+    from backsight.tune.force_path import force_path as force_path
+    from backsight.tune.lambda_choice import lambda_from_noise as lambda_from_noise
+    from backsight.tune.lambda_choice import lambda_from_sensors as lambda_from_sensors
+    from backsight.tune.lambda_choice import lambda_from_whiteness as lambda_from_whiteness
+    from backsight.tune.placement import place_sensors as place_sensors
+    from backsight.tune.recovery import Hits as Hits
+    from backsight.tune.recovery import recovery as recovery
     from backsight.tune.sparsity import lambda_max as lambda_max
 
     __version__: str
 
 _NAMES = {
+    "analysis.force_errors": "force_errors",
     "analysis.force_locations": "force_locations",
+    "analysis.impacts": "impacts",
     "analysis.judging": "consistency",
     "analysis.observability": "observability",
     "data": "from_arrays merge read resample",
@@ -91,12 +110,14 @@ _NAMES = {
     "estimators.carryover": "Carryover",
     "estimators.dictionary": "Atoms HalfSines Impulses",
     "estimators.arrival": "ConstantArrival EKFArrival NoArrival SmoothedArrival UKFArrival",
+    "estimators.selection": "Given Greedy L1 Reweighted",
     "models": (
         "Model Signal augment beam duffing friction_drive from_equations lti modal reduced scale "
         "sdof second_order"
     ),
     "models.incremental": "incremental",
     "models.sampling": "check_sampling",
+    "models.sensor_lag": "sensor_lag",
     "models.unknown_forces": "forces_as_inputs",
     "run.alignment": "alignment",
     "run.certify": "certify",
@@ -104,8 +125,15 @@ _NAMES = {
     "run.estimate": "estimate",
     "run.many": "estimate_many",
     "run.simulate": "simulate",
+    "run.sparse_forces": "sparse_forces",
     "run.stream": "stream",
+    "run.window": "window",
     "solvers.gauss_newton": "GaussNewton",
+    "tune.calibration": "calibrate",
+    "tune.force_path": "force_path",
+    "tune.lambda_choice": "lambda_from_noise lambda_from_sensors lambda_from_whiteness",
+    "tune.placement": "place_sensors",
+    "tune.recovery": "Hits recovery",
     "tune.sparsity": "lambda_max",
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}

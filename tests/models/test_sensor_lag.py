@@ -27,7 +27,7 @@ def low_pass(values, cutoff, fine):
     return scipy.signal.lsim(([a], [1.0, a]), values, time)[1]
 
 
-def on_a_fine_grid(n=400, fine=50):
+def on_a_fine_grid(n=400, fine=25):
     u = np.where(np.arange(n * fine) < 30 * fine, 5.0, 0.0)
     return bs.simulate(OSCILLATOR, u, dt=DT / fine, substeps=2)["y"].values[:, 1], fine
 

@@ -47,8 +47,8 @@ def sensor_lag(model: Model, cutoff: ByName, *, limit: ByName = math.inf) -> Mod
     Examples
     --------
     >>> from backsight.models.builtin import sdof
-    >>> [s.name for s in sensor_lag(sdof(), cutoff=50.0).states]
-    ["q", "v", "y_sensor"]
+    >>> [s.name for s in sensor_lag(sdof(k=100.0, b=1.0), cutoff=50.0).states]
+    ['q', 'v', 'y_sensor']
     """
     if not model.continuous:
         raise ModelError("a sensor's low-pass needs a model that is continuous in time")

@@ -1,6 +1,9 @@
 """Papers and real systems, worked through: model, data, estimators and checks."""
 
 from backsight.studies.arrival import STUDY as ARRIVAL
+from backsight.studies.beam import STUDY as BEAM
+from backsight.studies.beam_experiment import STUDY as BEAM_EXPERIMENT
+from backsight.studies.beam_random import STUDY as BEAM_RANDOM
 from backsight.studies.frame_hammer import STUDY as FRAME_HAMMER
 from backsight.studies.lecture import STUDY as LECTURE
 from backsight.studies.nanopositioner import STUDY as NANOPOSITIONER
@@ -15,6 +18,9 @@ STUDIES: dict[str, Study] = {
         LECTURE,
         FRAME_HAMMER,
         ARRIVAL,
+        BEAM,
+        BEAM_RANDOM,
+        BEAM_EXPERIMENT,
     )
 }
 """Every study by its name: the one place where a new one is registered."""
