@@ -36,6 +36,9 @@ def test_each_force_is_used_once_and_the_closest_wins():
     e = bs.force_errors(found, TRUE, steps=1)
     assert e.pairs == (((3, 1), (3, 1)),)
     assert e.false_alarms == 2
+    crowded = forces({(5, 1): 2.0, (7, 1): 2.0})
+    one = bs.force_errors(forces({(6, 1): 2.0}), crowded, steps=1)
+    assert (one.hits, one.missed, one.false_alarms) == (1, 1, 0)
     twice = forces({(3, 0): 1.0, (3, 2): 3.0})
     assert bs.force_errors(twice, TRUE, places=1).pairs == (((3, 1), (3, 2)),)
 

@@ -149,9 +149,16 @@ class CompressiveSensingMHE(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        return recursion(self.key, self._solver(self._forced(model, dt)), self.carryover)
+        return recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
 
-    def _forced(self, model: Model, dt: float) -> Forced:
+    def forced(self, model: Model, dt: float) -> Forced:
+        """Discretise the model with its unknown forces as inputs, and check both.
+
+        Raises
+        ------
+        TuningError
+            If a force is unknown or cannot be seen, or the noise does not fit.
+        """
         try:
             joined = forces_as_inputs(model, self.forces)
         except ModelError as error:
@@ -188,7 +195,7 @@ class CompressiveSensingMHE(AbstractEstimator):
             N=self.N,
             lag=self.delay,
             lam=min(self.lam, NO_LIMIT),
-            side=self._sides(),
+            side=self.sides(),
             threshold=self.threshold,
             arrival=ARRIVALS.index(self.arrival),
             correction=CORRECTIONS.index(self.correction),
@@ -196,8 +203,8 @@ class CompressiveSensingMHE(AbstractEstimator):
             limit=STEPS_PER_ATOM * found.modal * found.steps + 100,
         )
 
-    def _sides(self) -> Array:
-        """Sign of every atom, see `Solver`."""
+    def sides(self) -> Array:
+        """Sign of every atom: 1, -1, or 0 if it is free."""
         side, both = np.zeros(len(self.forces)), set(self.nonnegative) & set(self.nonpositive)
         if both:
             raise TuningError(f"the force '{min(both)}' is nonnegative and nonpositive: it is zero")

@@ -16,9 +16,12 @@ from backsight.solvers.l1_path import l1_path
 from backsight.solvers.regression import Fit, Indices, inverse, refit
 from backsight.types import Array
 
-
 ROUNDING = 1e-6
 """Violation of an optimality condition, as a share of lam, that is no violation."""
+
+
+SMALLEST = 1e-12
+"""Weight at which a path ends that is to end by its number of kinks."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,8 +108,8 @@ class Greedy(AbstractSelection):
     r"""Every atom costs the same, however large it is.
 
     The search lowers :math:`\|y - H\alpha\|^2 + \mu |\alpha|_0`, the l0 "norm" in place of l1.
-    Atoms are added, exchanged and removed one by one as long as it falls; the better of the ends
-    that are reached from nothing and from what the l1 norm finds (if lam is finite) is taken.
+    Atoms are added, exchanged and removed one by one as long as it falls, starting from none; and
+    once more, from those that the l1 norm finds first. The better end is taken; lam is not used.
 
     Parameters
     ----------
@@ -129,11 +132,11 @@ class Greedy(AbstractSelection):
     def select(self, search: ForceSearch) -> Fit:
         """See `AbstractSelection.select`."""
         penalty = self._penalty(search)
-        starts = [np.zeros(0, np.intp)]
-        if math.isfinite(search.lam):
-            starts.append(_l1(search)[0])
-        ends = [best_subset(search.regression, penalty, start=start) for start in starts]
-        best = min(ends, key=lambda end: end.cost + penalty * len(end.which))
+        grown = best_subset(search.regression, penalty)
+        path = l1_path(search.regression, SMALLEST, most=2 * len(grown.which) + 1)
+        first = path.which[path.values[-1] != 0]
+        pruned = best_subset(search.regression, penalty, start=first)
+        best = min(grown, pruned, key=lambda end: end.cost + penalty * len(end.which))
         return _ended(search, best.which, best.values, again=True)
 
     def price(self, search: ForceSearch, fit: Fit) -> float:

@@ -19,7 +19,6 @@ Statistical Association 93, doi:10.1080/01621459.1998.10473731.
 import dataclasses
 
 import numpy as np
-import scipy
 
 from backsight.estimators.sparse_tables import Forced
 from backsight.types import Array
@@ -137,7 +136,7 @@ def whitened(forced: Forced, u: Array, y: Array, mask: Array) -> Whitened:
         seen = np.flatnonzero(mask[k])
         square = np.ix_(seen, seen)
         factor = np.linalg.cholesky(S_all[k][square])
-        own = scipy.linalg.solve_triangular(factor, np.eye(len(seen)), lower=True)
+        own = np.linalg.inv(factor)
         white = (A @ P @ C[seen].T + M[:, seen]) @ own.T
         root[k][square], gain[k][:, seen] = own, white @ own
         P = A @ P @ A.T + Q - white @ white.T

@@ -84,12 +84,12 @@ def sparse_forces(
 def prepared(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset) -> ForceSearch:
     """Check estimator, model and recording, and make the regression of `sparse_forces`."""
     data = match(model, recording)
-    forced = estimator._forced(model, float(recording.attrs["dt"]))
+    forced = estimator.forced(model, float(recording.attrs["dt"]))
     return force_search(
         forced,
         data,
         shapes=estimator.dictionary.shapes(len(estimator.forces)),
-        side=estimator._sides(),
+        side=estimator.sides(),
         lam=estimator.lam,
         threshold=estimator.threshold,
     )

@@ -21,8 +21,14 @@ import numpy as np
 from backsight.solvers.regression import Indices, Regression
 from backsight.types import Array
 
-CLOSE = 1e-10
+CLOSE = 1e-12
 """Kinks nearer to the last one than this share are rounding errors of it."""
+
+TIE = 1e-9
+"""Weights are made different by this share, so that columns reach their limits one by one.
+
+A pulse that is the sum of shorter ones, with signs to match, reaches its limit together with them.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +80,8 @@ def l1_path(
     """
     n = problem.columns.shape[1]
     own = problem.correlation
-    here = _segment(problem, np.ones(n) if weights is None else weights, own, [], np.zeros((n, 0)))
+    w = (np.ones(n) if weights is None else weights) * (1 + TIE * _scattered(n))
+    here = _segment(problem, w, own, [], np.zeros((n, 0)))
     lam, first = here.largest()
     lams, values = [max(lam, least)], [np.zeros(n)]
     if lam > least:
@@ -90,6 +97,12 @@ def l1_path(
     which = np.flatnonzero(stacked.any(axis=0))
     kkt = here.violation(values[-1], lams[-1]) / lams[-1]
     return Path(np.array(lams), which, stacked[:, which], kkt, lam <= least)
+
+
+def _scattered(n: int) -> Array:
+    """Numbers between 0 and 1 that are all different, and the same every time."""
+    golden = (np.sqrt(5) - 1) / 2
+    return np.arange(1, n + 1) * golden % 1
 
 
 Change = tuple[int, float]
@@ -112,8 +125,9 @@ class _Segment:
         The active factors are offset - lam * slope.
     p, q : (n,) arrays
         Twice the correlations of all columns with the residual are p + lam * q.
-    left : (int, float), optional
-        Column that has just left, and its former sign.
+    last : (int, float), optional
+        Column that has entered or left at the kink above, and its sign while active. It is on its
+        limit there, and not again before the next kink, whatever rounding says.
     """
 
     problem: Regression
@@ -124,7 +138,7 @@ class _Segment:
     slope: Array
     p: Array
     q: Array
-    left: Change | None
+    last: Change | None
 
     @property
     def columns(self) -> list[int]:
@@ -150,8 +164,10 @@ class _Segment:
             leave = self.offset / self.slope
         enter[0, self.problem.side < 0] = enter[1, self.problem.side > 0] = 0.0
         enter[:, self.columns] = 0.0
-        if self.left is not None:  # it is on its boundary still, and about to go inside
-            enter[0 if self.left[1] > 0 else 1, self.left[0]] = 0.0
+        if self.last is not None:
+            column, sign = self.last
+            enter[0 if sign > 0 else 1, column] = 0.0
+            leave[np.array(self.columns) == column] = 0.0
         below = lam * (1 - CLOSE)
         enter = np.where((enter > 0) & (enter < below), enter, 0.0)
         leave = np.where((leave > 0) & (leave < below), leave, 0.0)
@@ -164,7 +180,7 @@ class _Segment:
     def violation(self, values: Array, lam: float) -> float:
         """Largest violation of the optimality conditions."""
         residual = self.problem.target - self.problem.columns @ values
-        slope = 2 * self.problem.columns.T @ residual
+        slope = 2 * self.problem.onto(residual)
         beyond = self._allowed(slope).max(axis=0) - lam * self.weights
         bent = np.abs(slope - lam * self.weights * np.sign(values))
         return float(np.where(values != 0, bent, np.maximum(beyond, 0)).max(initial=0.0))
@@ -183,9 +199,9 @@ def _turned(here: _Segment, own: Array, change: Change) -> _Segment:
         k = here.columns.index(column)
         rest = here.active[:k] + here.active[k + 1 :]
         gram = np.delete(here.gram, k, axis=1)
-        return _segment(here.problem, here.weights, own, rest, gram, left=here.active[k])
+        return _segment(here.problem, here.weights, own, rest, gram, last=here.active[k])
     gram = np.column_stack([here.gram, here.problem.products(column)])
-    return _segment(here.problem, here.weights, own, [*here.active, change], gram)
+    return _segment(here.problem, here.weights, own, [*here.active, change], gram, last=change)
 
 
 def _segment(
@@ -195,12 +211,13 @@ def _segment(
     active: list[Change],
     gram: Array,
     *,
-    left: Change | None = None,
+    last: Change | None = None,
 ) -> _Segment:
     columns, signs = [c for c, _ in active], np.array([s for _, s in active])
     right = np.column_stack([own[columns], weights[columns] * signs / 2])
     if active:
         right = np.linalg.solve(gram[columns], right)
     offset, slope = right.T
-    p, q = 2 * (own - gram @ offset), 2 * gram @ slope
-    return _Segment(problem, weights, active, gram, offset, slope, p, q, left)
+    told, change = np.einsum("ns,sk->kn", gram, np.column_stack([offset, slope]))
+    p, q = 2 * (own - told), 2 * change
+    return _Segment(problem, weights, active, gram, offset, slope, p, q, last)

@@ -8,7 +8,6 @@ import functools
 from typing import TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from backsight.types import Array
@@ -49,13 +48,19 @@ class Regression:
     @functools.cached_property
     def correlation(self) -> Array:
         """H' y, (n,)."""
-        return self.columns.T @ self.target
+        return self.onto(self.target)
 
     def products(self, column: int) -> Array:
         """Products of all columns with one of them, (n,); searches come back to the same ones."""
         if column not in self._known:
-            self._known[column] = self.columns.T @ self.columns[:, column]
+            self._known[column] = self.onto(self.columns[:, column])
         return self._known[column]
+
+    def onto(self, vector: Array) -> Array:
+        """Products of all columns with a vector, (n,)."""
+        # Not by BLAS: for a product of this size its threads cost more than they save, and on a
+        # busy machine a hundred times more.
+        return np.einsum("mn,m->n", self.columns, vector)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,14 +92,13 @@ def refit(problem: Regression, which: Indices) -> Fit:
     """
     kept = _independent(problem, which)
     while True:
-        columns = problem.columns[:, kept]
-        covariance = inverse(columns.T @ columns)
-        values = covariance @ (columns.T @ problem.target)
+        covariance = inverse(_gram(problem, kept))
+        values = covariance @ problem.correlation[kept]
         wrong = problem.side[kept] * values
         if not kept.size or wrong.min() >= 0:
             break
         kept = np.delete(kept, wrong.argmin())
-    residual = problem.target - columns @ values
+    residual = problem.target - np.einsum("ms,s->m", problem.columns[:, kept], values)
     return Fit(kept, values, covariance, float(residual @ residual))
 
 
@@ -103,7 +107,19 @@ def inverse(A: Array) -> Array:
     return np.asarray(np.linalg.inv(A), np.float64)
 
 
+def _gram(problem: Regression, which: Indices) -> Array:
+    return np.array([problem.products(int(i))[which] for i in which]).reshape(2 * [len(which)])
+
+
 def _independent(problem: Regression, which: Indices) -> Indices:
+    """Those of the columns that do not depend on earlier ones."""
+    size = np.sqrt(problem.squares[which])
+    try:
+        pivots = np.diag(np.linalg.cholesky(_gram(problem, which) / np.outer(size, size)))
+    except np.linalg.LinAlgError:
+        pivots = np.zeros(1)
+    if (pivots**2 > DEPENDENT).all():
+        return which
     kept: list[int] = []
     basis = np.zeros((len(problem.target), 0))
     for i in which:
@@ -126,9 +142,9 @@ def beside(problem: Regression, chosen: Indices) -> tuple[Array, Array]:
     if not len(chosen):
         return correlation, squares
     products = np.array([problem.products(int(i)) for i in chosen])
-    factor = np.linalg.cholesky(products[:, chosen])
+    factor = np.asarray(np.linalg.cholesky(products[:, chosen]), np.float64)
     both = np.column_stack([products, correlation[chosen]])
-    turned = scipy.linalg.solve_triangular(factor, both, lower=True)
+    turned = np.einsum("ij,jn->in", inverse(factor), both)
     seen = turned[:, :-1]
     left = squares - np.einsum("sn,sn->n", seen, seen)
     free = left > DEPENDENT * squares

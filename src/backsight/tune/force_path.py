@@ -1,0 +1,97 @@
+"""Sparse forces as functions of the weight of the l1 norm: the whole path at once."""
+
+import dataclasses
+
+import numpy as np
+import xarray as xr
+
+from backsight.errors import DataError, TuningError
+from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.estimators.force_search import ForceSearch
+from backsight.models.model import Model
+from backsight.run.sparse_forces import prepared
+from backsight.solvers.l1_path import Path, l1_path
+from backsight.types import Array
+
+ANY = 1.0
+"""A weight for estimators whose own is not used."""
+
+
+def force_path(
+    estimator: CompressiveSensingMHE,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    least: float = 0.01,
+) -> xr.Dataset:
+    r"""Forces for all weights of the l1 norm, over a whole recording.
+
+    The solution is piecewise linear in :math:`\lambda`: it is known everywhere from its kinks, and
+    these are exact (homotopy). Forces that stay over a long stretch of weights are there; what
+    comes and goes is noise.
+
+    Parameters
+    ----------
+    estimator : CompressiveSensingMHE
+        As for `sparse_forces`; its `lam` is not used.
+    model : Model
+    recording : xarray.Dataset
+    least : float
+        Where the path ends, as a share of the weight from which on nothing is found.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``alpha (lam, atom)``, the factor of every atom that is found anywhere, at the kinks,
+        falling in ``lam``; ``nonzeros (lam)``; ``chi2 (lam)``, the sum of the squared white
+        innovations that remain. Coordinates of an atom: ``moment`` [s] at which it begins, and
+        ``place``. Attributes: ``measured``, the number of measurements; ``kkt``, the violation of
+        the optimality conditions at the end as a share of the weight.
+
+    Raises
+    ------
+    TuningError, ModelError, DataError
+        As `sparse_forces`; if `least` is not between 0 and 1; or if the recording is at rest.
+    """
+    search = unweighted(estimator, model, recording)
+    path = whole_path(search, least)
+    columns, target = search.regression.columns[:, path.which], search.regression.target
+    residual = target[:, None] - columns @ path.values.T
+    moments = recording["time"].values[search.step[path.which]]
+    return xr.Dataset(
+        {
+            "alpha": (("lam", "atom"), path.values),
+            "nonzeros": ("lam", (path.values != 0).sum(axis=1)),
+            "chi2": ("lam", (residual**2).sum(axis=0)),
+        },
+        coords={
+            "lam": path.lam,
+            "moment": ("atom", moments, {"units": "s"}),
+            "place": ("atom", places(estimator)[search.atom[path.which]]),
+        },
+        attrs={"measured": int(search.filter.mask.sum()), "kkt": path.kkt, "model": model.name},
+    )
+
+
+def unweighted(
+    estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset
+) -> ForceSearch:
+    """See `prepared`; whatever the estimator's weight and threshold are."""
+    plain = dataclasses.replace(estimator, lam=ANY, threshold=0.0)
+    return prepared(plain, model, recording)
+
+
+def whole_path(search: ForceSearch, least: float) -> Path:
+    """Path down to a share of its largest weight; raises `DataError` if nothing moves."""
+    if not 0 < least < 1:
+        raise TuningError(f"least is {least}; it is a share of the largest weight, from 0 to 1")
+    largest = 2 * float(np.abs(search.regression.correlation).max(initial=0.0))
+    if not largest > 0:
+        raise DataError("the recording is exactly what the model does without forces: none acts")
+    return l1_path(search.regression, least * largest)
+
+
+def places(estimator: CompressiveSensingMHE) -> Array:
+    """Name of the force that every atom moves; ``atom 3`` where it moves several."""
+    belongs = estimator.dictionary.force_of(len(estimator.forces))
+    return np.array([estimator.forces[f] if f >= 0 else f"atom {i}" for i, f in enumerate(belongs)])

@@ -1,0 +1,253 @@
+"""Choose the weight of the l1 norm without knowing the forces."""
+
+import dataclasses
+
+import numpy as np
+import scipy
+import xarray as xr
+
+from backsight.errors import DataError, TuningError
+from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.estimators.force_search import ForceSearch
+from backsight.models.model import Model
+from backsight.solvers.regression import refit
+from backsight.tune.force_path import unweighted, whole_path
+from backsight.types import Array
+
+LEAST = 1e-2
+"""Smallest weight that is considered, as a share of the one from which on nothing is found."""
+
+LAGS = 5
+"""Lags at which the residuals must not be correlated."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LambdaChoice:
+    """A weight, and what speaks for it.
+
+    Parameters
+    ----------
+    lam : float
+        For `CompressiveSensingMHE.lam`.
+    table : xarray.Dataset
+        What was compared, over ``lam``.
+    reached : bool
+        Whether the goal was reached; else the weight is the one that comes nearest.
+    """
+
+    lam: float
+    table: xr.Dataset
+    reached: bool
+
+
+def lambda_from_noise(
+    estimator: CompressiveSensingMHE,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    false_alarm: float = 0.05,
+    draws: int = 400,
+    seed: int = 0,
+) -> float:
+    r"""Weight at which noise alone seldom makes a force.
+
+    Of a recording of noise with the stated deviations, and of background forces, the l1 norm finds
+    something if :math:`2 \max_i |h_i' v| > \lambda`. The weight is the quantile of this number over
+    random v. It holds for the whole recording, and so for every window of it; if the model is wrong
+    it is too small, see `lambda_from_whiteness`.
+
+    Parameters
+    ----------
+    estimator : CompressiveSensingMHE
+        Its `lam` is not used.
+    model : Model
+    recording : xarray.Dataset
+        Only its length, and where it was not measured, matter.
+    false_alarm : float
+        Probability of one or more forces in a recording in which none acts.
+    draws, seed : int
+        Recordings of noise that are drawn.
+
+    Raises
+    ------
+    TuningError, ModelError, DataError
+        As `sparse_forces`, or if `false_alarm` is not a probability.
+    """
+    if not (0 < false_alarm < 1 and draws >= 1 / false_alarm):
+        raise TuningError(
+            f"false_alarm = {false_alarm}, draws = {draws}: a probability, and draws "
+            "enough for one to be expected"
+        )
+    search = unweighted(estimator, model, recording)
+    measured = search.filter.mask.ravel() > 0
+    noise = np.random.default_rng(seed).standard_normal((draws, int(measured.sum())))
+    reach = noise @ search.regression.columns[measured]
+    side = search.regression.side
+    reach = np.maximum(np.where(side >= 0, reach, 0.0), np.where(side <= 0, -reach, 0.0))
+    return 2 * float(np.quantile(reach.max(axis=1), 1 - false_alarm))
+
+
+def lambda_from_whiteness(
+    estimator: CompressiveSensingMHE,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    level: float = 0.95,
+) -> LambdaChoice:
+    """Weight whose forces leave nothing but noise at the least expense.
+
+    At every weight, the forces found are fitted without the l1 norm. The weight is taken with the
+    smallest sum of the squared white innovations that remain, and 2 ln n for every force, of n
+    places and moments: what noise can gain by the best of so many. Then it is tested whether the
+    squares have the sum that noise would have, and are not correlated in time; if not, `reached` is
+    false, and the model is wrong, or the noise is not as stated.
+
+    Parameters
+    ----------
+    estimator : CompressiveSensingMHE
+        Its `lam` is not used.
+    model : Model
+    recording : xarray.Dataset
+    level : float
+        Of both tests.
+
+    Returns
+    -------
+    LambdaChoice
+        ``table`` has ``price``, ``chi2``, ``limit`` (its quantile), ``correlation`` and
+        ``correlation_limit`` (sum of squared correlations at the first lags, all sensors), and
+        ``nonzeros`` over ``lam``.
+
+    Raises
+    ------
+    TuningError, ModelError, DataError
+        As `sparse_forces`.
+    """
+    search = unweighted(estimator, model, recording)
+    path = whole_path(search, LEAST)
+    measured = int(search.filter.mask.sum())
+    rows, weights = [], []
+    for here, after in zip(path.lam[:-1], path.lam[1:], strict=True):
+        lam = float(np.sqrt(here * after))
+        fit = refit(search.regression, path.at(lam)[0])
+        freedom = measured - len(fit.which)
+        if freedom < 1:
+            break
+        residual = search.regression.target - search.regression.columns[:, fit.which] @ fit.values
+        weights.append(lam)
+        rows.append(
+            (
+                fit.cost,
+                scipy.stats.chi2.ppf(level, freedom),
+                _colour(search, residual),
+                len(fit.which),
+            )
+        )
+    names = ("chi2", "limit", "correlation", "nonzeros")
+    table = xr.Dataset(
+        {n: ("lam", np.array(c)) for n, c in zip(names, zip(*rows, strict=True), strict=True)},
+        coords={"lam": weights},
+    )
+    bound = float(scipy.stats.chi2.ppf(level, LAGS * search.filter.y.shape[1]))
+    table["correlation_limit"] = ("lam", np.full(len(weights), bound))
+    table["price"] = table["chi2"] + 2 * np.log(len(search.step)) * table["nonzeros"]
+    best = int(np.argmin(table["price"].values))
+    chosen = table.isel(lam=best)
+    white = chosen["chi2"] <= chosen["limit"] and chosen["correlation"] <= bound
+    return LambdaChoice(float(weights[best]), table, bool(white))
+
+
+def _colour(search: ForceSearch, residual: Array) -> float:
+    """Sum over sensors and lags of n times the squared correlation; chi-squared if white."""
+    w = residual.reshape(search.filter.y.shape)
+    power = np.maximum((w**2).sum(axis=0), np.finfo(float).tiny)
+    return float(
+        sum(
+            (len(w) * ((w[lag:] * w[: len(w) - lag]).sum(axis=0) / power) ** 2).sum()
+            for lag in range(1, min(LAGS + 1, len(w)))
+        )
+    )
+
+
+def lambda_from_sensors(
+    estimator: CompressiveSensingMHE,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    points: int = 30,
+) -> LambdaChoice:
+    """Largest weight with which the other sensors predict each sensor as well as with any.
+
+    One sensor after the other is left out. Forces and states that are found from the others say
+    what it should have shown; too few forces do not, and neither do forces that follow the noise.
+    Some too many do little harm, so that it is the largest weight whose squared errors are not
+    larger than the smallest by more than the standard error of their difference.
+
+    This needs sensors enough that any one of them may be missing, and less trust in the stated
+    noise than the other ways.
+
+    Parameters
+    ----------
+    estimator : CompressiveSensingMHE
+        Its `lam` is not used.
+    model : Model
+    recording : xarray.Dataset
+    points : int
+        Weights that are compared, between a hundredth of the largest and the largest.
+
+    Returns
+    -------
+    LambdaChoice
+        ``table`` has ``error (lam, output)``, the root mean square error of the prediction in
+        standard deviations of the sensor. `reached` is false if the best weight is at an end.
+
+    Raises
+    ------
+    TuningError, ModelError
+        As `sparse_forces`.
+    DataError
+        As `sparse_forces`, or if there is only one sensor.
+    """
+    outputs = [s.name for s in model.outputs]
+    if len(outputs) < 2:
+        raise DataError("one sensor cannot predict itself; use lambda_from_noise")
+    largest = 2 * np.abs(unweighted(estimator, model, recording).regression.correlation).max()
+    grid = np.geomspace(largest, LEAST * largest, points)
+    squares = np.array([_left_out(estimator, model, recording, name, grid) for name in outputs])
+    error = np.sqrt(np.nanmean(squares, axis=2)).T
+    table = xr.Dataset(
+        {"error": (("lam", "output"), error)}, coords={"lam": grid, "output": outputs}
+    )
+    total = np.nansum(squares, axis=0)
+    best = int(total.sum(axis=1).argmin())
+    worse = total - total[best]
+    doubt = worse.std(axis=1) / np.sqrt(worse.shape[1])
+    first = int(np.argmax(worse.mean(axis=1) <= doubt))
+    return LambdaChoice(float(grid[first]), table, first > 0 and best < points - 1)
+
+
+def _left_out(
+    estimator: CompressiveSensingMHE,
+    model: Model,
+    recording: xr.Dataset,
+    name: str,
+    grid: Array,
+) -> Array:
+    """Squared errors (weights, n) at a sensor that the others predict, in variances."""
+    others = recording.copy()
+    others["y"] = recording["y"].where(recording["output"] != name)
+    search = unweighted(estimator, model, others)
+    path = whole_path(search, LEAST)
+    f = search.filter
+    forced, s = f.forced, f.forced.system.s
+    i = [output.name for output in model.outputs].index(name)
+    y = recording["y"].sel(output=name).values / s.sy[i]
+    scale = np.sqrt(s.R[i, i])
+    found = []
+    for lam in grid:
+        fit = refit(search.regression, path.at(max(lam, path.lam[-1]))[0])
+        d = search.forces(fit.which, fit.values)
+        x, _ = f.smoothed(d)
+        shown = x @ forced.system.C[i] + f.u @ forced.system.D[i, : forced.nu] + d @ forced.F[i]
+        found.append(((y - shown) / scale) ** 2)
+    return np.array(found)
