@@ -1,0 +1,79 @@
+"""Study of randomly struck beams: the paper's method beside its extensions."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from backsight.errors import DataError
+from backsight.output import whole, write_whole
+from backsight.studies.beam_random.experiment import Experiment, Progress, carry_out
+from backsight.studies.beam_random.figures import draw
+from backsight.studies.beam_random.page import FIELDS, TITLE, build, short
+from backsight.studies.beam_random.verdicts import checks
+from backsight.studies.checks import write_checks
+from backsight.studies.sheets import write_sheet
+from backsight.studies.study import Findings, Study
+
+PAGE = "study.html"
+
+SCENARIOS = 50
+
+
+def run(
+    out: str | os.PathLike[str],
+    *,
+    seeds: Sequence[int] = range(SCENARIOS),
+    recordings: Sequence[str | os.PathLike[str]] = (),
+    progress: Progress = lambda _what, _share: None,
+) -> Findings:
+    """Carry out the study and write its page, tables, figures and ``checks.json``.
+
+    It starts one process per core; a program that calls this needs the usual
+    ``if __name__ == "__main__":``.
+
+    Parameters
+    ----------
+    out : path
+        Folder for the results; made if it does not exist.
+    seeds : sequence of int
+        One for each scenario.
+    recordings : sequence of path
+        Must be empty: this study knows its beam and simulates it.
+    progress : callable
+        Told what is being done and the share of the work that is done.
+
+    Returns
+    -------
+    Findings
+
+    Raises
+    ------
+    DataError
+        If there is no seed, one is negative, or a recording is given.
+    OutputError
+        If the folder cannot be written.
+    """
+    if recordings:
+        raise DataError("the study of the beam is a simulation and takes no recordings")
+    if not seeds or min(seeds) < 0:
+        raise DataError("the study of the beam needs a seed, and none may be negative")
+    with whole(out) as folder:
+        experiment = carry_out(seeds, progress)
+        found = checks(experiment)
+        write_checks(folder / "checks.json", found)
+        write_sheet(folder / "methods.csv", *_sheet(experiment))
+        figures = draw(experiment, folder)
+        write_whole(folder / PAGE, build(experiment, found, figures).encode())
+        progress("", 1.0)
+    lines = [f"- {point}" for point in short(experiment, found)]
+    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+
+
+def _sheet(e: Experiment) -> tuple[list[str], list[list[object]]]:
+    rows: list[list[object]] = [
+        [method, m, *(e.mean(method, m, field) for field in FIELDS)] for method, m in e.outcomes
+    ]
+    return ["method", "mismatch_percent", *FIELDS], rows
+
+
+STUDY = Study("beam_random", TITLE, run, seeds=SCENARIOS)
