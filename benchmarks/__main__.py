@@ -22,17 +22,23 @@ def main() -> None:
     """Measure, print, and write results and the page of the documentation."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=main.__doc__)
     parser.add_argument("--quick", action="store_true", help="few rounds and sizes; writes nothing")
-    quick = parser.parse_args().quick
+    parser.add_argument(
+        "--only", metavar="WORDS", help="tables with these words in the title; writes nothing"
+    )
+    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as cache:
         # The libraries read these when they are imported; everything is compiled anew.
         os.environ.update(ENVIRONMENT, BACKSIGHT_CACHE=cache)
         from benchmarks import measure
 
         began = time.perf_counter()
-        run = measure.everything(quick=quick)
-        run.tell()
-        if not quick:
-            run.keep(ROOT)
+        if arguments.only:
+            measure.some(arguments.only, quick=arguments.quick)
+        else:
+            run = measure.everything(quick=arguments.quick)
+            run.tell()
+            if not arguments.quick:
+                run.keep(ROOT)
     print(f"\ntook {time.perf_counter() - began:.0f} s")
 
 

@@ -5,10 +5,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from benchmarks import contests, startup
+from benchmarks import beam_contests, contests, noise_contests, scaling, startup
 from benchmarks.contest import Row
+from benchmarks.process_noise import ACTIVE, BOUNDS, FREE, INACTIVE
 from benchmarks.scaling import Point
 from benchmarks.startup import Startup
+from benchmarks.struck_beam import CASES
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,6 +93,8 @@ def bars(measured: Measured) -> list[Bar]:
                     ratio(contests.LIMITED, contests.OSQP),
                     5,
                 ),
+                **_noise_ratios(measured),
+                **_beam_ratios(measured),
             }
         ),
         *_most(
@@ -129,6 +133,8 @@ def bars(measured: Measured) -> list[Bar]:
                     measured.difference(contests.LIMITED, contests.OSQP),
                     1e-8,
                 ),
+                **_noise_times(measured),
+                **_beam_times(measured),
                 "EKF: 60 states, row of masses, against NumPy with BLAS [times as long]": (
                     large(contests.CHAIN),
                     3,
@@ -155,6 +161,83 @@ def bars(measured: Measured) -> list[Bar]:
 
 
 Figures = dict[str, tuple[float, float]]
+
+
+def _noise_ratios(measured: Measured) -> Figures:
+    """Process noise: how many times faster than general solvers, all of them converged."""
+    table = noise_contests.title(INACTIVE)
+    ours = measured.time(table, noise_contests.CONVERGED)
+    peers = {
+        "do-mpc (IPOPT)": (noise_contests.DO_MPC, 200),
+        "CasADi with fatrop": (noise_contests.FATROP, 30),
+        "CasADi with hpipm": (noise_contests.HPIPM, 30),
+    }
+    return {
+        f"MHE, process noise: converged, against {name} [times faster]": (
+            measured.time(table, peer) / ours,
+            bar,
+        )
+        for name, (peer, bar) in peers.items()
+    }
+
+
+def _noise_times(measured: Measured) -> Figures:
+    """Process noise: times, difference from the minimiser, growth, many states."""
+    limits = {FREE: 15, INACTIVE: 25, ACTIVE: 60}
+    differences = [
+        measured.difference(noise_contests.title(bounds), noise_contests.CONVERGED)
+        for bounds in BOUNDS
+    ]
+    growth = scaling.exponent(measured.points, scaling.WINDOW, scaling.ESTIMATOR)
+    large = measured.time(noise_contests.title(INACTIVE), noise_contests.LARGE)
+    return {
+        **{
+            f"MHE, process noise: {bounds} [us per sample]": (
+                measured.time(noise_contests.title(bounds), noise_contests.TWO),
+                bar,
+            )
+            for bounds, bar in limits.items()
+        },
+        "MHE, process noise: difference from IPOPT [scaled states]": (_worst(differences), 1e-8),
+        "MHE, process noise: exponent of the time against N": (growth, 1.1),
+        "MHE, process noise: 30 states, N = 20 [ms per sample]": (1e-3 * large, 5),
+    }
+
+
+def _beam_ratios(measured: Measured) -> Figures:
+    """Sparse forces: how many times faster, in the worst of the four cases."""
+
+    def least(peer: str) -> float:
+        tables = map(beam_contests.title, CASES)
+        shares = [measured.time(t, beam_contests.NATIVE) / measured.time(t, peer) for t in tables]
+        return 1 / _worst(shares)
+
+    return {
+        "CS-MHE: Algorithm 1 against CVXPY with Clarabel, worst case [times faster]": (
+            least(beam_contests.CLARABEL),
+            250,
+        ),
+        "CS-MHE: Algorithm 1 against OSQP, worst case [times faster]": (
+            least(beam_contests.OSQP),
+            30,
+        ),
+    }
+
+
+def _beam_times(measured: Measured) -> Figures:
+    """Sparse forces: time and difference in the worst of the four cases."""
+    tables = [beam_contests.title(case) for case in CASES]
+    times = [measured.time(table, beam_contests.NATIVE) for table in tables]
+    differences = [measured.difference(table, beam_contests.OSQP) for table in tables]
+    return {
+        "CS-MHE: Algorithm 1, worst case of Table 3 [us per window]": (_worst(times), 30),
+        "CS-MHE: forces, difference from OSQP, worst case [N]": (_worst(differences), 1e-8),
+    }
+
+
+def _worst(values: Sequence[float]) -> float:
+    """The largest; NaN if one is missing."""
+    return float(np.max(values))
 
 
 def _least(figures: Figures) -> list[Bar]:

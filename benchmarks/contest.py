@@ -7,6 +7,7 @@ several threads twice.
 """
 
 import dataclasses
+import importlib
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -52,6 +53,15 @@ class Entry:
 
     name: str
     build: Callable[[], Contender]
+
+
+def peer(module: str, function: str, *arguments: object) -> Callable[[], Contender]:
+    """A builder that imports the peer only when it is called."""
+
+    def build() -> Contender:
+        return getattr(importlib.import_module(f"benchmarks.peers.{module}"), function)(*arguments)
+
+    return build
 
 
 @dataclasses.dataclass(frozen=True)

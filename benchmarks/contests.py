@@ -2,12 +2,11 @@
 
 import importlib
 import os
-from collections.abc import Callable
 from functools import partial
 
 from backsight.solvers.gauss_newton import GaussNewton
-from benchmarks import ours, problems
-from benchmarks.contest import Contender, Contest, Entry
+from benchmarks import beam_contests, noise_contests, ours, problems
+from benchmarks.contest import Contender, Contest, Entry, peer
 from benchmarks.problems import Problem
 
 NATIVE = "Backsight, native"
@@ -48,6 +47,8 @@ def contests() -> tuple[Contest, ...]:
         _unscented(problems.punch_filter()),
         _filters(),
         _limited(),
+        *noise_contests.contests(),
+        *beam_contests.contests(),
         _large(CHAIN, problems.chain(30)),
         _large(DENSE, problems.dense(60)),
     )
@@ -90,11 +91,11 @@ def _window(observer: Problem) -> Contest:
             ),
             Entry("Backsight, 2 iterations", partial(ours.on_windows, problems.TWICE)),
             Entry("Backsight, to convergence", partial(ours.on_windows, GaussNewton())),
-            Entry("CasADi sqpmethod, qrqp", _peer("casadi_nlp", "build", "sqpmethod")),
-            Entry("CasADi IPOPT", _peer("casadi_nlp", "build", "ipopt")),
-            Entry(DO_MPC, _peer("do_mpc_mhe", "on_windows")),
-            Entry("do-mpc, make_step", _peer("do_mpc_mhe", "streaming")),
-            Entry("SciPy SLSQP, central differences", _peer("scipy_slsqp", "build")),
+            Entry("CasADi sqpmethod, qrqp", peer("casadi_nlp", "build", "sqpmethod")),
+            Entry("CasADi IPOPT", peer("casadi_nlp", "build", "ipopt")),
+            Entry(DO_MPC, peer("do_mpc_mhe", "on_windows")),
+            Entry("do-mpc, make_step", peer("do_mpc_mhe", "streaming")),
+            Entry("SciPy SLSQP, central differences", peer("scipy_slsqp", "build")),
         ),
         "The same cost, bounds and prior for all; difference from the converged minimiser.",
     )
@@ -106,9 +107,9 @@ def _extended(problem: Problem) -> Contest:
         "us per sample",
         (
             Entry(NATIVE, partial(ours.machine_code, problem)),
-            Entry("dynamax (JAX), whole recording", _peer("dynamax_ekf", "build", problem)),
+            Entry("dynamax (JAX), whole recording", peer("dynamax_ekf", "build", problem)),
             Entry(VIRTUAL, partial(ours.virtual_machine, problem)),
-            Entry(FILTERPY, _peer("filterpy_kf", "extended", problem, 300)),
+            Entry(FILTERPY, peer("filterpy_kf", "extended", problem, 300)),
         ),
         "6 states, 8 Heun sub-steps.",
     )
@@ -121,7 +122,7 @@ def _unscented(problem: Problem) -> Contest:
         (
             Entry(NATIVE, partial(ours.machine_code, problem)),
             Entry(VIRTUAL, partial(ours.virtual_machine, problem)),
-            Entry(FILTERPY, _peer("filterpy_kf", "unscented", problem, 300)),
+            Entry(FILTERPY, peer("filterpy_kf", "unscented", problem, 300)),
         ),
         "5 states, 4 Heun sub-steps, punch.",
     )
@@ -150,7 +151,7 @@ def _limited() -> Contest:
             Entry(NATIVE, partial(ours.machine_code, problem)),
             Entry(GAPS, partial(ours.machine_code, gaps)),
             Entry(VIRTUAL, partial(ours.virtual_machine, problem)),
-            Entry(OSQP, _peer("osqp_qp", "build", problem)),
+            Entry(OSQP, peer("osqp_qp", "build", problem)),
         ),
         "Two masses with an unknown force that switches between its bounds: more than half of the "
         "samples in a window are at one. OSQP gets the window already condensed to its 21 limited "
@@ -164,7 +165,7 @@ def _large(title: str, problem: Problem) -> Contest:
         "us per sample",
         (
             Entry(NATIVE, partial(ours.machine_code, problem)),
-            Entry(NUMPY, _peer("numpy_ekf", "build", problem)),
+            Entry(NUMPY, peer("numpy_ekf", "build", problem)),
         ),
     )
 
@@ -181,12 +182,3 @@ def _lanes(problem: Problem, recordings: int, threads: int) -> Contender:
 def _generated(problem: Problem, way: str, *, fast: bool) -> Contender:
     module = importlib.import_module("benchmarks.peers.casadi_c")
     return getattr(module, way)(problem, module.FAST if fast else [])
-
-
-def _peer(module: str, function: str, *arguments: object) -> Callable[[], Contender]:
-    """A builder that imports the peer only when it is called."""
-
-    def build() -> Contender:
-        return getattr(importlib.import_module(f"benchmarks.peers.{module}"), function)(*arguments)
-
-    return build

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from backsight.output import write_whole
+from benchmarks.accuracy import Accuracy
 from benchmarks.bars import Bar, Measured
 from benchmarks.efficiency import Efficiency
 
@@ -19,6 +20,7 @@ def write(
     machine: Mapping[str, str],
     measured: Measured,
     efficiencies: Sequence[Efficiency],
+    accuracies: Sequence[Accuracy],
     bars: Sequence[Bar],
 ) -> None:
     """Write everything into a folder."""
@@ -30,6 +32,7 @@ def write(
         "efficiency": efficiencies,
     }.items():
         table(folder / f"{name}.csv", [dataclasses.asdict(record) for record in records])
+    table(folder / "accuracy.csv", [accuracy.record() for accuracy in accuracies])
     text = json.dumps([dataclasses.asdict(bar) for bar in bars], indent=2) + "\n"
     write_whole(folder / "bars.json", text.encode())
 

@@ -24,6 +24,9 @@ PACKAGES = (
     "dynamax",
     "jax",
     "control",
+    "cvxpy",
+    "clarabel",
+    "osqp",
 )
 
 

@@ -4,9 +4,10 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import contests, files, flops, page, scaling, startup
+from benchmarks import accuracy, contests, files, flops, page, scaling, startup
+from benchmarks.accuracy import Accuracy
 from benchmarks.bars import Bar, Measured, bars
-from benchmarks.contest import Contest, race
+from benchmarks.contest import Contest, Row, race
 from benchmarks.efficiency import Efficiency, efficiencies
 from benchmarks.machine import machine
 from benchmarks.peers import control_mhe
@@ -22,6 +23,7 @@ class Run:
     studies: Sequence[Study]
     measured: Measured
     efficiencies: Sequence[Efficiency]
+    accuracies: Sequence[Accuracy]
     bars: Sequence[Bar]
 
     def tell(self) -> None:
@@ -29,15 +31,16 @@ class Run:
         for name, value in self.machine.items():
             print(f"{name:34} {value}")
         for contest in self.contests:
-            print(f"\n{contest.title} [{contest.unit}]")
-            for name, best, median, ratio, difference in page.rows_of(contest, self.measured.rows):
-                print(f"  {name:62} {best:>9} {median:>9} {ratio:>9} {difference:>7}")
+            tell(contest, self.measured.rows)
         print()
         for once in self.measured.startups:
             print(f"{once.name:34} {once.best:7.3f} s, median {once.median:.3f} s")
         for e in self.efficiencies:
             share = f"{e.of_scalar:.0%} of scalar peak, {e.of_vector:.0%} of vector peak"
             print(f"{e.name:60} {e.operations:7} operations, {e.speed:5.1f} GFlop/s, {share}")
+        for a in self.accuracies:
+            errors = ", ".join(f"{name} {100 * value:.2f} %" for name, value in a.errors.items())
+            print(f"{a.name:60} {a.time:9.1f} us per sample, {a.failure or errors}")
         print()
         for bar in self.bars:
             value = "not measured" if bar.value is None else f"{bar.value:.4g}"
@@ -50,12 +53,28 @@ class Run:
             "machine": self.machine,
             "measured": self.measured,
             "efficiencies": self.efficiencies,
+            "accuracies": self.accuracies,
             "bars": self.bars,
         }
         files.write(root / "benchmarks" / "results", **found)
         page.write(
             root / "docs" / "benchmarks.md", **found, contests=self.contests, studies=self.studies
         )
+
+
+def tell(contest: Contest, rows: Sequence[Row]) -> None:
+    """Print a table."""
+    print(f"\n{contest.title} [{contest.unit}]")
+    for name, best, median, ratio, difference in page.rows_of(contest, rows):
+        print(f"  {name:62} {best:>9} {median:>9} {ratio:>9} {difference:>7}")
+
+
+def some(words: str, *, quick: bool) -> None:
+    """Measure and print the tables that have these words in their titles."""
+    rounds, seconds = (3, 1.0) if quick else (25, 4.0)
+    for contest in contests.contests():
+        if words in contest.title:
+            tell(contest, race(contest, rounds=rounds, seconds=seconds))
 
 
 def everything(*, quick: bool) -> Run:
@@ -75,5 +94,14 @@ def everything(*, quick: bool) -> Run:
     for study in studies:
         print(f"timing: time per sample against {study.axis}", flush=True)
         points += scaling.carry_out(study, rounds=rounds, seconds=seconds / 4)
+    print("comparing the errors of estimators", flush=True)
     measured = Measured(rows, startups, points)
-    return Run(described, tables, studies, measured, efficiencies(rows, peak), bars(measured))
+    return Run(
+        described,
+        tables,
+        studies,
+        measured,
+        efficiencies(rows, peak),
+        accuracy.accuracies(),
+        bars(measured),
+    )

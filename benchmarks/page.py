@@ -8,6 +8,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from backsight.output import write_whole
 from backsight.report.figures import figure, label, line, save
+from benchmarks.accuracy import JUDGED, Accuracy
 from benchmarks.bars import Bar, Measured
 from benchmarks.contest import Contest, Row
 from benchmarks.efficiency import Efficiency
@@ -22,6 +23,7 @@ def write(
     machine: Mapping[str, str],
     measured: Measured,
     efficiencies: Sequence[Efficiency],
+    accuracies: Sequence[Accuracy],
     bars: Sequence[Bar],
     contests: Sequence[Contest],
     studies: Sequence[Study],
@@ -32,6 +34,7 @@ def write(
         "machine": _table(("", ""), machine.items()),
         "bars": "\n\n".join([verdict(bars), _bars(bars)]),
         "times": "\n\n".join(_contest(c, measured.rows) for c in contests),
+        "accuracy": _accuracies(accuracies),
         "startup": _table(
             ("once", "least [s]", "median [s]"),
             ((s.name, f"{s.best:.3g}", f"{s.median:.3g}") for s in measured.startups),
@@ -146,6 +149,18 @@ def _efficiencies(efficiencies: Sequence[Efficiency]) -> str:
                 f"{100 * e.of_vector:.0f} %",
             )
             for e in efficiencies
+        ),
+    )
+
+
+def _accuracies(accuracies: Sequence[Accuracy]) -> str:
+    return _table(
+        ("", *(f"{name} [%]" for name in JUDGED.values()), "us per sample"),
+        (
+            (a.name, a.failure, *[""] * len(JUDGED))
+            if a.failure
+            else (a.name, *(f"{100 * e:.2g}" for e in a.errors.values()), _number(a.time))
+            for a in accuracies
         ),
     )
 

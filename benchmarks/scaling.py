@@ -7,9 +7,9 @@ import numpy as np
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import lanes, native
-from backsight.estimators import MHO
+from backsight.estimators import MHE, MHO
 from backsight.types import Array
-from benchmarks import flops, problems
+from benchmarks import flops, problems, process_noise, struck_beam
 from benchmarks.contest import Contender, turns
 from benchmarks.ours import stage_recordings
 from benchmarks.peers import numpy_ekf
@@ -55,6 +55,9 @@ class Study:
 
 OBSERVER = "moving horizon observer"
 EKF = "extended Kalman filter"
+ESTIMATOR = "moving horizon estimator, process noise"
+SPARSE = "compressive-sensing estimator"
+WINDOW = "window"
 
 
 def studies(*, quick: bool) -> tuple[Study, ...]:
@@ -66,11 +69,25 @@ def studies(*, quick: bool) -> tuple[Study, ...]:
     substeps = sizes(1, 2, 4, 8, 16, 32)
     recordings = sizes(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
     states = sizes(2, 4, 6, 8, 10, 12, 14, 20, 30, 40, 50, 60)
+    horizons, no_bounds = sizes(5, 10, 15, 25, 50, 100, 200), process_noise.FREE
     return (
         Study(
-            "window",
+            WINDOW,
             "horizon N [samples]",
-            {OBSERVER: (sizes(5, 10, 15, 25, 50, 100, 200), lambda n: problems.observer(N=n))},
+            {
+                OBSERVER: (horizons, lambda n: problems.observer(N=n)),
+                ESTIMATOR: (horizons, lambda n: process_noise.problem(no_bounds, N=n)),
+            },
+        ),
+        Study(
+            "sparse-window",
+            "horizon N [samples], 8 nodes",
+            {SPARSE: (sizes(5, 10, 15, 20, 30, 40, 50), struck_beam.with_horizon)},
+        ),
+        Study(
+            "nodes",
+            "nodes, 11 samples",
+            {SPARSE: (sizes(8, 16, 32, 64, 128, 200), struck_beam.with_nodes)},
         ),
         Study(
             "substeps",
@@ -124,6 +141,13 @@ def carry_out(study: Study, *, rounds: int, seconds: float) -> list[Point]:
     ]
 
 
+def exponent(points: Sequence[Point], study: str, series: str) -> float:
+    """Slope of the time against the size in logarithms, by least squares."""
+    here = [p for p in points if (p.study, p.series) == (study, series)]
+    sizes, times = (np.log([getattr(p, name) for p in here]) for name in ("size", "best"))
+    return float(np.polyfit(sizes, times, 1)[0])
+
+
 def _heun(substeps: int) -> Integrator:
     return Integrator("heun", substeps)
 
@@ -134,7 +158,7 @@ def _observed_chain(states: int) -> Problem:
 
 
 def _single(problem: Problem) -> Contender:
-    samples = SAMPLES if isinstance(problem.estimator, MHO) else len(problem.data[0])
+    samples = SAMPLES if isinstance(problem.estimator, MHO | MHE) else len(problem.data[0])
     data = [d[:samples] for d in problem.data]
     recursion = problem.recursion
 

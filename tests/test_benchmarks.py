@@ -1,11 +1,15 @@
 """The benchmarks can be built, and say so when a contender cannot take part."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
-from benchmarks import bars, contest, page, problems
-from benchmarks.peers import numpy_ekf
+from benchmarks import accuracy, bars, contest, page, problems, process_noise, scaling
+from benchmarks.peers import numpy_ekf, shooting_nlp
 
 from backsight.engine import vm
+from backsight.solvers.gauss_newton import GaussNewton
 
 
 @pytest.mark.parametrize(
@@ -54,3 +58,36 @@ def test_generated_parts_of_the_page_are_replaced():
     assert twice.endswith("\nafter")
     with pytest.raises(ValueError, match="no place for 'y'"):
         page.replaced(text, "y", "")
+
+
+def test_the_page_has_a_place_for_every_generated_part(tmp_path):
+    copy = tmp_path / "benchmarks.md"
+    shutil.copy(Path(page.__file__).parent.parent / "docs" / "benchmarks.md", copy)
+    found = accuracy.Accuracy("estimator", {"speed": 0.5, "gain": 0.0312}, 12.3)
+    missing = accuracy.Accuracy("peer", {}, np.nan, "not installed: peer")
+    page.write(
+        copy,
+        machine={},
+        measured=bars.Measured([], [], []),
+        efficiencies=[],
+        accuracies=[found, missing],
+        bars=[],
+        contests=[],
+        studies=[],
+    )
+    text = copy.read_text(encoding="utf-8")
+    assert "| estimator | 50 | 3.1 | 12.3 |" in text
+    assert "| peer | not installed: peer |" in text
+
+
+def test_growth_is_the_slope_in_logarithms():
+    points = [scaling.Point("s", "a", n, 3.0 * n**1.25, 0.0) for n in (2, 4, 8, 100)]
+    points.append(scaling.Point("s", "b", 5, 1.0, 0.0))
+    assert scaling.exponent(points, "s", "a") == pytest.approx(1.25)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bounds", process_noise.BOUNDS)
+def test_windows_with_process_noise_are_solved_as_by_ipopt(bounds):
+    expected = shooting_nlp.minimisers(bounds)
+    assert process_noise.native_engine(bounds, GaussNewton(), expected).difference() < 1e-8
