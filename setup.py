@@ -38,7 +38,7 @@ setup(
             sources=[
                 (KERNELS / f"{name}.c").as_posix() for name in ("bridge", *SOURCES["names"]())
             ],
-            depends=[(KERNELS / "kernels.h").as_posix()],
+            depends=[file.as_posix() for file in sorted(KERNELS.glob("*.h"))],
             define_macros=[
                 ("KERNELS", " ".join(f"X({name})" for name in SOURCES["names"]())),
                 ("SOURCES", SOURCES["fingerprint"]()),

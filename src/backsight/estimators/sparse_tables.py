@@ -106,16 +106,16 @@ def tables(forced: Forced, shapes: Array, *, N: int, lag: int) -> Tables:
     both = np.hstack([start, seen_force])
     Z = scipy.linalg.cho_solve(factor, both)
     gram = both.T @ Z
-    places = []
+    gains, effects, variances = [Z.T], [gram], []
     for at in (1, N - lag, N + 1):
-        Kt = scipy.linalg.cho_solve(factor, cross[at])
-        V = P[at] - cross[at].T @ Kt
-        places.append((powers[at] - Kt.T @ start, Kt, V, by_force[at] - Kt.T @ seen_force))
-    full = (Z, gram[:nx, :nx], gram[nx:, :nx], gram[nx:, nx:])
-    points = tuple(np.hstack(column) for column in zip(*places, strict=True))
+        gain = scipy.linalg.cho_solve(factor, cross[at]).T
+        gains.append(gain)
+        effects.append(gain @ both - np.hstack([powers[at], by_force[at]]))
+        variances.append(P[at] - gain @ cross[at])
+    full = tuple(map(np.vstack, (gains, effects, variances)))
     modal = np.einsum("pf,fwa->pwa", onto, shapes).reshape(-1, shapes.shape[2], order="F")
     atoms = (modal, modal.T, shapes.reshape(len(shapes), -1, order="F"))
-    return Tables(problem, (*full, *points), atoms, p, steps)
+    return Tables(problem, full, atoms, p, steps)
 
 
 def _modal(forced: Forced) -> tuple[Array, Array]:

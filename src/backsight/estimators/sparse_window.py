@@ -27,7 +27,8 @@ class Solved:
     Parameters
     ----------
     alpha, extra, variance : MX
-        Factors of the atoms, their extra states, and the variance of the sum, (atoms, steps).
+        Factors of the atoms, their extra states, and the variance of the sum, (atoms, steps); the
+        variance is 0 if nothing carries it on.
     x, P : list of MX
         Second state of the window, state of the output, state after the window: deviation from
         the motion without forces (nx, 1), covariance (nx, nx).
@@ -64,7 +65,8 @@ class Solver:
     arrival, correction : int
         As the kernel counts them.
     carries : bool
-        Whether extra states, or priors, may keep atoms active beyond the independent ones.
+        Whether the next window expects what was found: then variances are needed, and extra states,
+        or priors, may keep atoms active beyond the independent ones.
     limit : int
         Steps of the active set.
     """
@@ -94,7 +96,7 @@ class Solver:
         t, system = self.tables, self.forced.system
         nx, ny = len(system.A), len(system.C)
         most = (2 if self.carries else 1) * min(atoms, t.modal) * t.steps + MARGIN
-        options = self.limit, self.arrival, self.correction
+        options = self.limit, self.arrival, self.correction, int(self.carries)
         return nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
 
     def solve(
@@ -120,7 +122,8 @@ class Solver:
         nx, nf = len(self.forced.system.A), len(self.forced.names)
         options = [self.threshold, ROUNDING * self.lam, float(self.lag)]
         constants = [*self.tables.problem, *self.tables.full, *self.tables.atoms]
-        given = [ca.MX(ca.DM(a)) for a in (*constants, self.side, np.array(options))]
+        side = np.tile(self.side, self.tables.steps)
+        given = [ca.MX(ca.DM(a)) for a in (*constants, side, np.array(options))]
         alpha, extra, variance, x, P_all, forces, info = foreign.call(
             "cs_window",
             self.sizes,

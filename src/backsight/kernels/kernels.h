@@ -10,7 +10,7 @@
  * All results are written in every call. The work space w, iw holds nothing between two calls.
  * There is no allocation, no recursion and no global variable, every loop ends, and nothing but
  * <math.h> is used. Names of helpers begin with NAME_, since an exported program includes the
- * kernels that it uses into one file.
+ * kernels that it uses into one file. A long kernel keeps its parts in files NAME_part.h.
  */
 #ifndef BACKSIGHT_KERNELS_H
 #define BACKSIGHT_KERNELS_H

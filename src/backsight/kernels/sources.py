@@ -1,6 +1,7 @@
 """The sources of the kernels; needs nothing, since the build uses it, too."""
 
 import hashlib
+import itertools
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
@@ -17,7 +18,8 @@ def names() -> list[str]:
 
 def files(kernels: list[str] | tuple[str, ...]) -> list[Path]:
     """Everything that is needed to compile these kernels."""
-    return [FOLDER / "kernels.h", *(FOLDER / f"{name}.c" for name in kernels)]
+    own = ([*sorted(FOLDER.glob(f"{name}_*.h")), FOLDER / f"{name}.c"] for name in kernels)
+    return [FOLDER / "kernels.h", *itertools.chain.from_iterable(own)]
 
 
 def fingerprint() -> str:

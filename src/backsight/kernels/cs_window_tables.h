@@ -1,0 +1,105 @@
+/* The problem of a window, and what follows from its model and from what was measured. */
+#ifndef CS_WINDOW_TABLES_H
+#define CS_WINDOW_TABLES_H
+
+#include "cs_window_algebra.h"
+
+enum { AT_ARRIVAL, AT_OUTPUT, AT_NEXT, PLACES }; /* the first is left out if it is filtered */
+enum { ARRIVAL_NONE, ARRIVAL_CONSTANT, ARRIVAL_FILTERED, ARRIVAL_SMOOTHED };
+
+/* Arguments: the problem; its tables where all was measured; the atoms; the window. */
+enum {
+    ARG_O, ARG_G, ARG_S0, ARG_POWERS, ARG_P, ARG_CROSS, ARG_MOVED,
+    ARG_W, ARG_J, ARG_V,
+    ARG_ATOMS, ARG_ACROSS, ARG_PSI, ARG_SIDE, ARG_OPTIONS,
+    ARG_R, ARG_MASK, ARG_ABSENT, ARG_PA, ARG_LAM, ARG_Q, ARG_C, ARG_EXTRA_Q, ARG_EXTRA_C, ARG_WARM
+};
+
+typedef struct {
+    int nx, ny, p, width, atoms, steps, N, forces, most, limit, arrival, correction, carries;
+    int m, d, n; /* rows, modal forces, atoms of the whole window */
+} cs_window_sizes;
+
+/* Given the forces f and the first state dx, the states of interest are K r + Phi dx + E f with
+   covariance V. Rows lie on top of each other:
+
+       W = [O' S0^-1; G' S0^-1; K],   J = [O' S0^-1 O, O' S0^-1 G; G' S0^-1 O, G' S0^-1 G; -Phi, -E]
+
+   so that W r - J [dx; f] is the gradient, halved, and the states. */
+typedef struct {
+    int nx, d, m, rows;
+    const real *W, *J, *V; /* V: the covariances on top of each other */
+} cs_window_tables;
+
+static cs_window_sizes cs_window_read(const int *s)
+{
+    cs_window_sizes z = {s[0], s[1], s[2],  s[3],  s[4],  s[5], s[6], s[7],
+                         s[8], s[9], s[10], s[11], s[12], 0,    0,    0};
+    z.m = z.ny * (z.N + 1);
+    z.d = z.p * z.steps;
+    z.n = z.atoms * z.steps;
+    return z;
+}
+
+/* Numbers that the tables take, and the work space to make them. */
+static long cs_window_tables_size(long nx, long d, long m, long places)
+{
+    const long rows = nx + d + places * nx;
+    return m * m + rows * (m + rows) + places * nx * nx;
+}
+
+/* Tables of the first m rows and d modal forces, as far as they were measured, for the states `at`.
+   A row that was not measured is one of zeros with unit variance. */
+static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *const *arg,
+                                          const real *mask, int m, int d, const int *at,
+                                          int places, real *w)
+{
+    const int nx = z->nx, known = nx + d, rows = known + places * nx;
+    real *L = w, *W = L + m * m, *J = W + rows * m, *V = J + rows * rows;
+    for (int j = 0; j < m; ++j)
+        for (int i = 0; i < m; ++i)
+            L[i + j * m] = mask[i] * mask[j] != 0 ? arg[ARG_S0][i + j * z->m] : (real)(i == j);
+    cs_window_factor(L, m);
+    cs_window_ready(L, m);
+    for (int i = 0; i < m; ++i) { /* L^-1 [O G cross]', row by row, as columns of W */
+        real *row = W + i * rows;
+        for (int k = 0; k < nx; ++k) row[k] = mask[i] * arg[ARG_O][i + k * z->m];
+        for (int k = 0; k < d; ++k) row[nx + k] = mask[i] * arg[ARG_G][i + k * z->m];
+        for (int q = 0; q < places; ++q)
+            for (int k = 0; k < nx; ++k)
+                row[known + q * nx + k] = mask[i] * arg[ARG_CROSS][i + (at[q] * nx + k) * z->m];
+        cs_window_product(row, -1, W, rows, L + i, m, rows, i);
+        for (int k = 0; k < rows; ++k) row[k] *= L[i + i * m];
+    }
+    for (int j = 0; j < rows; ++j) {
+        real *column = J + j * rows;
+        for (int i = j; i < rows; ++i) column[i] = 0;
+        cs_window_product(column + j, 1, W + j, rows, W + j, rows, rows - j, m);
+    }
+    for (int j = 0; j < known; ++j)
+        for (int i = 0; i < j; ++i) J[i + j * rows] = J[j + i * rows];
+    for (int q = 0; q < places; ++q)
+        for (int k = 0; k < nx; ++k) {
+            const int row = known + q * nx + k, from = at[q] * nx;
+            for (int j = 0; j < nx; ++j) {
+                const int col = known + q * nx + j, low = row > col ? row : col;
+                V[q * nx + k + j * places * nx] =
+                    arg[ARG_P][k + (from + j) * nx] - J[low + (row + col - low) * rows];
+                J[row + j * rows] -= arg[ARG_POWERS][k + (from + j) * nx];
+            }
+            for (int j = 0; j < d; ++j) {
+                const int on = at[q] - 1 - j / z->p; /* steps that the force has moved on for */
+                if (on >= 0)
+                    J[row + (nx + j) * rows] -= arg[ARG_MOVED][k + (on * z->p + j % z->p) * nx];
+            }
+        }
+    for (int i = m - 1; i >= 0; --i) { /* L'^-1, the same way */
+        real *row = W + i * rows;
+        cs_window_product(row, -1, row + rows, rows, L + i + 1 + i * m, 1, rows, m - 1 - i);
+        for (int k = 0; k < rows; ++k) row[k] *= L[i + i * m];
+    }
+    const cs_window_tables tables = {nx, d, m, rows, W, J, V};
+    return tables;
+}
+
+#endif
