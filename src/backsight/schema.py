@@ -1,12 +1,15 @@
 """Names, dimensions and status codes of every dataset: the only place where they are spelled.
 
 A *recording* has ``u (time, input)`` and ``y (time, output)``; ``NaN`` in ``y`` is "not measured".
+It may have ``sigma_factor (time, output)``: the standard deviation of the sample's noise by the
+nominal one, the estimator's ``sigma_y``; ``NaN`` and infinity are "not measured", too.
 A *result* has, beside the recording's ``u`` and ``y``, the variables of `RESULT_VARIABLES`.
 Units are coordinates: ``input_unit``, ``output_unit``, ``state_unit``. The unknown forces of a
 result, ``d_hat (time, force)``, have ``force_unit``, and ``force_position`` if that is known.
 """
 
 import enum
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -87,6 +90,12 @@ STATUS_TEXT = {
 }
 """Cause and remedy of every status bit."""
 
+SIGMA_FACTOR = "sigma_factor"
+"""Variable of a recording with the noise of single samples."""
+
+SMALLEST_FACTOR = 1e-6
+"""A smaller one would make a sample exact beside the others."""
+
 FAILURES = Status.NOT_FINITE
 """The bits after which the estimates are worthless; the driver raises on them."""
 
@@ -130,6 +139,18 @@ def recording(
         },
         attrs={"dt": float(dt), "schema": SCHEMA_VERSION},
     )
+
+
+def check_sigma_factor(factor: np.ndarray, names: Sequence[str], where: str) -> None:
+    """Raise `DataError` unless the factors (n, ny) are at least `SMALLEST_FACTOR` or NaN."""
+    bad = np.argwhere(factor < SMALLEST_FACTOR)
+    if len(bad):
+        k, i = bad[0]
+        raise DataError(
+            f"{where}: {SIGMA_FACTOR} of output '{names[i]}' is {factor[k, i]:g} at sample {k}; it "
+            f"must be {SMALLEST_FACTOR:g} or more (1 is the nominal noise), or NaN where not "
+            "measured"
+        )
 
 
 def check_result(result: xr.Dataset) -> None:

@@ -3,16 +3,18 @@
 import numpy as np
 
 
-def kalman_filter(y, u, *, A, B, C, Q, R, x0, P0) -> tuple[np.ndarray, np.ndarray]:
+def kalman_filter(y, u, *, A, B, C, Q, R, x0, P0, factor=None) -> tuple[np.ndarray, np.ndarray]:
     """Posterior means (n, nx) and covariances (n, nx, nx); rows of y that are NaN are left out.
 
-    P+ = P - P C' (C P C' + R)^-1 C P with the rows of C and R that were measured.
+    P+ = P - P C' (C P C' + R)^-1 C P with the rows of C and R that were measured. With `factor`,
+    like y, R of a sample is that of noise so many times as large.
     """
     x, P = np.array(x0, float), np.array(P0, float)
+    factor = np.ones_like(y) if factor is None else factor
     means, covariances = [], []
-    for measured, command in zip(y, u, strict=True):
+    for measured, command, times in zip(y, u, factor, strict=True):
         rows = np.flatnonzero(np.isfinite(measured))
-        H, V = C[rows], R[np.ix_(rows, rows)]
+        H, V = C[rows], (R * np.outer(times, times))[np.ix_(rows, rows)]
         x = x + P @ H.T @ np.linalg.solve(H @ P @ H.T + V, measured[rows] - H @ x)
         P = P - P @ H.T @ np.linalg.solve(H @ P @ H.T + V, H @ P)
         means.append(x)

@@ -1,4 +1,4 @@
-"""Linear Gaussian measurement update in Joseph form, with rows that were not measured."""
+"""Linear Gaussian measurement update in Joseph form, with rows that have weights or are missing."""
 
 import casadi as ca
 
@@ -6,21 +6,37 @@ from backsight.algebra.factor import solve_spd
 
 
 def masked(H: ca.SX, e: ca.SX, R: ca.SX, mask: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    r"""Delete the rows that were not measured, without changing a size.
+    r"""Weight the rows, and delete those that were not measured, without changing a size.
 
-    With :math:`M = \mathrm{diag}(m)`: :math:`H \leftarrow M H`, :math:`e \leftarrow M e`,
-    :math:`R \leftarrow M R M + (I - M)`. The update is then exactly the one of the remaining
-    rows, also for correlated R.
+    With :math:`M = \mathrm{diag}(m)` and :math:`B = \mathrm{diag}(m > 0)`:
+    :math:`H \leftarrow M H`, :math:`e \leftarrow M e`, :math:`R \leftarrow B R B + (I - B)`. The
+    update is then exactly the one of the measured rows with the covariance
+    :math:`M^{-1} R M^{-1}` (see `noise_of`), also for correlated R.
 
     Parameters
     ----------
     H : (ny, nx)
     e : (ny,)
     R : (ny, ny)
-    mask : (ny,), 1 where measured, else 0
+        Of the nominal noise.
+    mask : (ny,)
+        Nominal standard deviation of the noise by that of the sample: 0 where not measured, else 1
+        unless the sample has a noise of its own.
     """
-    M = ca.diag(mask)
-    return M @ H, mask * e, M @ R @ M + ca.diag(1 - mask)
+    seen = measured(mask)
+    M, B = ca.diag(mask), ca.diag(seen)
+    return M @ H, mask * e, B @ R @ B + ca.diag(1 - seen)
+
+
+def measured(mask: ca.SX) -> ca.SX:
+    """1 where measured, else 0, of the weights that `masked` takes."""
+    return mask > 0
+
+
+def noise_of(R: ca.SX, mask: ca.SX) -> ca.SX:
+    """Covariance of the noise of a sample with these weights; nominal where not measured."""
+    D = ca.diag(1 / ca.if_else(measured(mask), mask, 1))
+    return D @ R @ D
 
 
 def gain(P: ca.SX, H: ca.SX, R: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -7,11 +7,11 @@ import numpy as np
 import xarray as xr
 
 from backsight import schema
-from backsight.data.recording import Group, with_truth
+from backsight.data.recording import Group, with_sigma_factor, with_truth
 from backsight.errors import DataError
 from backsight.types import Array
 
-KINDS = {"u": "input", "y": "output", "x_true": "state"}
+KINDS = {"u": "input", "y": "output", "x_true": "state", schema.SIGMA_FACTOR: "output"}
 """Variables of a recording, and the dimension of their columns."""
 
 
@@ -44,8 +44,10 @@ def merge(*recordings: xr.Dataset) -> xr.Dataset:
     fastest = min(recordings, key=lambda r: r.attrs["dt"])
     dt = fastest.attrs["dt"]
     time = _common(recordings, fastest.time.to_numpy(), dt)
+    if any(schema.SIGMA_FACTOR in r for r in recordings):
+        recordings = tuple(_with_factors(r) for r in recordings)
     aligned = [_aligned(r, time, dt) for r in recordings]
-    u, y, x = (_joined([groups[k] for groups in aligned if k in groups], k) for k in KINDS)
+    u, y, x, factors = (_joined([groups[k] for groups in aligned if k in groups], k) for k in KINDS)
     merged = schema.recording(
         time,
         u=u.values,
@@ -54,7 +56,16 @@ def merge(*recordings: xr.Dataset) -> xr.Dataset:
         outputs=dict(y.units),
         dt=dt,
     )
+    if factors.units:
+        merged = with_sigma_factor(merged, factors.values, where="merge")
     return with_truth(merged, x) if x.units else merged
+
+
+def _with_factors(recording: xr.Dataset) -> xr.Dataset:
+    """The recording with ``sigma_factor``, which is 1 if it has none."""
+    if schema.SIGMA_FACTOR in recording:
+        return recording
+    return with_sigma_factor(recording, np.ones(recording["y"].shape), where="merge")
 
 
 def _common(recordings: Sequence[xr.Dataset], grid: Array, dt: float) -> Array:

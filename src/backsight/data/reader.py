@@ -17,6 +17,7 @@ from backsight.data.containers import read_hdf5, read_mat, read_netcdf, read_npz
 from backsight.data.recording import Group, assemble, time_axis
 from backsight.data.text import read_text
 from backsight.errors import DataError, nearest
+from backsight.schema import SIGMA_FACTOR
 from backsight.types import Array
 
 TEXT = (".csv", ".tsv", ".txt")
@@ -58,6 +59,7 @@ def read(
     stop: float | None = None,
     resample: float | None = None,
     skip_lines: int = 0,
+    sigma_factor: Mapping[str, ColumnLike] | None = None,
 ) -> xr.Dataset:
     r"""Read a recording and check it.
 
@@ -83,6 +85,10 @@ def read(
         Interpolate to this sampling period [s]; see `backsight.data.resample`.
     skip_lines : int
         Lines to pass over at the top of a text file.
+    sigma_factor : dict, optional
+        Outputs whose samples have a noise of their own, as `outputs`: the column holds its standard
+        deviation by the `sigma_y` of the estimator, or, with ``Column(name, factor=1 / sigma_y)``,
+        the standard deviation itself. An empty cell is "not measured".
 
     Returns
     -------
@@ -93,7 +99,8 @@ def read(
     ------
     DataError
         If the file or a column is missing or cannot be read, the recording is empty, its time is
-        not regular, an input is not known at every sample or an output is infinite.
+        not regular, an input is not known at every sample, an output is infinite, or a factor of
+        the noise is not positive or belongs to no output.
 
     Examples
     --------
@@ -108,7 +115,17 @@ def read(
     >>> folder.cleanup()
     """
     path = Path(path)
-    signals = [columns(inputs, "input"), columns(outputs, "output"), columns(truth or {}, "truth")]
+    signals = [
+        columns(inputs, "input"),
+        columns(outputs, "output"),
+        columns(truth or {}, "truth"),
+        columns(sigma_factor or {}, SIGMA_FACTOR),
+    ]
+    for name in signals[3]:
+        if name not in outputs:
+            raise DataError(
+                f"{SIGMA_FACTOR}: there is no output '{name}': {nearest(name, outputs)}"
+            )
     clock = None if time is None else column(time, "time")
     if not signals[0] and not signals[1]:
         raise DataError(f"{path}: name at least one column as input or output")
@@ -120,12 +137,13 @@ def read(
     given = clock.physical(raw[clock.name]) if clock else None
     stamps = time_axis(given, n, dt=dt, where=where)
     kept = _selected(stamps, start, stop, where)
-    u, y, x = (_group(group, raw, kept) for group in signals)
+    u, y, x, factors = (_group(group, raw, kept) for group in signals)
     return assemble(
         stamps[kept],
         u=u,
         y=y,
         x=x if truth else None,
+        sigma_factor=_spread(factors, y) if sigma_factor else None,
         dt=dt,
         resample=resample,
         first=kept.start,
@@ -171,6 +189,12 @@ def _selected(time: Array, start: float | None, stop: float | None, where: str) 
             f"the recording goes from {time[0]:.9g} to {time[-1]:.9g} s"
         )
     return slice(first, last)
+
+
+def _spread(factors: Group, y: Group) -> Array:
+    """Factors of all outputs: 1 where none is given."""
+    given = dict(zip(factors.units, factors.values.T, strict=True))
+    return np.stack([given.get(name, np.ones(len(y.values))) for name in y.units], axis=1)
 
 
 def _group(signals: Mapping[str, Column], raw: Mapping[str, Array], kept: slice) -> Group:

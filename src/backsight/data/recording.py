@@ -39,6 +39,7 @@ def from_arrays(
     time: ArrayLike | None = None,
     dt: float | None = None,
     resample: float | None = None,
+    sigma_factor: ArrayLike | None = None,
 ) -> xr.Dataset:
     """Make a recording of arrays.
 
@@ -54,6 +55,10 @@ def from_arrays(
         Sampling period [s]; needed if there is no `time`.
     resample : float, optional
         Interpolate to this sampling period [s]; see `backsight.data.resample`.
+    sigma_factor : array as y, optional
+        Where the noise of a sample is not the nominal one: its standard deviation by the `sigma_y`
+        of the estimator, above 0. With correlated noise the correlation stays. ``NaN`` and infinity
+        are "not measured".
 
     Returns
     -------
@@ -63,8 +68,8 @@ def from_arrays(
     Raises
     ------
     DataError
-        If sizes differ, time is missing or not regular, an input is not known or an output is
-        infinite.
+        If sizes differ, time is missing or not regular, an input is not known, an output is
+        infinite, or a factor is not positive.
 
     Examples
     --------
@@ -78,6 +83,10 @@ def from_arrays(
     known = np.empty((len(measured), 0)) if u is None else u
     given = _matrix(known, "u", inputs, where)
     lengths = {"u": len(given), "y": len(measured)}
+    factors = None
+    if sigma_factor is not None:
+        factors = _matrix(sigma_factor, schema.SIGMA_FACTOR, outputs, where)
+        lengths[schema.SIGMA_FACTOR] = len(factors)
     stamps = None if time is None else _matrix(time, "time", {"time": "s"}, where)[:, 0]
     if stamps is not None:
         lengths["time"] = len(stamps)
@@ -86,6 +95,7 @@ def from_arrays(
         time_axis(stamps, n, dt=dt, where=where),
         u=Group(given, inputs),
         y=Group(measured, outputs),
+        sigma_factor=factors,
         dt=dt,
         resample=resample,
         where=where,
@@ -110,6 +120,7 @@ def assemble(
     u: Group,
     y: Group,
     x: Group | None = None,
+    sigma_factor: Array | None = None,
     dt: float | None = None,
     resample: float | None = None,
     first: int = 0,
@@ -123,6 +134,8 @@ def assemble(
         Increasing time stamps [s].
     u, y, x : Group
         Inputs, outputs, and reference states if there are any.
+    sigma_factor : (n, ny) array, optional
+        See `from_arrays`.
     dt : float, optional
         Sampling period [s]; if not given, the mean interval.
     resample : float, optional
@@ -146,6 +159,8 @@ def assemble(
         outputs=dict(y.units),
         dt=dt or (time[-1] - time[0]) / (len(time) - 1),
     )
+    if sigma_factor is not None:
+        recording = with_sigma_factor(recording, sigma_factor, where=where)
     if x is not None:
         recording = with_truth(recording, x)
     return recording if resample is None else resampled(recording, resample)
@@ -156,6 +171,13 @@ def with_truth(recording: xr.Dataset, x: Group) -> xr.Dataset:
     return recording.assign_coords(
         state=list(x.units), state_unit=("state", list(x.units.values()))
     ).assign(x_true=(("time", "state"), x.values))
+
+
+def with_sigma_factor(recording: xr.Dataset, factor: Array, *, where: str) -> xr.Dataset:
+    """Add ``sigma_factor (time, output)``, NaN in the place of infinity."""
+    schema.check_sigma_factor(factor, recording["output"].values.tolist(), where)
+    finite = np.where(np.isinf(factor), np.nan, factor)
+    return recording.assign({schema.SIGMA_FACTOR: (("time", "output"), finite)})
 
 
 def _matrix(values: ArrayLike, what: str, units: Mapping[str, str], where: str) -> Array:

@@ -16,7 +16,8 @@ def resample(recording: xr.Dataset, dt: float) -> xr.Dataset:
 
     A new sample between two of which one is missing (``NaN``) is missing. There is no
     anti-aliasing filter: before going to a longer period, remove what is faster than half the new
-    rate.
+    rate. The factors of the noise of single samples are interpolated, too, which is no less than
+    the noise of the new samples.
 
     Parameters
     ----------

@@ -23,6 +23,8 @@ class AbstractEstimator(abc.ABC):
 
     key: ClassVar[str]
     title: ClassVar[str]
+    weighs: ClassVar[bool] = False
+    """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
 
     @abc.abstractmethod
     def compile(self, model: Model, dt: float) -> Recursion:
@@ -37,7 +39,9 @@ class AbstractEstimator(abc.ABC):
         Returns
         -------
         Recursion
-            Takes u (nu,), y (ny,) and mask (ny,), 1 where y was measured; physical units.
+            Takes u (nu,), y (ny,) and mask (ny,), 1 where y was measured; physical units. If the
+            estimator `weighs`, the mask is the nominal standard deviation of the noise by that of
+            the sample.
 
         Raises
         ------

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech, vech
+from backsight.algebra.update import measured
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
@@ -70,14 +71,17 @@ def _between(ny: int, n: int) -> ca.Function:
     """Measurements at the ends of the sub-steps and what they weigh: ``-> (Y, W)``, (ny, n) each.
 
     A channel that was measured at both ends is interpolated and weighs 1/n in every sub-step;
-    measured at the present end only, it weighs 1 there, as a sample does.
+    measured at the present end only, it weighs 1 there, as a sample does. Where the noise of the
+    ends is not the nominal one, the weights are multiplied by the square of the mask between them.
     """
     ya, yb, ma, mb = (ca.SX.sym(k, ny) for k in ("ya", "yb", "ma", "mb"))
-    both = ma * mb
+    seen = measured(mb)
+    both = measured(ma) * seen
     Y, W = [], []
     for k in range(1, n + 1):
-        Y.append(ca.if_else(both > 0, ya + k / n * (yb - ya), yb))
-        W.append(both / n + (mb - both) * (k == n))
+        Y.append(ca.if_else(both, ya + k / n * (yb - ya), yb))
+        m = ca.if_else(both, ma + k / n * (mb - ma), mb)
+        W.append(m**2 * (both / n + (seen - both) * (k == n)))
     return ca.Function(f"between_{n}", [ya, yb, ma, mb], [ca.horzcat(*Y), ca.horzcat(*W)])
 
 

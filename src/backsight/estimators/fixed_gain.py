@@ -3,7 +3,7 @@
 import casadi as ca
 
 from backsight.algebra.symmetric import unvech, vech
-from backsight.algebra.update import joseph
+from backsight.algebra.update import joseph, measured, noise_of
 from backsight.engine.dense import add_product, symmetrise
 from backsight.estimators.gaussian import clip
 from backsight.estimators.linear import Linear, is_large
@@ -20,18 +20,19 @@ def correct_with(system: Linear, K: Array) -> ca.Function:
     s = system.s
     nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
     x, u, y, mask = (ca.SX.sym(n, k) for n, k in (("x", nx), ("u", nu), ("y", ny), ("m", ny)))
-    e = mask * (y - s.model.output(x, u))
+    seen = measured(mask)
+    e = seen * (y - s.model.output(x, u))
     free = x + ca.mtimes(ca.DM(K), e)
     moved = clip(s, free)
     clipped = ca.if_else(ca.norm_1(moved - free) > 0, 1, 0)
     flags = ca.vertcat(clipped, 0, 0, 0)
-    masked = ca.SX(ca.DM(K)) @ ca.diag(mask)
+    masked, R = ca.SX(ca.DM(K)) @ ca.diag(seen), noise_of(ca.SX(s.R), mask)
     if not is_large(system):
         vP = ca.SX.sym("P", nx * (nx + 1) // 2)
-        P = joseph(unvech(vP), masked, ca.SX(ca.sparsify(ca.DM(system.C))), ca.SX(s.R))
+        P = joseph(unvech(vP), masked, ca.SX(ca.sparsify(ca.DM(system.C))), R)
         return ca.Function("correct", [x, vP, u, y, mask], [moved, vech(P), flags])
     state = ca.Function("state", [x, u, y, mask], [moved, flags])
-    gain = ca.Function("gain", [mask], [ca.densify(masked), ca.densify(masked @ s.R)])
+    gain = ca.Function("gain", [mask], [ca.densify(masked), ca.densify(masked @ R)])
     inputs = [ca.MX.sym(n, k) for n, k in (("x", nx), ("P", nx * nx), ("u", nu), ("y", ny))]
     inputs.append(ca.MX.sym("mask", ny))
     x_post, raised = state(inputs[0], *inputs[2:])

@@ -12,7 +12,7 @@ import numpy as np
 from backsight.algebra import bounds
 from backsight.algebra.factor import smallest_pivot
 from backsight.algebra.symmetric import unvech, vech
-from backsight.algebra.update import gain, joseph, masked
+from backsight.algebra.update import gain, joseph, masked, measured, noise_of
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.errors import TuningError, nearest
@@ -36,8 +36,9 @@ def innovation(s: Setting) -> ca.Function:
     x, vP, u, y, mask = _update_symbols(s)
     y_prior = s.model.output(x, u)
     H = ca.jacobian(y_prior, x)
-    S = H @ unvech(vP) @ H.T + s.R
-    return ca.Function("innovation", [x, vP, u, y, mask], [mask * (y - y_prior), vech(S)])
+    S = H @ unvech(vP) @ H.T + noise_of(ca.SX(s.R), mask)
+    e = measured(mask) * (y - y_prior)
+    return ca.Function("innovation", [x, vP, u, y, mask], [e, vech(S)])
 
 
 def correct(s: Setting, *, check: bool = False) -> ca.Function:

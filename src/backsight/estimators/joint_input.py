@@ -81,6 +81,7 @@ class JointInput(AbstractEstimator):
 
     key: ClassVar[str] = "joint_input"
     title: ClassVar[str] = "Joint input and state filter"
+    weighs: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

@@ -13,7 +13,7 @@ import numpy as np
 
 from backsight.algebra.factor import smallest_pivot, solve_spd
 from backsight.algebra.symmetric import unvech, vech
-from backsight.algebra.update import masked
+from backsight.algebra.update import masked, measured, noise_of
 from backsight.engine.dense import add_product, symmetrise, transpose
 from backsight.estimators.filtering import packed
 from backsight.estimators.gaussian import clip
@@ -137,7 +137,7 @@ def _gains(found: Forces) -> ca.Function:
     S = Cm @ seen + R
     K = solve_spd(S, seen.T).T
     W = solve_spd(S, H)
-    lost = _lost(H, found.H)
+    lost = _lost(acted * ca.diag(measured(mask)) @ F, found.H)
     M = solve_spd(H.T @ W + lost * ca.SX(np.linalg.inv(found.spread)), W.T)
     L = K + (G - K @ H) @ M
     d, free = M @ e, prior + L @ e
@@ -153,12 +153,13 @@ def _gains(found: Forces) -> ca.Function:
         ahead += ca.SX(found.E) @ d
     force = d * ca.SX(found.unit)
     inputs = ca.vertcat(u, force / s.su[nu:])
-    spread = vech(ca.densify(ca.SX(C) @ PCt + ca.SX(s.R)))
+    spread = vech(ca.densify(ca.SX(C) @ PCt + noise_of(ca.SX(s.R), mask)))
     flags = ca.vertcat(clipped, lost * acted)
+    estimate = [after, force, inputs, measured(mask) * missed, spread, flags]
     return ca.Function(
         "joint_input_gains",
         [x, PCt, started, u_, y_, mask],
-        [ahead, after, force, inputs, e, spread, flags, ca.densify(T), ca.densify(V)],
+        [ahead, *estimate, ca.densify(T), ca.densify(V)],
     )
 
 

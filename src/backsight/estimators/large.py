@@ -14,7 +14,7 @@ import numpy as np
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.symmetric import vech
 from backsight.algebra.triangular import forward
-from backsight.algebra.update import masked
+from backsight.algebra.update import masked, measured, noise_of
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import add_product, symmetrise, transpose
 from backsight.engine.loops import scan
@@ -39,12 +39,11 @@ def innovation(s: Setting) -> ca.Function:
     x, P, u, y, mask = _mx(s)
     sx, _, su, sy, sm = _sx(s)
     y_prior = s.model.output(sx, su)
-    residual = ca.Function(
-        "residual", [sx, su, sy, sm], [sm * (sy - y_prior), ca.jacobian(y_prior, sx)]
-    )
-    e, H = residual(x, u, y, mask)
+    R = ca.densify(noise_of(ca.SX(s.R), sm))
+    seen = [measured(sm) * (sy - y_prior), ca.jacobian(y_prior, sx), R]
+    e, H, R_now = ca.Function("residual", [sx, su, sy, sm], seen)(x, u, y, mask)
     PHt = add_product(ca.MX.zeros(nx, ny), ca.reshape(P, nx, nx), H)
-    S = add_product(ca.MX(ca.DM(s.R)), transpose(PHt), H)
+    S = add_product(R_now, transpose(PHt), H)
     M = ca.SX.sym("S", ny, ny)
     lower = ca.Function("lower_S", [M], [vech(M)])
     return ca.Function("innovation", [x, P, u, y, mask], [e, lower(S)])

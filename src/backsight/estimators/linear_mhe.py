@@ -82,6 +82,7 @@ class LinearMHE(AbstractEstimator):
 
     key: ClassVar[str] = "lmhe"
     title: ClassVar[str] = "Least-squares moving horizon estimator"
+    weighs: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -199,10 +200,10 @@ def _solve(
 
 
 def _all(M: ca.MX) -> ca.MX:
-    """1 if every sample of the window was measured."""
+    """1 if every sample of the window was measured, and with the nominal noise."""
     ny, n = M.shape
     so_far, mask = ca.SX.sym("so_far"), ca.SX.sym("mask", ny)
-    body = ca.Function("all", [so_far, mask], [ca.fmin(so_far, ca.mmin(mask))])
+    body = ca.Function("all", [so_far, mask], [ca.fmin(so_far, ca.mmin(mask == 1))])
     return scan(body, n, carry=[ca.MX(1)], xs=[M])[0][0]
 
 

@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from backsight.algebra.symmetric import unvech, vech
+from backsight.algebra.update import measured, noise_of
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError, nearest
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, data_symbols
@@ -104,6 +105,7 @@ class Luenberger(AbstractEstimator):
 
     key: ClassVar[str] = "luenberger"
     title: ClassVar[str] = "Luenberger observer"
+    weighs: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -200,13 +202,14 @@ def _predicting(name: str, system: Linear, L: Array) -> Recursion:
     A, B, B_next, C = (ca.sparsify(ca.DM(k)) for k in (system.A, system.B, system.B_next, system.C))
     free = z + started * ca.mtimes(B_next, u)
     x, P = clip(s, free), unvech(vP)
-    e = mask * (y - m.output(x, u))
-    gain = ca.SX(ca.DM(L)) @ ca.diag(mask)
+    seen, R = measured(mask), noise_of(ca.SX(s.R), mask)
+    e = seen * (y - m.output(x, u))
+    gain = ca.SX(ca.DM(L)) @ ca.diag(seen)
     error = ca.SX(A) - gain @ C
-    P_next = error @ P @ error.T + gain @ s.R @ gain.T + ca.SX(s.Q)
+    P_next = error @ P @ error.T + gain @ R @ gain.T + ca.SX(s.Q)
     z_next = ca.mtimes(A, x) + ca.mtimes(B, u) + ca.mtimes(ca.DM(L), e)
     clipped = ca.if_else(ca.norm_1(x - free) > 0, 1, 0)
-    S = vech(ca.densify(ca.SX(C) @ P @ C.T + s.R))
+    S = vech(ca.densify(ca.SX(C) @ P @ C.T + R))
     outputs = physical(s, (Status.CLIPPED,)).call([x, vP, u, e, S, clipped])
     carry = [ca.vertcat(z, vP, started), ca.vertcat(z_next, vech(ca.densify(P_next)), 1)]
     return Recursion(

@@ -9,7 +9,7 @@ import numpy as np
 
 from backsight.algebra.factor import cholesky_semidefinite, solve_spd
 from backsight.algebra.symmetric import unvech, vech
-from backsight.algebra.update import masked
+from backsight.algebra.update import masked, measured
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
@@ -73,6 +73,7 @@ class MHO(AbstractEstimator):
 
     key: ClassVar[str] = "mho"
     title: ClassVar[str] = "Moving horizon observer"
+    weighs: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -160,7 +161,7 @@ CHANNELS = (
 def _begins(ny: int) -> ca.Function:
     """1 from the first sample in which anything was measured."""
     started, mask = ca.SX.sym("started"), ca.SX.sym("mask", ny)
-    return ca.Function("begins", [started, mask], [ca.fmax(started, ca.mmax(mask))])
+    return ca.Function("begins", [started, mask], [ca.fmax(started, ca.mmax(measured(mask)))])
 
 
 def _factor(nx: int) -> ca.Function:

@@ -10,6 +10,7 @@ from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights, factor, sigma_points, weights
 from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.triangular import forward
+from backsight.algebra.update import masked, measured, noise_of
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
@@ -54,6 +55,7 @@ class UKF(AbstractEstimator):
 
     key: ClassVar[str] = "ukf"
     title: ClassVar[str] = "Unscented Kalman filter"
+    weighs: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -113,8 +115,9 @@ def _outputs(s: Setting, w: Weights, points: ca.SX, u: ca.SX) -> tuple[ca.SX, ca
 def _innovation(s: Setting, w: Weights) -> ca.Function:
     x, spread, u, y, mask = _symbols(s)
     y_mean, dY = _outputs(s, w, _points(s, w, x, spread)[0], u)
-    S = dY @ ca.diag(ca.SX(w.covariance)) @ dY.T + s.R
-    return ca.Function("innovation", [x, spread, u, y, mask], [mask * (y - y_mean), vech(S)])
+    S = dY @ ca.diag(ca.SX(w.covariance)) @ dY.T + noise_of(ca.SX(s.R), mask)
+    e = measured(mask) * (y - y_mean)
+    return ca.Function("innovation", [x, spread, u, y, mask], [e, vech(S)])
 
 
 def _correct(s: Setting, w: Weights) -> ca.Function:
@@ -127,12 +130,11 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     nx, ny = s.model.nx, s.model.ny
     points, held = _points(s, w, x, spread)
     y_mean, dY = _outputs(s, w, points, u)
-    M = ca.diag(mask)
-    root = cholesky_semidefinite(M @ ca.SX(s.R) @ M + ca.diag(1 - mask))
-    noise = ca.vertcat(root, ca.SX.zeros(nx, ny))
-    joint, definite = factor(ca.vertcat(M @ dY, points - x), w, noise)
+    dY, e, R = masked(dY, y - y_mean, ca.SX(s.R), mask)
+    noise = ca.vertcat(cholesky_semidefinite(R), ca.SX.zeros(nx, ny))
+    joint, definite = factor(ca.vertcat(dY, points - x), w, noise)
     Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
-    moved = x + KSy @ forward(Sy, mask * (y - y_mean))
+    moved = x + KSy @ forward(Sy, e)
     free = ca.if_else(definite, moved, x)
     x_post = clip(s, free)
     clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, held)

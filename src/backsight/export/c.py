@@ -19,6 +19,7 @@ from backsight.kernels import sources
 from backsight.models.model import Model
 from backsight.output import whole
 from backsight.run.match import match
+from backsight.types import Array
 
 SAMPLES = 200
 """Samples of the recording that the self-test runs through."""
@@ -94,7 +95,8 @@ def export_c(
         about=f"{estimator.title} for '{model.name}', every {recursion.dt:g} s.\n"
         f"Written by Backsight {version('backsight')}; change the model, not this file.",
     )
-    vectors = _vectors(recursion, model, recording)
+    data = [d[:SAMPLES] for d in match(model, recording, estimator=estimator)]
+    vectors = _vectors(recursion, data)
     passes = [s.limit for s in flat(program.body) if isinstance(s, While)]
     kernels = sources.files(source.kernels) if source.kernels else []
     with whole(out) as folder:
@@ -111,8 +113,7 @@ def export_c(
     return Path(out)
 
 
-def _vectors(recursion: Recursion, model: Model, recording: xr.Dataset) -> Vectors:
-    data = [d[:SAMPLES] for d in match(model, recording)]
+def _vectors(recursion: Recursion, data: list[Array]) -> Vectors:
     _, outputs = vm.run(recursion, data, carry=recursion.carry0)
     for channel, values in zip(recursion.channels, outputs, strict=True):
         if not np.all(np.isfinite(values)):
@@ -175,7 +176,8 @@ static {name}_workspace work;       /* scratch; may be shared with others betwee
 
 {name}_init(&memory);
 for (;;) {{
-    /* physical units; mask is 1 where y was measured, else 0 */
+    /* physical units; mask is 1 where y was measured, else 0; it is 1 / sigma_factor
+       if the estimator takes the noise of single samples into account */
     {name}_step(&memory, &work, u, y, mask, ...);
 }}
 ```

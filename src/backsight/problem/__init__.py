@@ -10,7 +10,8 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     time = "t_s"                  # column of time [s]; or dt = 1e-3
     inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, remove_mean]
     outputs.y = { column = "q_m", unit = "m" }
-                                  # [truth.STATE; start, stop, resample [s]; skip_lines]
+                                  # [truth.STATE; sigma_factor.OUTPUT: noise of single samples;
+                                  # start, stop, resample [s]; skip_lines]
     [model]
     kind = "friction_drive"       # with its arguments; or "equations", "lti", "second_order",
                                   # "beam", "modal", "reduced"

@@ -80,7 +80,8 @@ def execute(
 
 def _rehearse(problem: Problem, data: xr.Dataset) -> None:
     """Find out what does not fit before the first estimator has run for minutes."""
-    match(problem.model, data)
+    for estimator in problem.estimators.values():
+        match(problem.model, data, estimator=estimator)
     with at("model"):
         check_sampling(problem.model, float(data.attrs["dt"]))
     for name, estimator in problem.estimators.items():

@@ -7,7 +7,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ModelError
 from backsight.estimators.uncertainty import Prior
 from backsight.problem.problem import Problem
-from backsight.run.match import match
+from backsight.run.match import matched_inputs
 
 FIRST_SAMPLES, MOST_SAMPLES = 500, 8000
 """A motion that shows not everything is followed for longer, up to the second number."""
@@ -26,7 +26,7 @@ def examine(problem: Problem, data: xr.Dataset) -> Observability:
     try:
         return observability(problem.model)
     except ModelError:
-        u, _, _ = match(problem.model, data)
+        u = matched_inputs(problem.model, data)
     first = next(iter(problem.estimators.values()))
     prior, integrator = getattr(first, "prior", None), getattr(first, "integrator", None)
     samples = FIRST_SAMPLES

@@ -39,6 +39,7 @@ def recording(problem: Problem) -> xr.Dataset:
         inputs={name: _column(entry) for name, entry in table.inputs.items()},
         outputs={name: _column(entry) for name, entry in table.outputs.items()},
         truth={name: _column(entry) for name, entry in table.truth.items()},
+        sigma_factor={name: _column(entry) for name, entry in table.sigma_factor.items()},
         time=None if table.time is None else _column(table.time),
         dt=table.dt,
         start=table.start,

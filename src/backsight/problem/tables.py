@@ -37,6 +37,7 @@ class RecordingTable(Table):
     inputs: dict[str, ColumnTable] = {}
     outputs: dict[str, ColumnTable] = pydantic.Field(min_length=1)
     truth: dict[str, ColumnTable] = {}
+    sigma_factor: dict[str, ColumnTable] = {}
     time: ColumnTable | None = None
     dt: float | None = None
     start: float | None = None

@@ -61,9 +61,10 @@ def alignment(
     """
     if reach < 1:
         raise TuningError(f"the reach is {reach} samples; it must be at least one")
-    data = [part[:MOST] for part in match(model, recording)]
+    predicting = yardstick(estimator)
+    data = [part[:MOST] for part in match(model, recording, estimator=predicting)]
     dt = float(recording.attrs["dt"])
-    recursion = yardstick(estimator).compile(model, dt)
+    recursion = predicting.compile(model, dt)
     engine = choose(None, (2 * reach + 2) * len(data[0]))
     prepare(recursion, engine)
     u, y, mask = data

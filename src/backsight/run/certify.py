@@ -32,7 +32,7 @@ from backsight.models.lti import lti
 from backsight.models.model import Model
 from backsight.models.signals import Signal, vector
 from backsight.run.linearised import linearised, midpoint
-from backsight.run.match import match
+from backsight.run.match import matched_inputs
 from backsight.types import Array, ByName
 
 TOLERANCE = 1e-9
@@ -108,7 +108,7 @@ def certify(
     if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
         raise TuningError(f"'{estimator.key}' has no noise and prior to draw data with")
     dt = float(recording.attrs["dt"])
-    u, _, _ = match(model, recording)
+    u = matched_inputs(model, recording)
     point, middle = _point(estimator, model, recording, at)
     given = getattr(estimator, "integrator", None)
     integrator = given if isinstance(given, Integrator) else Integrator(substeps=4)

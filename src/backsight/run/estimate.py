@@ -37,7 +37,8 @@ def estimate(
     model : Model
         With parameters and disturbances to estimate among its states, see `augment`.
     recording : xarray.Dataset
-        From `read`, `from_arrays` or `simulate`; ``NaN`` in an output is "not measured".
+        From `read`, `from_arrays` or `simulate`; ``NaN`` in an output is "not measured". With a
+        variable ``sigma_factor`` single samples have a noise of their own.
     engine : {"native", "vm"}, optional
         Machine code, or CasADi's virtual machine; by default what finishes first, which is the
         virtual machine for less than a thousand samples. The results agree to rounding.
@@ -86,7 +87,7 @@ class Task:
 
 def ready(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> Task:
     """Check all but the memory that the result takes, see `estimate`."""
-    data = match(model, recording)
+    data = match(model, recording, estimator=estimator)
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
     check_length(recursion, len(data[0]))
     return Task(estimator, model, recording, recursion, data)

@@ -67,7 +67,7 @@ def estimate_many(
                 f"recording {k} has the sampling period {dt:g} s, recording 0 {periods[0]:g} s; "
                 "resample one of them"
             )
-    data = [_matched(model, r, k) for k, r in enumerate(recordings)]
+    data = [_matched(model, r, estimator, k) for k, r in enumerate(recordings)]
     samples = sum(len(rows[0]) for rows in data)
     recursion = estimator.compile(model, periods[0])
     for rows in data:
@@ -101,8 +101,8 @@ def estimate_many(
     return results
 
 
-def _matched(model: Model, recording: xr.Dataset, k: int) -> tuple:
+def _matched(model: Model, recording: xr.Dataset, estimator: AbstractEstimator, k: int) -> tuple:
     try:
-        return match(model, recording)
+        return match(model, recording, estimator=estimator)
     except DataError as error:
         raise DataError(f"recording {k}: {error}") from None

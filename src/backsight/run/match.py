@@ -1,16 +1,27 @@
-"""Pick the channels of a recording that a model needs."""
+"""Pick the channels of a recording that a model needs, and weigh its samples."""
 
 import numpy as np
 import xarray as xr
 
 from backsight.errors import DataError, nearest
+from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.schema import SIGMA_FACTOR, check_sigma_factor
 from backsight.types import Array
 
 
-def match(model: Model, recording: xr.Dataset) -> tuple[Array, Array, Array]:
+def match(
+    model: Model, recording: xr.Dataset, *, estimator: AbstractEstimator | None = None
+) -> tuple[Array, Array, Array]:
     """Inputs, outputs and mask in the order of the model.
+
+    Parameters
+    ----------
+    model : Model
+    recording : xarray.Dataset
+    estimator : AbstractEstimator, optional
+        What the data are for; without one, all samples must have the same noise.
 
     Returns
     -------
@@ -18,15 +29,37 @@ def match(model: Model, recording: xr.Dataset) -> tuple[Array, Array, Array]:
     y : (n, ny) array
         Zero where not measured.
     mask : (n, ny) array
-        One where measured, else zero.
+        One where measured, else zero; where a sample has a noise of its own, the nominal standard
+        deviation by that of the sample.
 
     Raises
     ------
     DataError
-        If a channel is missing, an input is not finite or an output is infinite.
+        If a channel is missing, an input is not finite, an output is infinite, or samples have a
+        noise of their own and the estimator does not weigh them.
     """
-    u = _columns(recording, "u", "input", of=model.inputs)
+    u = matched_inputs(model, recording)
     y = _columns(recording, "y", "output", of=model.outputs)
+    bad = np.argwhere(np.isinf(y))
+    if len(bad):
+        k, i = bad[0]
+        raise DataError(
+            f"output '{model.outputs[i].name}' is infinite at sample {k}; NaN means 'not measured'"
+        )
+    mask = weights(model, recording)
+    if (weighted := np.argwhere((mask > 0) & (mask != 1))).size and not _weighs(estimator):
+        k, i = weighted[0]
+        raise DataError(
+            f"output '{model.outputs[i].name}' has a noise of its own at sample {k}, which "
+            f"{estimator.title if estimator else 'this method'} cannot take into account: use an "
+            f"estimator that can, such as EKF, or leave out '{SIGMA_FACTOR}'"
+        )
+    return u, np.where(mask > 0, y, 0.0), mask
+
+
+def matched_inputs(model: Model, recording: xr.Dataset) -> Array:
+    """Inputs in the order of the model, (n, nu), all of them known; see `match`."""
+    u = _columns(recording, "u", "input", of=model.inputs)
     if len(u) == 0:
         raise DataError("the recording is empty")
     bad = np.argwhere(~np.isfinite(u))
@@ -36,14 +69,22 @@ def match(model: Model, recording: xr.Dataset) -> tuple[Array, Array, Array]:
             f"input '{model.inputs[i].name}' is {u[k, i]} at sample {k}; inputs must be known at "
             "every sample: fill the gap or cut the recording there"
         )
-    bad = np.argwhere(np.isinf(y))
-    if len(bad):
-        k, i = bad[0]
-        raise DataError(
-            f"output '{model.outputs[i].name}' is infinite at sample {k}; NaN means 'not measured'"
-        )
-    measured = np.isfinite(y)
-    return u, np.where(measured, y, 0.0), measured.astype(float)
+    return u
+
+
+def weights(model: Model, recording: xr.Dataset) -> Array:
+    """Mask of the outputs in the order of the model, (n, ny), see `match`."""
+    y = _columns(recording, "y", "output", of=model.outputs)
+    if SIGMA_FACTOR not in recording:
+        return np.isfinite(y).astype(float)
+    factor = _columns(recording, SIGMA_FACTOR, "output", of=model.outputs)
+    check_sigma_factor(factor, [s.name for s in model.outputs], "recording")
+    measured = np.isfinite(y) & np.isfinite(factor)
+    return np.where(measured, 1 / np.where(measured, factor, 1.0), 0.0)
+
+
+def _weighs(estimator: AbstractEstimator | None) -> bool:
+    return estimator is not None and estimator.weighs
 
 
 def _columns(recording: xr.Dataset, variable: str, dim: str, *, of: tuple[Signal, ...]) -> Array:

@@ -10,6 +10,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise
 from backsight.models.model import Model
+from backsight.schema import SIGMA_FACTOR
 
 LEAST, MOST = 500, 4000
 """Samples that say something, and samples that suffice: the last ones are taken."""
@@ -48,12 +49,14 @@ def factors_of(
     -------
     NoiseFactors or None
         None if that cannot be said: too few samples (the start, in which the estimates settle, does
-        not count), too many states, or an estimator that does not correct like a Kalman filter, so
-        that the theory does not hold.
+        not count), too many states, samples with a noise of their own, or an estimator that does
+        not correct like a Kalman filter, so that the theory does not hold.
     """
     noise = getattr(estimator, "noise", None)
     settled = min(MOST, result.sizes["time"] // 2)
     if not isinstance(noise, Noise) or settled < LEAST or model.nx > MOST_STATES:
+        return None
+    if SIGMA_FACTOR in result:
         return None
     last = result.isel(time=slice(-settled, None))
     path = _path(last, estimator, model, noise)

@@ -9,7 +9,8 @@ from backsight.analysis.force_remarks import REMARKS, force_remarks
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.schema import AGO, RESULT_VARIABLES, SCHEMA_VERSION, Status
+from backsight.run.match import weights
+from backsight.schema import AGO, RESULT_VARIABLES, SCHEMA_VERSION, SIGMA_FACTOR, Status
 from backsight.types import Array
 
 
@@ -61,8 +62,9 @@ def _dataset(
     names = [s.name for s in model.states]
     outputs = [s.name for s in model.outputs]
     inputs = [s.name for s in model.inputs]
-    measured = recording["y"].sel(output=outputs)
-    values["e"] = np.where(np.isfinite(measured.values), values["e"], np.nan)
+    measured = recording["y"].sel(output=outputs).values
+    measured = np.where(weights(model, recording) > 0, measured, np.nan)
+    values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
     finite = np.isfinite(values["x_hat"]).all(axis=1)
     raised = np.nan_to_num(values["status"]).astype(np.int32)
     values["status"] = np.where(finite, raised, raised | int(Status.NOT_FINITE)).astype(np.int32)
@@ -92,7 +94,10 @@ def _dataset(
     if "force" in result.dims:
         result = _with_forces(result, model)
     result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
-    result["y"] = (("time", "output"), measured.values)
+    result["y"] = (("time", "output"), measured)
+    if SIGMA_FACTOR in recording:
+        factors = recording[SIGMA_FACTOR].sel(output=outputs).values
+        result[SIGMA_FACTOR] = (("time", "output"), factors)
     result["status"].attrs |= {
         "flag_masks": [int(f) for f in flags],
         "flag_meanings": " ".join(f.name.lower() for f in flags if f.name),

@@ -7,6 +7,7 @@ from backsight.errors import DataError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.models.signals import vector
+from backsight.schema import SIGMA_FACTOR, check_sigma_factor
 from backsight.types import Array, ByName
 
 
@@ -27,12 +28,12 @@ class Stream:
     def __init__(
         self, estimator: AbstractEstimator, model: Model, dt: float, *, engine: str = "native"
     ) -> None:
-        self._model = model
+        self._estimator, self._model = estimator, model
         recursion = estimator.compile(model, dt)
         self._channels = recursion.channels
         self._stepper = stepper(recursion, engine)
 
-    def step(self, u: ByName, y: ByName) -> dict[str, Array]:
+    def step(self, u: ByName, y: ByName, *, sigma_factor: ByName | None = None) -> dict[str, Array]:
         """Process one sample.
 
         Parameters
@@ -40,6 +41,8 @@ class Stream:
         u, y : dict or sequence
             Inputs and outputs of the sample; an output that is NaN or left out of the dict was
             not measured.
+        sigma_factor : dict or sequence, optional
+            Outputs whose noise is not the nominal one to its standard deviation by `sigma_y`.
 
         Returns
         -------
@@ -50,19 +53,37 @@ class Stream:
         Raises
         ------
         DataError
-            If an input is missing or not finite.
+            If an input is missing or not finite, a factor is not positive, or the estimator cannot
+            take it into account.
         """
         nan = np.full(max(self._model.nu, self._model.ny), np.nan)
         inputs = vector(u, self._model.inputs, what="u", default=nan[: self._model.nu])
         outputs = vector(y, self._model.outputs, what="y", default=nan[: self._model.ny])
         if not np.all(np.isfinite(inputs)):
             raise DataError(f"input {inputs} is not finite; inputs must be known at every sample")
-        measured = np.isfinite(outputs)
-        data = [inputs, np.where(measured, outputs, 0.0), measured.astype(float)]
+        factors = self._factors(sigma_factor)
+        measured = np.isfinite(outputs) & np.isfinite(factors)
+        mask = np.where(measured, 1 / np.where(measured, factors, 1.0), 0.0)
+        data = [inputs, np.where(measured, outputs, 0.0), mask]
         values = self._stepper.step(data)
         return {
             c.name: c.unpack(v[np.newaxis])[0] for c, v in zip(self._channels, values, strict=True)
         }
+
+    def _factors(self, given: ByName | None) -> Array:
+        """Factors of the noise of all outputs, (ny,)."""
+        nominal = np.ones(self._model.ny)
+        if given is None:
+            return nominal
+        if not self._estimator.weighs:
+            raise DataError(
+                f"{self._estimator.title} cannot take the noise of single samples into account; "
+                f"use one that can, such as EKF, or leave out '{SIGMA_FACTOR}'"
+            )
+        outputs = self._model.outputs
+        factors = vector(given, outputs, what=SIGMA_FACTOR, default=nominal)
+        check_sigma_factor(factors[np.newaxis], [s.name for s in outputs], "sample")
+        return factors
 
 
 def stream(

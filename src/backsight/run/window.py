@@ -35,7 +35,7 @@ def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1)
     DataError
         If the recording has no such sample, or does not fit the model.
     """
-    u, y, mask = match(model, recording)
+    u, y, mask = match(model, recording, estimator=estimator)
     k = at + len(u) if at < 0 else at
     if not 0 <= k < len(u):
         raise DataError(f"there is no sample {at} in a recording of {len(u)} samples")

@@ -13,7 +13,7 @@ from backsight.errors import DataError, TuningError
 from backsight.estimators.high_gain import gain_vector
 from backsight.models.affine import AffineForm, affine_form
 from backsight.models.model import Model
-from backsight.run.match import match
+from backsight.run.match import matched_inputs
 from backsight.types import Array
 
 SETTLING = 10.0
@@ -151,7 +151,7 @@ def trajectory(model: Model, motion: xr.Dataset, form: AffineForm) -> tuple[Arra
     x = motion[variable].sel(state=list(form.states)).values
     if not np.isfinite(x).all():
         raise DataError(f"the motion's '{variable}' is not finite at every sample")
-    return x, match(model, motion)[0]
+    return x, matched_inputs(model, motion)
 
 
 def _nominal(model: Model, form: AffineForm) -> Array:
