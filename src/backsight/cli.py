@@ -5,6 +5,7 @@ Commands import what they need when they run, so that help and version come at o
 
 import contextlib
 import io
+import re
 import shutil
 import sys
 import textwrap
@@ -125,7 +126,9 @@ def export(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     estimator: Annotated[str, typer.Option("--estimator", "-e", help="Its name in the file.")],
     out: Out,
-    name: Annotated[str | None, typer.Option(help="Prefix in C [name of the estimator].")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Prefix in C [from the estimator's name].")
+    ] = None,
     precision: Annotated[str, typer.Option(help="double or float.")] = "double",
 ) -> None:
     """Write an estimator as C99 for a controller, with a self-test from the recording."""
@@ -140,7 +143,7 @@ def export(
             read.model,
             recording(read),
             out,
-            name=name or estimator.lower(),
+            name=name or _prefix(estimator),
             precision=precision,
         )
         typer.echo(f"Code: {out}\nTest: make -C {out} test")
@@ -243,3 +246,8 @@ def _bar() -> Iterator[Callable[[str, float], None]]:
 
 def _width() -> int:
     return min(shutil.get_terminal_size().columns, WIDEST) if sys.stdout.isatty() else 80
+
+
+def _prefix(estimator: str) -> str:
+    """Name in C for an estimator's name in a problem file: "CS-MHE" becomes "cs_mhe"."""
+    return re.sub(r"[^a-z0-9]+", "_", estimator.lower()).strip("_")

@@ -117,3 +117,12 @@ def test_an_unknown_study_is_refused(backsight, tmp_path):
     code, _, told = backsight("study", "run", "nanopositoner", "-o", tmp_path)
     assert code == 2
     assert "there is no study 'nanopositoner', did you mean 'nanopositioner'?" in told
+
+
+def test_export_makes_a_name_in_c_of_the_estimators(backsight, tmp_path):
+    path = small_problem.write(tmp_path)
+    text = path.read_text(encoding="utf-8").replace("[estimators.EKF]", '[estimators."my EKF-b"]')
+    path.write_text(text, encoding="utf-8")
+    code, _, told = backsight("export", path, "-e", "my EKF-b", "-o", tmp_path / "c")
+    assert (code, told) == (0, "")
+    assert (tmp_path / "c" / "my_ekf_b.h").exists()
