@@ -10,8 +10,8 @@ from backsight.analysis.force_locations import force_locations, force_zeros
 from backsight.estimators.uncertainty import Noise
 from backsight.run.estimate import estimate
 from backsight.studies.beam import expected, plant
-from backsight.studies.beam.evaluate import Score, score
-from backsight.studies.beam.plant import DT, HITS, THICKNESS, N, forces, model, struck
+from backsight.studies.beam.evaluate import Score, output_mse, score
+from backsight.studies.beam.plant import DT, HITS, SENSORS, THICKNESS, N, forces, model, struck
 from backsight.studies.beam.ridge import best_ridge
 from backsight.studies.beam.sweeps import Curve, Map, at_once, built, curve, maps, scaling
 from backsight.studies.beam.tuning import (
@@ -24,6 +24,7 @@ from backsight.studies.beam.tuning import (
     Setting,
     estimator,
 )
+from backsight.studies.beam.walks import PLACES, best_walk, joint
 from backsight.studies.beam.windows import Windows, program
 from backsight.tune.sparsity import lambda_max
 from backsight.types import Array
@@ -34,7 +35,7 @@ NOISES = (0.0, 1e-6, 1e-5)
 """Standard deviations of the sensors [m]."""
 
 SWEPT = (0.0, -10.0)
-"""Mismatches of the curves over lam."""
+"""Mismatches of the curves over lam, and of the filters without l1 norm."""
 
 SHOWN_WINDOW = 7
 """The window of Fig. 9."""
@@ -85,6 +86,9 @@ class Experiment:
         Largest change of a force if all weights of the cost change together [N].
     ridge : dict
         Mismatch to the least MSE without l1 norm [N2].
+    walks, joint : dict
+        (places, mismatch) to the MSE with forces as random walks, and with the joint input and
+        state filter, for which eight places are too many [N2].
     references : dict
         Name of a reference window to the largest deviation from it [N].
     states : States
@@ -102,6 +106,8 @@ class Experiment:
     maps: dict[float, Map]
     scaling: float
     ridge: dict[float, float]
+    walks: dict[tuple[str, float], float]
+    joint: dict[tuple[str, float], float]
     references: dict[str, float]
     states: States
 
@@ -121,6 +127,7 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
     progress("the covariance of the process noise", 0.5)
     identity, through_B = _whole_weights(clean)
     ridge = {m: best_ridge(h, TUNED, clean) for m, h in THICKNESS.items()}
+    walked, joined = _filters(clean)
     states = _states(clean)
     progress("the weight of the l1 norm", 0.55)
     curves = _curves(seeds[0])
@@ -137,6 +144,8 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
         maps=drawn,
         scaling=scaling(THICKNESS[-10.0], TUNED, 7.0),
         ridge=ridge,
+        walks=walked,
+        joint=joined,
         references=references,
         states=states,
     )
@@ -186,6 +195,18 @@ def _whole_weights(recording: xr.Dataset) -> tuple[dict[float, float], dict[floa
         made = dataclasses.replace(made, noise=noise, sigma_force=0.0)
         identity[mismatch] = lambda_max(made, model(thickness), recording)
     return identity, through_B
+
+
+def _filters(
+    recording: xr.Dataset,
+) -> tuple[dict[tuple[str, float], float], dict[tuple[str, float], float]]:
+    d, walked, joined = forces(), {}, {}
+    for name, places in PLACES.items():
+        for m in SWEPT:
+            walked[name, m] = best_walk(THICKNESS[m], places, recording)
+            if len(places) <= len(SENSORS):
+                joined[name, m] = output_mse(joint(THICKNESS[m], places, recording), d)
+    return walked, joined
 
 
 def _curves(seed: int) -> dict[tuple[float, float], Curve]:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from backsight.analysis.rounding import significant
 from backsight.studies import html
-from backsight.studies.beam import remarks
+from backsight.studies.beam import expected, remarks
 from backsight.studies.beam.claims import Claim
-from backsight.studies.beam.experiment import Experiment
+from backsight.studies.beam.experiment import SWEPT, Experiment
 from backsight.studies.beam.plant import THICKNESS
 from backsight.studies.beam.tuning import CARRYOVERS, READING_3, SETTINGS, TABLE, THRESHOLD
 from backsight.studies.checks import Check
@@ -115,4 +115,15 @@ def _covariance(e: Experiment) -> str:
         ["nothing found from, Q = ε_Q B B'", *(f"{e.through_B[m]:.2g}" for m in THICKNESS)],
         ["MSE with squares [N²]", *(f"{e.ridge[m]:.3f}" for m in THICKNESS)],
     ]
-    return html.text(remarks.COVARIANCE) + html.table(head, rows)
+    return html.text(remarks.COVARIANCE) + html.table(head, rows) + _filters(e)
+
+
+def _filters(e: Experiment) -> str:
+    head = ["forces looked for", "filter", *(f"{m:g} %" for m in SWEPT)]
+    rows = [
+        [places, kind, *(f"{found[places, m]:.3g}" for m in SWEPT)]
+        for kind, found in (("random walks", e.walks), ("joint input and state", e.joint))
+        for places in dict.fromkeys(name for name, _ in found)
+    ]
+    caption = f"MSE of the output [N²]; that of no force at all is {expected.ZERO_MSE}"
+    return html.text(remarks.FILTERS) + html.table(head, rows, caption=caption)

@@ -155,6 +155,10 @@ def _alone(e: Experiment) -> list[Check]:
                 expected.LAMBDA_MAX_IDENTITY[m], e.identity[m], tolerance=0.15, where="page",
             )
         )  # fmt: skip
+    for places, by_mismatch in expected.WALKS.items():
+        for m, wanted in by_mismatch.items():
+            name, found = f"best MSE with random walks, {places}: {m:g} %", e.walks[places, m]
+            rows.append(near(name, wanted, found, tolerance=0.02, where="page"))
     return rows
 
 
