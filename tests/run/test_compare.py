@@ -4,7 +4,7 @@ import psutil
 import pytest
 
 from backsight.errors import DataError
-from backsight.estimators import EKF
+from backsight.estimators import EKF, MHE
 from backsight.run.compare import compare
 from backsight.run.estimate import estimate
 from contract.cases import Problem
@@ -32,3 +32,10 @@ def test_results_have_to_fit_into_memory_together(monkeypatch):
             progress=lambda *at: done.append(at),
         )
     assert not done
+
+
+def test_a_window_that_is_longer_than_the_recording_is_refused_before_it_is_built():
+    recording = PROBLEM.simulate(20, seed=0, hold="zoh", noisy=True).recording(PROBLEM.model)
+    window = MHE(PROBLEM.noise, PROBLEM.prior, N=10**9)
+    with pytest.raises(DataError, match="N = 19 takes in all of it"):
+        estimate(window, PROBLEM.model, recording)

@@ -26,6 +26,11 @@ class AbstractEstimator(abc.ABC):
     weighs: ClassVar[bool] = False
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
 
+    @property
+    def horizon(self) -> int:
+        """Sampling periods that the window spans, 0 of an estimator without a window."""
+        return int(getattr(self, "N", 0))
+
     @abc.abstractmethod
     def compile(self, model: Model, dt: float) -> Recursion:
         """Turn the description into ``(carry, u, y, mask) -> (carry, outputs)``.

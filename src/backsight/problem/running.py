@@ -17,7 +17,7 @@ from backsight.problem.seeing import doubts
 from backsight.problem.source import recording
 from backsight.report import report
 from backsight.run.compare import Comparison, compare
-from backsight.run.estimate import failure
+from backsight.run.estimate import check_window, failure
 from backsight.run.match import match
 
 ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
@@ -86,6 +86,7 @@ def _rehearse(problem: Problem, data: xr.Dataset) -> None:
         check_sampling(problem.model, float(data.attrs["dt"]))
     for name, estimator in problem.estimators.items():
         with at(f"estimators.{name}"):
+            check_window(estimator, data.sizes["time"])
             estimator.compile(problem.model, float(data.attrs["dt"]))
 
 

@@ -119,7 +119,7 @@ def certify(
         R=noise.measurement(model),
         P0=prior.covariance(model),
     )
-    N, lag = int(getattr(estimator, "N", 0)), int(getattr(estimator, "lag", 0))
+    N, lag = estimator.horizon, int(getattr(estimator, "lag", 0))
     samples = min(max(WINDOWS * (N + 1), LEAST), MOST)
     inputs = u[(middle + np.arange(samples)) % len(u)] - u[middle]
     y = draw(system, inputs, missing=MISSING, seed=seed)

@@ -88,6 +88,7 @@ class Task:
 def ready(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> Task:
     """Check all but the memory that the result takes, see `estimate`."""
     data = match(model, recording, estimator=estimator)
+    check_window(estimator, len(data[0]))
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
     check_length(recursion, len(data[0]))
     return Task(estimator, model, recording, recursion, data)
@@ -131,6 +132,15 @@ def failure(result: xr.Dataset) -> str:
     causes = [text for bit, text in STATUS_TEXT.items() if bit & FAILURES & int(status[k])]
     moment = float(result["time"][k])
     return f"{result.attrs['estimator']} failed at sample {k} (t = {moment:g} s): {causes[0]}"
+
+
+def check_window(estimator: AbstractEstimator, samples: int) -> None:
+    """Raise `DataError` if the window is longer than the recording, before it is built."""
+    if estimator.horizon >= samples > 1:
+        raise DataError(
+            f"the window of {estimator.horizon} sampling periods is longer than the recording of "
+            f"{samples} samples: N = {samples - 1} takes in all of it"
+        )
 
 
 def check_length(recursion: Recursion, samples: int) -> None:

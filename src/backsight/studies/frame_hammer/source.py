@@ -91,7 +91,8 @@ def recordings(further: Sequence[str | os.PathLike[str]] = ()) -> list[Recording
             f"into the folder '{FOLDER}' of the folder that the environment variable {VARIABLE} "
             f"names, or give files with --recording; they come from {SOURCE}"
         )
-    found = [read(path) for path in (*there, *map(Path, further))]
+    files = dict.fromkeys(path.resolve() for path in (*there, *map(Path, further)))
+    found = [read(path) for path in files]
     for name, count in Counter(recording.name for recording in found).items():
         if count > 1:
             raise DataError(f"{count} recordings have the name '{name}'; rename a file")
