@@ -5,16 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from backsight.errors import DataError
-from backsight.output import whole, write_whole
 from backsight.studies.arrival.expected import checks
 from backsight.studies.arrival.experiment import Progress, carry_out
 from backsight.studies.arrival.figures import draw
 from backsight.studies.arrival.page import TITLE, build, short
 from backsight.studies.arrival.tables import write_tables
-from backsight.studies.checks import write_checks
 from backsight.studies.study import Findings, Study
-
-PAGE = "study.html"
+from backsight.studies.writing import Written, publish
 
 SEEDS = 50
 """Recordings of every simulated plant."""
@@ -53,15 +50,15 @@ def run(
     """
     if recordings:
         raise DataError("the study of arrival costs simulates its plants and takes no recordings")
-    with whole(out) as folder:
+
+    def work(folder: Path) -> Written:
         experiment = carry_out(seeds, progress)
         found = checks(experiment)
         write_tables(experiment, folder)
-        write_checks(folder / "checks.json", found)
         figures = draw(experiment, folder)
-        write_whole(folder / PAGE, build(experiment, found, figures).encode())
-    lines = [f"- {point}" for point in short(experiment, found)]
-    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+        return Written(found, build(experiment, found, figures), short(experiment, found))
+
+    return publish(out, TITLE, work=work)
 
 
 STUDY = Study("arrival", TITLE, run, seeds=SEEDS)

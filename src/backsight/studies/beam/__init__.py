@@ -4,18 +4,14 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.errors import DataError
-from backsight.output import whole, write_whole
 from backsight.studies.beam.claims import judge
 from backsight.studies.beam.experiment import Progress, carry_out
 from backsight.studies.beam.figures import draw
 from backsight.studies.beam.page import TITLE, build, short
 from backsight.studies.beam.tables import write_tables
 from backsight.studies.beam.verdicts import checks
-from backsight.studies.checks import write_checks
 from backsight.studies.study import Findings, Study
-
-PAGE = "study.html"
+from backsight.studies.writing import Written, check_simulated, publish
 
 
 def run(
@@ -49,21 +45,18 @@ def run(
     OutputError
         If the folder cannot be written.
     """
-    if recordings:
-        raise DataError("the study of the beam is a simulation and takes no recordings")
-    if not seeds or min(seeds) < 0:
-        raise DataError("the study of the beam needs a seed, and none may be negative")
-    with whole(out) as folder:
+    check_simulated("beam", seeds=seeds, recordings=recordings)
+
+    def work(folder: Path) -> Written:
         experiment = carry_out(seeds, progress)
         claims = judge(experiment)
         found = checks(experiment, claims)
         write_tables(experiment, claims, folder)
-        write_checks(folder / "checks.json", found)
-        figures = draw(experiment, folder)
-        write_whole(folder / PAGE, build(experiment, claims, found, figures).encode())
+        page = build(experiment, claims, found, draw(experiment, folder))
         progress("", 1.0)
-    lines = [f"- {point}" for point in short(experiment, claims, found)]
-    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+        return Written(found, page, short(experiment, claims, found))
+
+    return publish(out, TITLE, work=work)
 
 
 STUDY = Study("beam", TITLE, run)

@@ -1,7 +1,5 @@
 """What the paper says, each statement decided by the measured numbers."""
 
-import dataclasses
-
 import numpy as np
 
 from backsight.studies.beam import evaluate
@@ -17,6 +15,7 @@ from backsight.studies.beam.tuning import (
     TABLE,
     THRESHOLD,
 )
+from backsight.studies.claims import Claim
 from backsight.types import Array
 
 CONVERGED = 0.25
@@ -24,26 +23,6 @@ CONVERGED = 0.25
 
 WORST = -10.0
 TABLE_3 = "Table 3"
-
-
-@dataclasses.dataclass(frozen=True)
-class Claim:
-    """A statement of the paper, and whether it holds here.
-
-    Parameters
-    ----------
-    text : str
-    setting : str
-        Under which settings it was looked at.
-    holds : bool
-    measured : str
-        The numbers that decide.
-    """
-
-    text: str
-    setting: str
-    holds: bool
-    measured: str
 
 
 def judge(e: Experiment) -> list[Claim]:

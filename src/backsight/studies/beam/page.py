@@ -6,11 +6,12 @@ from pathlib import Path
 from backsight.analysis.rounding import significant
 from backsight.studies import html
 from backsight.studies.beam import expected, remarks
-from backsight.studies.beam.claims import Claim
 from backsight.studies.beam.experiment import SWEPT, Experiment
 from backsight.studies.beam.plant import THICKNESS
 from backsight.studies.beam.tuning import CARRYOVERS, READING_3, SETTINGS, TABLE, THRESHOLD
+from backsight.studies.check_tables import expected_table
 from backsight.studies.checks import Check
+from backsight.studies.claims import Claim, numbers, tally
 from backsight.studies.html import Cell
 
 TITLE = "A struck beam: compressive-sensing moving horizon estimation of unknown forces"
@@ -31,7 +32,7 @@ def build(
         ("What the covariance scales, and what sparsity is good for", _covariance(e)),
         ("Which statements hold", html.text(remarks.CLAIMS) + claims_table(claims)),
         ("Figures", pictures),
-        ("Checks", checks_table(checks)),
+        ("Checks", expected_table(numbers(checks))),
     ]
     lead = html.text(remarks.LEAD) + html.items(*short(e, claims, checks))
     return html.page(TITLE, sections, lead=lead, foot=html.text(remarks.SOURCE, remarks.LIMITS))
@@ -39,14 +40,11 @@ def build(
 
 def short(e: Experiment, claims: Sequence[Claim], checks: Sequence[Check]) -> list[str]:
     """The study in a few sentences, for the page and the terminal."""
-    numbers = [c for c in checks if not c.name.startswith("claim")]
-    failed = [c.name for c in numbers if not c.passed]
     third = {m: e.cases["one setting", READING_3, m].score for m in THICKNESS}
     all_four = sum(min(map(abs, c.score.recovered)) >= THRESHOLD for c in e.cases.values())
     errors = ", ".join(f"{100 * s.relative:.1f} % at {m:g} %" for m, s in third.items())
     return [
-        f"{len(numbers) - len(failed)} of {len(numbers)} numbers are met"
-        + (f"; not: {'; '.join(failed)}." if failed else "."),
+        tally(numbers(checks)),
         f"{sum(c.holds for c in claims)} of {len(claims)} statements of the paper hold.",
         f"All four hits are found at the right place and time in {all_four} of {len(e.cases)} "
         "cases (two settings, four readings, four mismatches). With reading III and one "
@@ -66,22 +64,6 @@ def claims_table(claims: Sequence[Claim]) -> str:
             for c in claims
         ],
     )
-
-
-def checks_table(checks: Sequence[Check]) -> str:
-    """All numbers that had to be met."""
-    rows: list[list[str | Cell]] = [
-        [
-            c.name,
-            Cell("yes" if c.passed else "no", good=c.passed),
-            c.paper if isinstance(c.paper, str) else f"{c.paper:.4g}",
-            c.measured if isinstance(c.measured, str) else f"{c.measured:.4g}",
-            c.tolerance if isinstance(c.tolerance, str) else f"{c.tolerance:.2g}",
-        ]
-        for c in checks
-        if not c.name.startswith("claim")
-    ]
-    return html.table(["check", "met", "expected", "measured", "tolerance"], rows)
 
 
 def _cases(e: Experiment, setting: str) -> str:

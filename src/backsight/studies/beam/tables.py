@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from backsight.studies.beam import expected
-from backsight.studies.beam.claims import Claim
 from backsight.studies.beam.experiment import Experiment
 from backsight.studies.beam.plant import HITS
 from backsight.studies.beam.sweeps import Q_EXPONENTS, R_EXPONENTS
+from backsight.studies.claims import Claim
 from backsight.studies.sheets import write_sheet
 
 

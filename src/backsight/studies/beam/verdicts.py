@@ -5,11 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from backsight.studies.beam import expected
-from backsight.studies.beam.claims import Claim, corrected, largest_window
+from backsight.studies.beam.claims import corrected, largest_window
 from backsight.studies.beam.experiment import Experiment
 from backsight.studies.beam.plant import HITS, THICKNESS
 from backsight.studies.beam.tuning import NO_CARRYOVER, READING_1, READING_2, READING_3
 from backsight.studies.checks import Check, near
+from backsight.studies.claims import Claim
 
 OPTIMAL = 1e-8
 """Largest violation of the optimality conditions of a window, as a share of lam."""

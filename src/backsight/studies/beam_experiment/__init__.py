@@ -4,18 +4,14 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.errors import DataError
-from backsight.output import whole, write_whole
 from backsight.studies.beam.plant import NODES
 from backsight.studies.beam_experiment.experiment import Experiment, Progress, carry_out
 from backsight.studies.beam_experiment.figures import draw
 from backsight.studies.beam_experiment.page import TITLE, build, short
 from backsight.studies.beam_experiment.verdicts import checks, judge
-from backsight.studies.checks import write_checks
 from backsight.studies.sheets import write_sheet
 from backsight.studies.study import Findings, Study
-
-PAGE = "study.html"
+from backsight.studies.writing import Written, check_simulated, publish
 
 RECORDINGS = 10
 
@@ -51,21 +47,18 @@ def run(
     OutputError
         If the folder cannot be written.
     """
-    if recordings:
-        raise DataError("the study of the hammer is a simulation and takes no recordings")
-    if not seeds or min(seeds) < 0:
-        raise DataError("the study of the hammer needs a seed, and none may be negative")
-    with whole(out) as folder:
+    check_simulated("hammer", seeds=seeds, recordings=recordings)
+
+    def work(folder: Path) -> Written:
         experiment = carry_out(seeds, progress)
         claims = judge(experiment)
         found = checks(experiment, claims)
-        write_checks(folder / "checks.json", found)
         write_sheet(folder / "outputs.csv", *_sheet(experiment))
-        figures = draw(experiment, folder)
-        write_whole(folder / PAGE, build(experiment, claims, found, figures).encode())
+        page = build(experiment, claims, found, draw(experiment, folder))
         progress("", 1.0)
-    lines = [f"- {point}" for point in short(experiment, claims, found)]
-    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+        return Written(found, page, short(experiment, claims, found))
+
+    return publish(out, TITLE, work=work)
 
 
 def _sheet(e: Experiment) -> tuple[list[str], list[list[object]]]:

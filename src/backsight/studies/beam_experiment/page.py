@@ -4,13 +4,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from backsight.studies import html
-from backsight.studies.beam.claims import Claim
-from backsight.studies.beam.page import checks_table, claims_table
+from backsight.studies.beam.page import claims_table
 from backsight.studies.beam.remarks import SOURCE
 from backsight.studies.beam_experiment.experiment import NOISE, Experiment
 from backsight.studies.beam_experiment.plant import PRINTED
 from backsight.studies.beam_experiment.verdicts import MEASURED, deviation
+from backsight.studies.check_tables import expected_table
 from backsight.studies.checks import Check
+from backsight.studies.claims import Claim, numbers, tally
 
 TITLE = "A beam hit by a hammer: the experiment of the compressive-sensing estimator"
 
@@ -60,7 +61,7 @@ def build(
         ("The experiment", html.text(*SETUP) + table),
         ("Which statements hold", claims_table(claims)),
         ("Figures", pictures),
-        ("Checks", checks_table(checks)),
+        ("Checks", expected_table(numbers(checks))),
     ]
     lead = html.items(*short(e, claims, checks))
     return html.page(TITLE, sections, lead=lead, foot=html.text(SOURCE, LIMITS))
@@ -68,12 +69,9 @@ def build(
 
 def short(e: Experiment, claims: Sequence[Claim], checks: Sequence[Check]) -> list[str]:
     """The study in a few sentences, for the page and the terminal."""
-    numbers = [c for c in checks if not c.name.startswith("claim")]
-    failed = [c.name for c in numbers if not c.passed]
     third = next(c for c in claims if c.text.startswith("A third"))
     return [
-        f"{len(numbers) - len(failed)} of {len(numbers)} numbers are met"
-        + (f"; not: {'; '.join(failed)}." if failed else "."),
+        tally(numbers(checks)),
         f"{sum(c.holds for c in claims)} of {len(claims)} statements of the paper hold.",
         f"“{third.text}”: {third.measured} ({len(e.l0[MEASURED, NOISE])} recordings).",
     ]

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from backsight.studies.beam.claims import Claim
 from backsight.studies.beam.evaluate import kept
 from backsight.studies.beam.plant import N
 from backsight.studies.beam.tuning import READING_1, READING_3
@@ -17,6 +16,7 @@ from backsight.studies.beam_experiment.experiment import (
 )
 from backsight.studies.beam_experiment.plant import FREQUENCIES, NODE, PRINTED, impulse
 from backsight.studies.checks import Check
+from backsight.studies.claims import Claim
 
 MEASURED = next(iter(FREQUENCIES))
 

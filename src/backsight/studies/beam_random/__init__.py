@@ -4,17 +4,13 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.errors import DataError
-from backsight.output import whole, write_whole
 from backsight.studies.beam_random.experiment import Experiment, Progress, carry_out
 from backsight.studies.beam_random.figures import draw
 from backsight.studies.beam_random.page import FIELDS, TITLE, build, short
 from backsight.studies.beam_random.verdicts import checks
-from backsight.studies.checks import write_checks
 from backsight.studies.sheets import write_sheet
 from backsight.studies.study import Findings, Study
-
-PAGE = "study.html"
+from backsight.studies.writing import Written, check_simulated, publish
 
 SCENARIOS = 50
 
@@ -53,20 +49,17 @@ def run(
     OutputError
         If the folder cannot be written.
     """
-    if recordings:
-        raise DataError("the study of the beam is a simulation and takes no recordings")
-    if not seeds or min(seeds) < 0:
-        raise DataError("the study of the beam needs a seed, and none may be negative")
-    with whole(out) as folder:
+    check_simulated("beam", seeds=seeds, recordings=recordings)
+
+    def work(folder: Path) -> Written:
         experiment = carry_out(seeds, progress)
         found = checks(experiment)
-        write_checks(folder / "checks.json", found)
         write_sheet(folder / "methods.csv", *_sheet(experiment))
-        figures = draw(experiment, folder)
-        write_whole(folder / PAGE, build(experiment, found, figures).encode())
+        page = build(experiment, found, draw(experiment, folder))
         progress("", 1.0)
-    lines = [f"- {point}" for point in short(experiment, found)]
-    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+        return Written(found, page, short(experiment, found))
+
+    return publish(out, TITLE, work=work)
 
 
 def _sheet(e: Experiment) -> tuple[list[str], list[list[object]]]:

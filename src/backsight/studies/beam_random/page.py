@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from backsight.studies import html
-from backsight.studies.beam.page import checks_table
 from backsight.studies.beam.plant import THICKNESS
 from backsight.studies.beam.remarks import SOURCE
 from backsight.studies.beam_random.experiment import Experiment
 from backsight.studies.beam_random.scenarios import CALIBRATED, L0, PAPER
+from backsight.studies.check_tables import expected_table
 from backsight.studies.checks import Check
+from backsight.studies.claims import tally
 
 TITLE = "A beam struck at random: which way to find the hits is the best"
 
@@ -58,22 +59,20 @@ def build(e: Experiment, checks: Sequence[Check], figures: Mapping[str, Path]) -
         ("What was found", "".join(_table(e, *field) for field in FIELDS.items())),
         ("Figures", pictures),
         ("What to take from it", html.items(*LESSONS)),
-        ("Checks", checks_table(checks)),
+        ("Checks", expected_table(checks)),
     ]
     return html.page(TITLE, sections, lead=html.items(*short(e, checks)), foot=html.text(SOURCE))
 
 
 def short(e: Experiment, checks: Sequence[Check]) -> list[str]:
     """The study in a few sentences, for the page and the terminal."""
-    failed = [c.name for c in checks if not c.passed]
     paper, best = (
         ", ".join(f"{e.mean(method, m, 'f1'):.2f}" for m in THICKNESS)
         for method in (PAPER, L0 + CALIBRATED)
     )
     off = max(float(np.median(np.abs(errors))) for errors in e.detuning.values())
     return [
-        f"{len(checks) - len(failed)} of {len(checks)} numbers are met"
-        + (f"; not: {'; '.join(failed)}." if failed else "."),
+        tally(checks),
         f"F1 over {len(next(iter(e.outcomes.values())))} recordings for a mismatch of "
         f"{', '.join(f'{m:g}' for m in THICKNESS)} %: {paper} with the paper's method; {best} with "
         "the l0 norm and frequencies calibrated from the recording itself.",

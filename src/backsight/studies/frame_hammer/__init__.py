@@ -4,16 +4,13 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.output import whole, write_whole
-from backsight.studies.checks import write_checks
 from backsight.studies.frame_hammer.experiment import Progress, carry_out
 from backsight.studies.frame_hammer.figures import draw
 from backsight.studies.frame_hammer.page import TITLE, build, short
 from backsight.studies.frame_hammer.tables import write_tables
 from backsight.studies.frame_hammer.verdicts import checks
 from backsight.studies.study import Findings, Study
-
-PAGE = "study.html"
+from backsight.studies.writing import Written, publish
 
 
 def run(
@@ -48,15 +45,15 @@ def run(
     OutputError
         If the folder cannot be written.
     """
-    with whole(out) as folder:
+
+    def work(folder: Path) -> Written:
         experiment = carry_out(seeds, recordings, progress)
         found = checks(experiment)
         write_tables(experiment, folder)
-        write_checks(folder / "checks.json", found)
         figures = draw(experiment, folder)
-        write_whole(folder / PAGE, build(experiment, found, figures).encode())
-    lines = [f"- {point}" for point in short(experiment, found)]
-    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+        return Written(found, build(experiment, found, figures), short(experiment, found))
+
+    return publish(out, TITLE, work=work)
 
 
 STUDY = Study("frame_hammer", TITLE, run)

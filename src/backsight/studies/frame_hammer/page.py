@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from backsight.studies import html
+from backsight.studies.check_tables import required_table
 from backsight.studies.checks import Check
 from backsight.studies.frame_hammer.experiment import Case, Experiment
 from backsight.studies.frame_hammer.remarks import in_short, remarks
@@ -38,7 +39,7 @@ def build(experiment: Experiment, checks: Sequence[Check], figures: Mapping[str,
         sections.append((case.recording.name, pictures))
     caption = CAPTIONS["sizes"]
     sections.append(("Sizes", html.picture(figures["sizes"], alt=caption, caption=caption)))
-    sections.append(("Checks", _checks(checks)))
+    sections.append(("Checks", required_table(checks)))
     lead = html.items(*short(experiment, checks))
     return html.page(TITLE, sections, lead=lead, foot=html.text(f"Recordings: {SOURCE}."))
 
@@ -89,16 +90,3 @@ def _row(case: Case) -> list[str | Cell]:
         case.recording.name, d.start.name, str(len(d.hits)), *known, f"{margin:.1f}",
         f"{100 * case.limited:.2f}",
     ]  # fmt: skip
-
-
-def _checks(checks: Sequence[Check]) -> str:
-    rows: list[list[str | Cell]] = [
-        [
-            c.name,
-            Cell("yes" if c.passed else "no", good=c.passed),
-            c.measured if isinstance(c.measured, str) else f"{c.measured:.3g}",
-            str(c.tolerance),
-        ]
-        for c in checks
-    ]
-    return html.table(["check", "met", "measured", "required"], rows)

@@ -5,15 +5,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from backsight.errors import DataError
-from backsight.output import whole, write_whole
-from backsight.studies.checks import write_checks
 from backsight.studies.lecture.experiment import carry_out
 from backsight.studies.lecture.figures import draw
 from backsight.studies.lecture.page import TITLE, build, short
 from backsight.studies.lecture.verdicts import checks
 from backsight.studies.study import Findings, Study
-
-PAGE = "study.html"
+from backsight.studies.writing import Written, publish
 
 
 def run(
@@ -47,17 +44,17 @@ def run(
         raise DataError("this study takes no recordings: its plants are simulated")
     if not seeds or seeds[0] < 0:
         raise DataError("the study needs one seed that is not negative")
-    with whole(out) as folder:
+
+    def work(folder: Path) -> Written:
         progress("simulating and estimating", 0.0)
         experiment = carry_out(seeds[0])
         progress("checking", 0.8)
         found = checks(experiment)
-        write_checks(folder / "checks.json", found)
-        figures = draw(experiment, folder)
-        write_whole(folder / PAGE, build(experiment, found, figures).encode())
+        page = build(experiment, found, draw(experiment, folder))
         progress("", 1.0)
-    lines = [f"- {point}" for point in short(experiment, found)]
-    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+        return Written(found, page, short(experiment, found))
+
+    return publish(out, TITLE, work=work)
 
 
 STUDY = Study("lecture", TITLE, run)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from backsight.analysis.rounding import significant
 from backsight.studies import html
+from backsight.studies.check_tables import required_table
 from backsight.studies.checks import Check
-from backsight.studies.html import Cell
 from backsight.studies.lecture.experiment import ALPHAS, Experiment
 
 TITLE = "Least-squares moving horizon estimation: the lecture, worked through"
@@ -43,7 +43,7 @@ def build(experiment: Experiment, checks: Sequence[Check], figures: Mapping[str,
     ]
     sections += [
         ("Corrections to the text", html.items(*CORRECTIONS)),
-        ("Checks", _table(checks)),
+        ("Checks", required_table(checks)),
     ]
     lead = html.items(*short(experiment, checks))
     source = (
@@ -72,16 +72,3 @@ def short(experiment: Experiment, checks: Sequence[Check]) -> list[str]:
         f"Bounds on the unknown force make its rms error {significant(free / bounded, 4)} times "
         f"smaller: {bounded:.3g} N instead of {free:.3g} N.",
     ]
-
-
-def _table(checks: Sequence[Check]) -> str:
-    rows: list[list[str | Cell]] = [
-        [
-            c.name,
-            Cell("yes" if c.passed else "no", good=c.passed),
-            c.measured if isinstance(c.measured, str) else f"{c.measured:.3g}",
-            str(c.tolerance),
-        ]
-        for c in checks
-    ]
-    return html.table(["check", "met", "measured", "required"], rows)

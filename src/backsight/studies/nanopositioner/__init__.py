@@ -4,8 +4,6 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.output import whole, write_whole
-from backsight.studies.checks import write_checks
 from backsight.studies.nanopositioner.claims import judge
 from backsight.studies.nanopositioner.expected import checks
 from backsight.studies.nanopositioner.experiment import Progress, carry_out
@@ -13,8 +11,7 @@ from backsight.studies.nanopositioner.figures import draw
 from backsight.studies.nanopositioner.page import TITLE, build, short
 from backsight.studies.nanopositioner.tables import write_tables
 from backsight.studies.study import Findings, Study
-
-PAGE = "study.html"
+from backsight.studies.writing import Written, publish
 
 
 def run(
@@ -48,16 +45,16 @@ def run(
     OutputError
         If the folder cannot be written.
     """
-    with whole(out) as folder:
+
+    def work(folder: Path) -> Written:
         experiment = carry_out(seeds, recordings, progress)
         verdicts = judge(experiment)
         found = checks(experiment, verdicts)
         write_tables(experiment, verdicts, folder)
-        write_checks(folder / "checks.json", found)
-        figures = draw(experiment, folder)
-        write_whole(folder / PAGE, build(experiment, verdicts, found, figures).encode())
-    lines = [f"- {point}" for point in short(experiment, verdicts, found)]
-    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+        page = build(experiment, verdicts, found, draw(experiment, folder))
+        return Written(found, page, short(experiment, verdicts, found))
+
+    return publish(out, TITLE, work=work)
 
 
 STUDY = Study("nanopositioner", TITLE, run)

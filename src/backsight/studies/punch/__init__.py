@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from backsight.errors import DataError
-from backsight.output import whole, write_whole
-from backsight.studies.checks import write_checks
 from backsight.studies.punch.claims import judge
 from backsight.studies.punch.expected import checks
 from backsight.studies.punch.experiment import Progress, carry_out
@@ -14,8 +12,7 @@ from backsight.studies.punch.figures import draw
 from backsight.studies.punch.page import TITLE, build, short
 from backsight.studies.punch.tables import write_tables
 from backsight.studies.study import Findings, Study
-
-PAGE = "study.html"
+from backsight.studies.writing import Written, publish
 
 
 def run(
@@ -51,16 +48,16 @@ def run(
     """
     if recordings:
         raise DataError("the study of the punch is a simulation and takes no recordings")
-    with whole(out) as folder:
+
+    def work(folder: Path) -> Written:
         experiment = carry_out(seeds, progress)
         claims = judge(experiment)
         found = checks(experiment, claims)
         write_tables(experiment, claims, folder)
-        write_checks(folder / "checks.json", found)
         figures = draw(experiment, folder)
-        write_whole(folder / PAGE, build(experiment, claims, found, figures).encode())
-    lines = [f"- {point}" for point in short(claims, found)]
-    return Findings(Path(out) / PAGE, tuple(found), "\n".join([TITLE, *lines]))
+        return Written(found, build(experiment, claims, found, figures), short(claims, found))
+
+    return publish(out, TITLE, work=work)
 
 
 STUDY = Study("punch", TITLE, run)

@@ -1,10 +1,10 @@
 """What the paper says of its observers, each statement decided by the measured numbers."""
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
 from backsight.analysis.rounding import significant
+from backsight.studies.claims import Claim
 from backsight.studies.punch.evaluate import PARAMETERS
 from backsight.studies.punch.experiment import Experiment, median
 from backsight.studies.punch.plant import READINGS, STIFF, Reading
@@ -29,26 +29,6 @@ NEAR_START = next(s for s in STARTS if s.reading is STIFF and s.factor == 1.2)
 
 PAPER_LIKE, TUNED = "filters as in the paper, qx = 3", "tuned filters, qx = 0.01"
 JUMPING = "filters with qx = 1"
-
-
-@dataclasses.dataclass(frozen=True)
-class Claim:
-    """A statement of the paper, and whether it holds here.
-
-    Parameters
-    ----------
-    text : str
-    setting : str
-        Reading of Table 1 and tuning of the filters.
-    holds : bool
-    measured : str
-        The numbers that decide.
-    """
-
-    text: str
-    setting: str
-    holds: bool
-    measured: str
 
 
 def judge(experiment: Experiment) -> list[Claim]:

@@ -4,7 +4,8 @@ import math
 from collections.abc import Sequence
 
 from backsight.studies.checks import Check, near
-from backsight.studies.punch.claims import Claim, longer, quieter, times
+from backsight.studies.claims import Claim
+from backsight.studies.punch.claims import longer, quieter, times
 from backsight.studies.punch.evaluate import PARAMETERS, Measures
 from backsight.studies.punch.experiment import Experiment
 from backsight.studies.punch.plant import SOFT, STIFF

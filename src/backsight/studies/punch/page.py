@@ -6,10 +6,12 @@ from pathlib import Path
 
 from backsight.analysis.rounding import significant
 from backsight.studies import html
+from backsight.studies.check_tables import expected_table
 from backsight.studies.checks import Check
+from backsight.studies.claims import Claim, numbers, tally
 from backsight.studies.html import Cell
 from backsight.studies.punch import remarks
-from backsight.studies.punch.claims import Claim, percent, seconds
+from backsight.studies.punch.claims import percent, seconds
 from backsight.studies.punch.evaluate import PARAMETERS, Measures
 from backsight.studies.punch.experiment import Experiment, median
 from backsight.studies.punch.plant import READINGS
@@ -41,7 +43,7 @@ def build(
         ("Fixed and adaptive gain", html.text(remarks.GAINS) + _gains(experiment)),
         ("Figures", pictures),
         ("How ambiguities and misprints were read", html.items(*remarks.READINGS)),
-        ("Checks", _checks(checks)),
+        ("Checks", expected_table(numbers(checks))),
     ]
     lead = html.text(remarks.LEAD) + html.items(*short(claims, checks))
     return html.page(TITLE, sections, lead=lead, foot=html.text(remarks.SOURCE, remarks.LIMITS))
@@ -49,11 +51,8 @@ def build(
 
 def short(claims: Sequence[Claim], checks: Sequence[Check]) -> list[str]:
     """The study in a few sentences, for the page and the terminal."""
-    numbers = [c for c in checks if not c.name.startswith("claim")]
-    failed = [c.name for c in numbers if not c.passed]
     points = [
-        f"{len(numbers) - len(failed)} of {len(numbers)} numbers are met"
-        + (f"; not: {'; '.join(failed)}." if failed else "."),
+        tally(numbers(checks)),
         f"{sum(c.holds for c in claims)} of {len(claims)} statements of the paper hold.",
     ]
     for claim in claims:
@@ -141,18 +140,3 @@ def _gains(e: Experiment) -> str:
 
 def _picture(figures: Mapping[str, Path], name: str, caption: str) -> str:
     return html.picture(figures[name], alt=caption, caption=caption)
-
-
-def _checks(checks: Sequence[Check]) -> str:
-    rows: list[list[str | Cell]] = [
-        [
-            c.name,
-            Cell("yes" if c.passed else "no", good=c.passed),
-            c.paper if isinstance(c.paper, str) else f"{c.paper:.4g}",
-            c.measured if isinstance(c.measured, str) else f"{c.measured:.4g}",
-            c.tolerance if isinstance(c.tolerance, str) else f"{c.tolerance:.2g}",
-        ]
-        for c in checks
-        if not c.name.startswith("claim")
-    ]
-    return html.table(["check", "met", "expected", "measured", "tolerance"], rows)

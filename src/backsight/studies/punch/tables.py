@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight.studies.punch.claims import Claim
+from backsight.studies.claims import Claim
 from backsight.studies.punch.evaluate import PARAMETERS
 from backsight.studies.punch.experiment import Experiment
 from backsight.studies.sheets import write_sheet
