@@ -43,8 +43,8 @@ $(VENV)/.base: $(VENV)/bin/python pyproject.toml setup.py constraints.txt $(KERN
 	$(PIP) --editable .
 	@touch $@
 
-$(VENV)/.dev: $(VENV)/.base
-	$(PIP) --editable '.[dev]'
+$(VENV)/.dev: $(VENV)/.base studies/pyproject.toml
+	$(PIP) --editable '.[dev]' --editable ./studies
 	@touch $@
 
 $(VENV)/.bench: $(VENV)/.dev

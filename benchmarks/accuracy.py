@@ -9,8 +9,8 @@ import numpy as np
 
 from backsight.engine import native
 from backsight.estimators import EKF, ConstantArrival, SmoothedArrival
-from backsight.studies.nanopositioner.tuning import NOISE, PRIOR
 from backsight.types import Array
+from backsight_studies.nanopositioner.tuning import NOISE, PRIOR
 from benchmarks import process_noise
 from benchmarks.contest import clock, peer, reason
 from benchmarks.process_noise import INACTIVE

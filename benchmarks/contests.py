@@ -4,7 +4,7 @@ import importlib
 import os
 from functools import partial
 
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.solvers.box import GaussNewton
 from benchmarks import beam_contests, noise_contests, ours, problems
 from benchmarks.contest import Contender, Contest, Entry, peer
 from benchmarks.problems import Problem

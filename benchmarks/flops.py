@@ -7,9 +7,8 @@ from collections.abc import Iterable
 import llvmlite.binding as llvm
 import numpy as np
 
-from backsight.engine.program import Call, Loop, Statement, While
+from backsight.engine.program import Call, Loop, Statement, While, walk
 from backsight.engine.recursion import Recursion
-from backsight.engine.walk import walk
 from benchmarks.contest import clock
 
 CHAINS = 16

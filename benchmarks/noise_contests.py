@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.solvers.box import GaussNewton
 from benchmarks import process_noise
 from benchmarks.contest import Contender, Contest, Entry, peer
 from benchmarks.peers import shooting_nlp

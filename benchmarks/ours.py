@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from backsight.engine import lanes, native, vm
-from backsight.run.estimate import estimate
-from backsight.run.match import match
+from backsight.run.estimation import estimate, match
 from backsight.types import Array
 from benchmarks import problems, windows
 from benchmarks.contest import Contender

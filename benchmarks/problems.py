@@ -10,26 +10,24 @@ import xarray as xr
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators import EKF, MHO, Noise, Prior
-from backsight.estimators.adaptive_gain import AdaptiveGain
-from backsight.estimators.ahg import AHG
 from backsight.estimators.base import AbstractEstimator, Setting, setting
-from backsight.estimators.linear_mhe import LinearMHE
-from backsight.estimators.ukf import UKF
+from backsight.estimators.kalman import UKF
+from backsight.estimators.linear_windows import LinearMHE
+from backsight.estimators.observers import AHG, AdaptiveGain
 from backsight.models.augment import augment
 from backsight.models.lti import lti
 from backsight.models.model import Model
 from backsight.models.second_order import second_order
 from backsight.models.signals import Signal
-from backsight.run.closed_loop import simulate_closed_loop
-from backsight.run.match import match
-from backsight.run.simulate import simulate
+from backsight.run.estimation import match
+from backsight.run.simulation import simulate, simulate_closed_loop
 from backsight.signals.profiles import punch_strokes
-from backsight.solvers.gauss_newton import GaussNewton
-from backsight.studies.lecture.experiment import WIDE
-from backsight.studies.lecture.plants import FORCE, masses_motion, two_masses
-from backsight.studies.nanopositioner.plant import DT, simulate_stage
-from backsight.studies.nanopositioner.tuning import HEUN, HORIZON, NOISE, PRIOR, joint_model
+from backsight.solvers.box import GaussNewton
 from backsight.types import Array
+from backsight_studies.lecture.experiment import WIDE
+from backsight_studies.lecture.plants import FORCE, masses_motion, two_masses
+from backsight_studies.nanopositioner.plant import DT, simulate_stage
+from backsight_studies.nanopositioner.tuning import HEUN, HORIZON, NOISE, PRIOR, joint_model
 
 SAMPLES = 4000
 """Samples of a recording of the stage."""

@@ -9,9 +9,9 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import native
 from backsight.estimators import EKF, MHE, ConstantArrival, SmoothedArrival
 from backsight.models.model import Model
-from backsight.solvers.gauss_newton import GaussNewton
-from backsight.studies.nanopositioner.tuning import HORIZON, NOISE, PRIOR, joint_model
+from backsight.solvers.box import GaussNewton
 from backsight.types import Array
+from backsight_studies.nanopositioner.tuning import HORIZON, NOISE, PRIOR, joint_model
 from benchmarks.contest import Contender
 from benchmarks.ours import expected
 from benchmarks.problems import TWICE, Problem, chain, stage

@@ -12,11 +12,11 @@ from backsight.estimators.base import setting
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.beam import beam
 from backsight.models.model import Model
-from backsight.run.match import match
-from backsight.studies.beam import plant
-from backsight.studies.beam.tuning import CARRYOVERS, READING_3, TABLE, estimator
-from backsight.studies.beam.windows import program
+from backsight.run.estimation import match
 from backsight.types import Array
+from backsight_studies.beam import plant
+from backsight_studies.beam.tuning import CARRYOVERS, READING_3, TABLE, estimator
+from backsight_studies.beam.windows import program
 from benchmarks.contest import Contender
 
 CASES = tuple(plant.THICKNESS)

@@ -9,7 +9,7 @@ from benchmarks import accuracy, bars, contest, page, problems, process_noise, s
 from benchmarks.peers import numpy_ekf, shooting_nlp
 
 from backsight.engine import vm
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.solvers.box import GaussNewton
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_the_function_hides_the_folder_of_the_same_name():
 
 def test_names_pickle_by_the_module_they_live_in():
     assert pickle.loads(pickle.dumps(backsight.EKF)) is backsight.EKF
-    assert backsight.EKF.__module__ == "backsight.estimators.ekf"
+    assert backsight.EKF.__module__ == "backsight.estimators.kalman.ekf"
 
 
 def test_a_name_that_does_not_exist():

@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from backsight.studies.beam import plant
-from backsight.studies.beam.tuning import TABLE
 from backsight.types import Array
+from backsight_studies.beam import plant
+from backsight_studies.beam.tuning import TABLE
 from benchmarks import struck_beam
 from benchmarks.contest import Contender
 from benchmarks.struck_beam import Window

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 import scipy
 
-from backsight.studies.beam import plant
-from backsight.studies.beam.tuning import TABLE
 from backsight.types import Array
+from backsight_studies.beam import plant
+from backsight_studies.beam.tuning import TABLE
 from benchmarks import struck_beam
 from benchmarks.contest import Contender
 from benchmarks.struck_beam import Window

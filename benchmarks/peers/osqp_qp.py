@@ -8,10 +8,9 @@ only the limits change. Without limits the windows are solved by products with c
 import numpy as np
 import scipy
 
-from backsight.estimators.limits import rows_of
-from backsight.estimators.linear import linear
-from backsight.estimators.stacked import gains
-from backsight.estimators.window_limits import limit_gains
+from backsight.estimators.linear_windows import gains, limit_gains
+from backsight.estimators.parts.limits import rows_of
+from backsight.estimators.parts.linear import linear
 from backsight.types import Array
 from benchmarks.contest import Contender
 from benchmarks.ours import expected

@@ -4,7 +4,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from backsight.studies import STUDIES
+from backsight_studies import STUDIES
 
 
 def draw(path: Path) -> Path:

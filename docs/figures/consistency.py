@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 import backsight as bs
-from backsight.analysis.whiteness import autocorrelation, normalised
+from backsight.analysis.consistency import autocorrelation, normalised
 from backsight.report import figures
 from backsight.report.palette import ON_LIGHT
 

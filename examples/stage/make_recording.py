@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from backsight.studies.nanopositioner.plant import DT, simulate_stage
+from backsight_studies.nanopositioner.plant import DT, simulate_stage
 
 SAMPLES, SEED = 4000, 0
 TRUTH = ("q", "v", "k", "b", "c")

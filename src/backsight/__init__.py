@@ -13,10 +13,10 @@ from backsight.report import report as report
 
 if TYPE_CHECKING:
     from backsight import errors as errors
-    from backsight.analysis.force_errors import force_errors as force_errors
-    from backsight.analysis.force_locations import force_locations as force_locations
-    from backsight.analysis.impacts import impacts as impacts
-    from backsight.analysis.judging import consistency as consistency
+    from backsight.analysis.consistency import consistency as consistency
+    from backsight.analysis.forces import force_errors as force_errors
+    from backsight.analysis.forces import impacts as impacts
+    from backsight.analysis.observability import force_locations as force_locations
     from backsight.analysis.observability import observability as observability
     from backsight.data import from_arrays as from_arrays
     from backsight.data import merge as merge
@@ -40,20 +40,16 @@ if TYPE_CHECKING:
     from backsight.estimators import Noise as Noise
     from backsight.estimators import Prior as Prior
     from backsight.estimators import RecursiveMHE as RecursiveMHE
-    from backsight.estimators.adaptive_gain import AdaptiveGain as AdaptiveGain
-    from backsight.estimators.arrival import ConstantArrival as ConstantArrival
-    from backsight.estimators.arrival import EKFArrival as EKFArrival
-    from backsight.estimators.arrival import NoArrival as NoArrival
-    from backsight.estimators.arrival import SmoothedArrival as SmoothedArrival
-    from backsight.estimators.arrival import UKFArrival as UKFArrival
-    from backsight.estimators.carryover import Carryover as Carryover
-    from backsight.estimators.dictionary import Atoms as Atoms
-    from backsight.estimators.dictionary import HalfSines as HalfSines
-    from backsight.estimators.dictionary import Impulses as Impulses
-    from backsight.estimators.selection import L1 as L1
-    from backsight.estimators.selection import Given as Given
-    from backsight.estimators.selection import Greedy as Greedy
-    from backsight.estimators.selection import Reweighted as Reweighted
+    from backsight.estimators.cs_mhe import Atoms as Atoms
+    from backsight.estimators.cs_mhe import Carryover as Carryover
+    from backsight.estimators.cs_mhe import HalfSines as HalfSines
+    from backsight.estimators.cs_mhe import Impulses as Impulses
+    from backsight.estimators.mhe import ConstantArrival as ConstantArrival
+    from backsight.estimators.mhe import EKFArrival as EKFArrival
+    from backsight.estimators.mhe import NoArrival as NoArrival
+    from backsight.estimators.mhe import SmoothedArrival as SmoothedArrival
+    from backsight.estimators.mhe import UKFArrival as UKFArrival
+    from backsight.estimators.observers import AdaptiveGain as AdaptiveGain
     from backsight.models import Model as Model
     from backsight.models import Signal as Signal
     from backsight.models import augment as augment
@@ -71,16 +67,20 @@ if TYPE_CHECKING:
     from backsight.models.sampling import check_sampling as check_sampling
     from backsight.models.sensor_lag import sensor_lag as sensor_lag
     from backsight.models.unknown_forces import forces_as_inputs as forces_as_inputs
-    from backsight.run.alignment import alignment as alignment
-    from backsight.run.certify import certify as certify
     from backsight.run.compare import compare as compare
-    from backsight.run.estimate import estimate as estimate
-    from backsight.run.many import estimate_many as estimate_many
-    from backsight.run.simulate import simulate as simulate
+    from backsight.run.diagnosis import alignment as alignment
+    from backsight.run.diagnosis import certify as certify
+    from backsight.run.estimation import estimate as estimate
+    from backsight.run.estimation import estimate_many as estimate_many
+    from backsight.run.estimation import stream as stream
+    from backsight.run.estimation import window as window
+    from backsight.run.simulation import simulate as simulate
     from backsight.run.sparse_forces import sparse_forces as sparse_forces
-    from backsight.run.stream import stream as stream
-    from backsight.run.window import window as window
-    from backsight.solvers.gauss_newton import GaussNewton as GaussNewton
+    from backsight.solvers.box import GaussNewton as GaussNewton
+    from backsight.sparse import L1 as L1
+    from backsight.sparse import Given as Given
+    from backsight.sparse import Greedy as Greedy
+    from backsight.sparse import Reweighted as Reweighted
     from backsight.tune.calibration import calibrate as calibrate
     from backsight.tune.force_path import force_path as force_path
     from backsight.tune.lambda_choice import lambda_from_noise as lambda_from_noise
@@ -94,41 +94,34 @@ if TYPE_CHECKING:
     __version__: str
 
 _NAMES = {
-    "analysis.force_errors": "force_errors",
-    "analysis.force_locations": "force_locations",
-    "analysis.impacts": "impacts",
-    "analysis.judging": "consistency",
-    "analysis.observability": "observability",
+    "analysis.consistency": "consistency",
+    "analysis.forces": "force_errors impacts",
+    "analysis.observability": "force_locations observability",
     "data": "from_arrays merge read resample",
     "data.increments": "increments",
     "discrete.runge_kutta": "Integrator",
     "estimators": (
-        "AHG CompressiveSensingMHE EKF ESTIMATORS HGO MHE MHO UKF JointInput KalmanFilter Limit "
-        "LinearMHE Luenberger Noise Prior RecursiveMHE"
+        "AHG CompressiveSensingMHE EKF ESTIMATORS HGO JointInput KalmanFilter Limit LinearMHE "
+        "Luenberger MHE MHO Noise Prior RecursiveMHE UKF"
     ),
-    "estimators.adaptive_gain": "AdaptiveGain",
-    "estimators.carryover": "Carryover",
-    "estimators.dictionary": "Atoms HalfSines Impulses",
-    "estimators.arrival": "ConstantArrival EKFArrival NoArrival SmoothedArrival UKFArrival",
-    "estimators.selection": "Given Greedy L1 Reweighted",
+    "estimators.cs_mhe": "Atoms Carryover HalfSines Impulses",
+    "estimators.mhe": "ConstantArrival EKFArrival NoArrival SmoothedArrival UKFArrival",
+    "estimators.observers": "AdaptiveGain",
     "models": (
-        "Model Signal augment beam duffing friction_drive from_equations lti modal reduced scale "
-        "sdof second_order"
+        "Model Signal augment beam duffing friction_drive from_equations lti modal reduced "
+        "scale sdof second_order"
     ),
     "models.incremental": "incremental",
     "models.sampling": "check_sampling",
     "models.sensor_lag": "sensor_lag",
     "models.unknown_forces": "forces_as_inputs",
-    "run.alignment": "alignment",
-    "run.certify": "certify",
     "run.compare": "compare",
-    "run.estimate": "estimate",
-    "run.many": "estimate_many",
-    "run.simulate": "simulate",
+    "run.diagnosis": "alignment certify",
+    "run.estimation": "estimate estimate_many stream window",
+    "run.simulation": "simulate",
     "run.sparse_forces": "sparse_forces",
-    "run.stream": "stream",
-    "run.window": "window",
-    "solvers.gauss_newton": "GaussNewton",
+    "solvers.box": "GaussNewton",
+    "sparse": "Given Greedy L1 Reweighted",
     "tune.calibration": "calibrate",
     "tune.force_path": "force_path",
     "tune.lambda_choice": "lambda_from_noise lambda_from_sensors lambda_from_whiteness",

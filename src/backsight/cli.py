@@ -60,7 +60,7 @@ def run(
     with _told():
         from backsight.problem import execute, load
         from backsight.problem.running import ESTIMATES, PAGE
-        from backsight.run.estimate import failure
+        from backsight.run.estimation import failure
 
         read = load(problem)
         with _bar() as advance:
@@ -100,8 +100,8 @@ def check(
         from backsight.problem import load
         from backsight.problem.seeing import examine
         from backsight.problem.source import recording
-        from backsight.run.audit import aligned
-        from backsight.run.certify import certify as certified
+        from backsight.run.diagnosis import aligned
+        from backsight.run.diagnosis import certify as certified
 
         read = load(problem)
         chosen = None if certify is None else _estimator(certify, read.estimators)
@@ -160,7 +160,7 @@ def methods() -> None:
 @study.command("list")
 def study_list() -> None:
     """List the studies."""
-    from backsight.studies import STUDIES
+    from backsight_studies import STUDIES
 
     for name, entry in STUDIES.items():
         typer.echo(f"{name}: {entry.title}")
@@ -180,7 +180,7 @@ def study_run(
 ) -> None:
     """Run a study: figures, tables, a page to read, and checks.json."""
     with _told():
-        from backsight.studies import STUDIES
+        from backsight_studies import STUDIES
 
         if name not in STUDIES:
             raise ProblemError(f"there is no study '{name}', {nearest(name, STUDIES)}")

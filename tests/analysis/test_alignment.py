@@ -9,20 +9,18 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from backsight.analysis.alignment import decide
-from backsight.analysis.alignment_scale import ratio
+from backsight.analysis.recording import decide, ratio
 from backsight.errors import TuningError
 from backsight.estimators import KalmanFilter, Noise, Prior
 from backsight.models.builtin import sdof
 from backsight.models.lti import lti
 from backsight.problem import load
 from backsight.problem.source import recording
-from backsight.run.alignment import alignment
-from backsight.run.audit import aligned
-from backsight.run.simulate import simulate
+from backsight.run.diagnosis import aligned, alignment
+from backsight.run.simulation import simulate
 from backsight.signals import prbs
-from backsight.studies.nanopositioner.plant import SAMPLES, simulate_stage
-from backsight.studies.nanopositioner.tuning import ekf, joint_model
+from backsight_studies.nanopositioner.plant import SAMPLES, simulate_stage
+from backsight_studies.nanopositioner.tuning import ekf, joint_model
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from backsight.analysis.linear_gaussian import (
+from backsight.analysis.certificate.linear_gaussian import (
     LinearGaussian,
     draw,
     factor,
@@ -17,11 +17,11 @@ from backsight.data import from_arrays
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import DataError, TuningError
 from backsight.estimators import EKF, MHE, MHO, UKF, KalmanFilter, Limit, LinearMHE, Noise, Prior
-from backsight.estimators.arrival import EKFArrival, NoArrival, SmoothedArrival, UKFArrival
+from backsight.estimators.mhe import EKFArrival, NoArrival, SmoothedArrival, UKFArrival
 from backsight.models.augment import augment
 from backsight.models.builtin import duffing
-from backsight.run.certify import certify
-from backsight.run.simulate import simulate
+from backsight.run.diagnosis import certify
+from backsight.run.simulation import simulate
 from oracles.kalman import kalman_filter
 from relations import linear
 

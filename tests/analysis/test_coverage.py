@@ -3,7 +3,13 @@ import math
 import numpy as np
 import pytest
 
-from backsight.analysis.coverage import NORMAL, coverage, innovation_coverage, mean_nees, nees
+from backsight.analysis.consistency.coverage import (
+    NORMAL,
+    coverage,
+    innovation_coverage,
+    mean_nees,
+    nees,
+)
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
-from backsight.analysis.force_locations import force_locations, force_zeros
-from backsight.analysis.observability import observability
-from backsight.analysis.zeros import transmission_zeros
+from backsight.analysis.observability import (
+    force_locations,
+    force_zeros,
+    observability,
+    transmission_zeros,
+)
 from backsight.discrete.exact import zoh
 from backsight.errors import ModelError
 from backsight.models import augment, beam, lti

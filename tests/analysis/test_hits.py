@@ -8,9 +8,9 @@ import pytest
 import xarray as xr
 
 import backsight as bs
-from backsight.analysis.hits import Hits, forces, hits
-from backsight.analysis.summary import assess, summary
-from backsight.analysis.verdict import verdicts
+from backsight.analysis.comparison import verdicts
+from backsight.analysis.comparison.summary import assess, summary
+from backsight.analysis.forces import Hits, forces, hits
 
 DT, N = 1 / 400, 200
 PLACES = {"root": 0.165, "middle": 0.285, "tip": 0.405}

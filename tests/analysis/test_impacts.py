@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from backsight.analysis.impacts import impacts, matches
+from backsight.analysis.forces import impacts, matches
 from backsight.errors import DataError
 
 DT = 0.01

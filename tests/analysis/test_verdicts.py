@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from analysis import believing
-from backsight.analysis.judging import consistency as judge
-from backsight.analysis.noise_factors import NoiseFactors, Path, noise_factors
-from backsight.analysis.summary import assess
-from backsight.analysis.verdict import consistency
+from backsight.analysis.comparison.summary import assess
+from backsight.analysis.comparison.verdict import consistency
+from backsight.analysis.consistency import NoiseFactors, Path, noise_factors
+from backsight.analysis.consistency import consistency as judge
 from backsight.errors import DataError
-from backsight.run.noise_factors import factors_of
+from backsight.run.diagnosis._noise_factors import factors_of
 
 
 def said(result):

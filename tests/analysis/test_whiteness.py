@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from backsight.analysis.whiteness import autocorrelation, colours, cross_correlation, normalised
+from backsight.analysis.consistency.whiteness import (
+    autocorrelation,
+    colours,
+    cross_correlation,
+    normalised,
+)
 
 
 def as_result(r: np.ndarray, u: np.ndarray, variance: float = 4.0) -> xr.Dataset:

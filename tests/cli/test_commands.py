@@ -6,8 +6,8 @@ import sys
 
 import backsight as bs
 import small_problem
-from backsight.studies import STUDIES
-from backsight.studies.study import Findings, Study
+from backsight_studies import STUDIES
+from backsight_studies.study import Findings, Study
 
 
 def test_version(backsight):

@@ -35,7 +35,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.solvers.box import GaussNewton
 
 Build = Callable[["Problem", Integrator], AbstractEstimator]
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from backsight.errors import EstimationError
 from backsight.estimators import Noise, Prior
-from backsight.run.estimate import estimate
+from backsight.run.estimation import estimate
 from backsight.schema import Status, check_result
 from closeness import assert_close
 from contract.cases import DT, K_TRUE, Data, Problem, R

@@ -7,8 +7,7 @@ import pytest
 
 from backsight.engine.recursion import Recursion
 from backsight.estimators import ESTIMATORS
-from backsight.run.estimate import estimate
-from backsight.run.stream import stream
+from backsight.run.estimation import estimate, stream
 from closeness import assert_close
 from contract.cases import CASES
 

@@ -2,8 +2,17 @@
 
 import numpy as np
 
-from backsight.engine.leaf import Leaf
-from backsight.engine.program import Call, Copy, Loop, Program, Slice, Statement, Table, While
+from backsight.engine.program import (
+    Call,
+    Copy,
+    Leaf,
+    Loop,
+    Program,
+    Slice,
+    Statement,
+    Table,
+    While,
+)
 
 ARITHMETIC = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "sin": np.sin}
 Memory = dict[str, np.ndarray]

@@ -2,8 +2,8 @@
 
 import casadi as ca
 
-from backsight.engine.c99_leaf import Precision, write_leaf
-from backsight.engine.leaf import Leaf, leaf_of, parts_of
+from backsight.engine.c99.leaf import Precision, write_leaf
+from backsight.engine.program.leaf import Leaf, leaf_of, parts_of
 
 
 def head(leaf: Leaf) -> str:

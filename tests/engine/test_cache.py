@@ -6,7 +6,8 @@ import threading
 import numpy as np
 import pytest
 
-from backsight.engine import cache, native
+from backsight.engine import _cache as cache
+from backsight.engine import native
 from engine.examples import data_for, location
 
 

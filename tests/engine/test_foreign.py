@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from backsight.engine import foreign, lanes, machine, native, vm
+from backsight.engine import foreign, lanes, native, vm
+from backsight.engine.llvm import machine
 from backsight.engine.loops import iterate, scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import EngineError

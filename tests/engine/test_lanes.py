@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from backsight.engine import lanes, machine, native
+from backsight.engine import lanes, native
+from backsight.engine.llvm import machine
 from backsight.engine.loops import scan
 from backsight.errors import EngineError
 from closeness import assert_close

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from backsight.engine import lanes, native, vm
-from backsight.engine.leaf import leaf_of
+from backsight.engine.program.leaf import leaf_of
 from backsight.errors import EngineError
 from engine.examples import recursion
 

@@ -6,11 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backsight.engine.coalesce import without_copies
-from backsight.engine.leaf import leaf_of
-from backsight.engine.moves import in_order
-from backsight.engine.program import Buffer, Call, Copy, Loop, Program, flat
-from backsight.engine.walk import walk
+from backsight.engine.program import Buffer, Call, Copy, Loop, Program, flat, walk
+from backsight.engine.program._coalesce import without_copies
+from backsight.engine.program._moves import in_order
+from backsight.engine.program.leaf import leaf_of
 from backsight.errors import EngineError
 from engine.examples import location
 from engine.interpreter import run

@@ -9,8 +9,8 @@ from backsight.estimators import AHG, Prior
 from backsight.estimators import Noise as SensorNoise
 from backsight.models.augment import augment
 from backsight.models.model import Model
-from backsight.studies.punch.plant import PERIOD, STIFF, Reading, punch, simulate_punch
 from backsight.tune import propose_gamma
+from backsight_studies.punch.plant import PERIOD, STIFF, Reading, punch, simulate_punch
 
 SIGMA = {"q": 2e-3, "v": 0.1}
 

@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 from backsight.engine import native
 from backsight.errors import DataError, TuningError
 from backsight.estimators import Prior
-from backsight.estimators.adaptive_gain import AdaptiveGain, gain_step
-from backsight.run.estimate import estimate
-from backsight.studies.punch.plant import SOFT, simulate_punch, with_noise
+from backsight.estimators.observers.adaptive_gain import AdaptiveGain, gain_step
+from backsight.run.estimation import estimate
+from backsight_studies.punch.plant import SOFT, simulate_punch, with_noise
 from estimators.punch import joint, motion, observer
 
 GAIN = AdaptiveGain(lower=100.0, gamma=6e-7, beta=3e7, window=0.04, every=0.001, down=50.0)

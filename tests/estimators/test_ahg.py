@@ -3,19 +3,19 @@ import dataclasses
 import numpy as np
 import pytest
 
-from backsight.analysis.errors import convergence_time
+from backsight.analysis.comparison import convergence_time
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import native, vm
 from backsight.errors import ModelError, TuningError
 from backsight.estimators import AHG, Noise, Prior
-from backsight.estimators.adaptive_gain import AdaptiveGain
+from backsight.estimators.observers import AdaptiveGain
 from backsight.models.affine import affine_form
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.run.estimate import estimate
+from backsight.run.estimation import estimate
 from backsight.schema import Status
-from backsight.studies.punch.plant import SOFT, STIFF, with_noise
+from backsight_studies.punch.plant import SOFT, STIFF, with_noise
 from closeness import assert_close
 from estimators.punch import gamma, joint, motion, observer
 

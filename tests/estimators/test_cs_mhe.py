@@ -11,8 +11,7 @@ from backsight import schema
 from backsight.engine import native, vm
 from backsight.errors import ModelError, TuningError
 from backsight.estimators import CompressiveSensingMHE
-from backsight.estimators.carryover import Carryover
-from backsight.estimators.dictionary import Atoms, HalfSines
+from backsight.estimators.cs_mhe import Atoms, Carryover, HalfSines
 from backsight.run.compare import compare
 from backsight.tune import lambda_max
 from closeness import assert_close

@@ -3,11 +3,16 @@ import numpy as np
 import pytest
 
 from backsight.errors import TuningError
-from backsight.estimators.excitation import BLOCKS, Excitation, excitation, excitation_start
+from backsight.estimators.observers._excitation import (
+    BLOCKS,
+    Excitation,
+    excitation,
+    excitation_start,
+)
 from backsight.models.affine import affine_form
-from backsight.run.estimate import estimate
+from backsight.run.estimation import estimate
 from backsight.schema import Status
-from backsight.studies.punch.plant import SOFT, STIFF
+from backsight_studies.punch.plant import SOFT, STIFF
 from estimators.punch import joint, motion, observer
 
 DT, LAM, SIGMA = 0.01, 3.0, 1e-3

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from backsight.errors import ModelError, TuningError
-from backsight.estimators.kf import KalmanFilter
+from backsight.estimators.kalman import KalmanFilter
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.builtin import duffing
 from backsight.models.lti import lti

@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import LinearConstraint, linprog, minimize
 
 from backsight.errors import TuningError
-from backsight.estimators.limits import Limit
-from backsight.estimators.linear_mhe import LinearMHE
+from backsight.estimators.linear_windows import LinearMHE
+from backsight.estimators.parts.limits import Limit
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.schema import Status
 from relations.linear import DT, P0, X0, A, B, C, Q, R, Run, model, record

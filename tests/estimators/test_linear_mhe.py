@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from backsight.errors import TuningError
-from backsight.estimators.kf import KalmanFilter
-from backsight.estimators.linear_mhe import LinearMHE
+from backsight.estimators.kalman import KalmanFilter
+from backsight.estimators.linear_windows import LinearMHE
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.lti import lti
 from backsight.schema import Status

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from backsight.errors import TuningError
-from backsight.estimators.luenberger import Luenberger
+from backsight.estimators.kalman import Luenberger
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.lti import lti
 from relations.linear import DT, P0, X0, A, B, C, Q, R, Run, model, record

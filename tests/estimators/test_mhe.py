@@ -11,12 +11,12 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.errors import EstimationError, TuningError
 from backsight.estimators import MHE, Limit, Noise, Prior
-from backsight.estimators.arrival import NoArrival
+from backsight.estimators.mhe import NoArrival
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.run.window import window
+from backsight.run.estimation import window
 from backsight.schema import Status, recording
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.solvers.box import GaussNewton
 from closeness import assert_close
 
 DT = 0.05

@@ -5,9 +5,8 @@ import pytest
 
 from backsight.engine import vm
 from backsight.errors import TuningError
-from backsight.estimators.kf import KalmanFilter
-from backsight.estimators.linear_mhe import LinearMHE
-from backsight.estimators.recursive_mhe import RecursiveMHE
+from backsight.estimators.kalman import KalmanFilter
+from backsight.estimators.linear_windows import LinearMHE, RecursiveMHE
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.lti import lti
 from oracles import lecture

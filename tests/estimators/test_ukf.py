@@ -10,11 +10,11 @@ from backsight.errors import TuningError
 from backsight.estimators import UKF, Noise, Prior
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.run.estimate import estimate
+from backsight.run.estimation import estimate
 from backsight.schema import Status
-from backsight.studies.punch import tuning
-from backsight.studies.punch.plant import STIFF, with_noise
-from backsight.studies.start import posterior_start
+from backsight_studies.punch import tuning
+from backsight_studies.punch.plant import STIFF, with_noise
+from backsight_studies.start import posterior_start
 from closeness import assert_close
 from estimators.punch import motion
 from oracles.kalman import kalman_filter

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.c99_leaf import Precision
+from backsight.engine.c99 import Precision
 from backsight.errors import DataError, EngineError
 from backsight.estimators import EKF, MHO
 from backsight.export import export_c
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.solvers.box import GaussNewton
 from contract.cases import CASES, Problem
 
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1"]

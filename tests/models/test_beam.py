@@ -6,7 +6,7 @@ import pytest
 from backsight.discrete.exact import zoh
 from backsight.errors import ModelError
 from backsight.models import beam, duffing
-from backsight.models.beam_modes import BOUNDARIES, shapes
+from backsight.models._beam_modes import BOUNDARIES, shapes
 from backsight.models.lti import lti, state_space
 from backsight.models.sampling import check_sampling
 from backsight.models.unknown_forces import forces_as_inputs

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backsight.errors import ModelError
-from backsight.models.expressions import (
+from backsight.models._expressions import (
     CONSTANTS,
     FUNCTIONS,
     MAX_DEPTH,

@@ -5,12 +5,12 @@ import pytest
 
 from backsight.data.increments import increments
 from backsight.errors import ModelError
-from backsight.estimators.linear_mhe import LinearMHE
+from backsight.estimators.linear_windows import LinearMHE
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.builtin import sdof
 from backsight.models.incremental import incremental
 from backsight.models.lti import lti, state_space
-from backsight.run.estimate import estimate
+from backsight.run.estimation import estimate
 from backsight.schema import recording
 
 A, B, C = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.1], [1.0]]), np.array([[1.0, 0.0]])

@@ -6,7 +6,7 @@ import pytest
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.estimators import MHO
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.solvers.box import GaussNewton
 from closeness import assert_close
 from oracles.moving_horizon import Observer
 from oracles.stage import DT, NOISE, PRIOR, SCALES, joint, recording

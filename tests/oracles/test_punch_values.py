@@ -11,15 +11,16 @@ import pytest
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.estimators import EKF, UKF, Noise, Prior
-from backsight.estimators.adaptive_gain import AdaptiveGain
-from backsight.estimators.high_gain import Gains, gain_vector, observer_rhs
+from backsight.estimators.observers import AdaptiveGain
+from backsight.estimators.observers.formulas import Gains, gain_vector, observer_rhs
 from backsight.models.affine import affine_form
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.signals import punch_strokes
-from backsight.studies.punch.plant import (
+from backsight.tune import propose_gamma
+from backsight_studies.punch.plant import (
     PERIOD,
     READINGS,
     SOFT,
@@ -27,8 +28,7 @@ from backsight.studies.punch.plant import (
     punch,
     simulate_punch,
 )
-from backsight.studies.punch.tuning import filter_model
-from backsight.tune import propose_gamma
+from backsight_studies.punch.tuning import filter_model
 
 VALUES = json.loads((Path(__file__).parent / "punch_values.json").read_text(encoding="utf-8"))
 DT = 1e-4

@@ -9,7 +9,7 @@ import pytest
 
 from backsight.engine import vm
 from backsight.estimators import CompressiveSensingMHE
-from backsight.estimators.carryover import Carryover
+from backsight.estimators.cs_mhe import Carryover
 from oracles import struck_beam as beam
 from oracles.sparse_forces import Expected, System, solve
 

@@ -11,11 +11,11 @@ from backsight.algebra.symmetric import unvech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.estimators import EKF, Noise, Prior
-from backsight.estimators.filtering import packed
-from backsight.estimators.gaussian import correct, predict
 from backsight.estimators.mho import window_cost
+from backsight.estimators.parts.filtering import packed
+from backsight.estimators.parts.gaussian import correct, predict
 from backsight.models.lti import lti
-from backsight.solvers.gauss_newton import GaussNewton, minimise
+from backsight.solvers.box.gauss_newton import GaussNewton, minimise
 from oracles.stage import DT, HEUN, NOISE, SU, SY, joint, scaled
 
 VALUES = json.loads((Path(__file__).parent / "stage_values.json").read_text(encoding="utf-8"))

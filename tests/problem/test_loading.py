@@ -9,7 +9,7 @@ import small_problem
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ProblemError
 from backsight.problem import Problem, load
-from backsight.solvers.bfgs import QuasiNewton
+from backsight.solvers.box import QuasiNewton
 
 changed = small_problem.changed
 

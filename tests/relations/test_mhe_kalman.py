@@ -18,8 +18,8 @@ from backsight.estimators import (
     UKFArrival,
 )
 from backsight.models.second_order import second_order
-from backsight.run.estimate import estimate
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.run.estimation import estimate
+from backsight.solvers.box import GaussNewton
 from closeness import assert_close
 from oracles.kalman import kalman_filter
 from relations.linear import DT, GAUSSIANS, P0, SYSTEM, X0, A, B, C, Q, R, Run, model, record

@@ -30,12 +30,8 @@ from backsight.estimators import (
 )
 from backsight.models.lti import lti
 from backsight.models.second_order import second_order
-from backsight.run.estimate import estimate
-from backsight.run.many import estimate_many
-from backsight.run.match import match
-from backsight.run.stream import stream
-from backsight.run.window import window
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.run.estimation import estimate, estimate_many, match, stream, window
+from backsight.solvers.box import GaussNewton
 from closeness import assert_close
 from oracles.kalman import kalman_filter
 from relations.linear import DT, GAUSSIANS, P0, SYSTEM, X0, A, B, C, Q, R, model, record

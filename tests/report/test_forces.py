@@ -9,8 +9,8 @@ import pytest
 
 from backsight.errors import DataError
 from backsight.report import figures, report
+from backsight.report._thin import peaks
 from backsight.report.force_figure import force_map
-from backsight.report.thin import peaks
 
 PLACES = ("tip", "<b>&middle", "root")
 FORCES = {40: ("tip", -10.0), 41: ("tip", -5.0), 200: ("root", 4.0)}

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from backsight.analysis.rounding import percent, plus_minus, shortest, significant, whole
+from backsight.rounding import percent, plus_minus, shortest, significant, whole
 
 
 @pytest.mark.parametrize(

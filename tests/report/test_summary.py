@@ -5,10 +5,10 @@ import re
 import numpy as np
 import pytest
 
+from backsight.analysis.comparison import Final
+from backsight.analysis.comparison.summary import assess, ranked_table, summary, units
+from backsight.analysis.comparison.verdict import consistency, verdicts
 from backsight.analysis.consistency import log_likelihood, mean_nis
-from backsight.analysis.row import Final
-from backsight.analysis.summary import assess, ranked_table, summary, units
-from backsight.analysis.verdict import consistency, verdicts
 from backsight.errors import DataError
 from backsight.schema import Status
 

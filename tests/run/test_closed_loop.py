@@ -5,7 +5,7 @@ from scipy.linalg import expm
 from backsight.errors import DataError, ModelError, TuningError
 from backsight.models.lti import lti
 from backsight.models.model import Model
-from backsight.run.closed_loop import simulate_closed_loop
+from backsight.run.simulation import simulate_closed_loop
 
 A, B = np.array([[0.0, 1.0], [-9.0, -0.4]]), np.array([0.0, 2.0])
 K = np.array([30.0, 5.0])

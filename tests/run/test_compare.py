@@ -6,7 +6,7 @@ import pytest
 from backsight.errors import DataError
 from backsight.estimators import EKF, MHE
 from backsight.run.compare import compare
-from backsight.run.estimate import estimate
+from backsight.run.estimation import estimate
 from contract.cases import Problem
 
 PROBLEM = Problem()

@@ -8,9 +8,9 @@ import pytest
 import backsight as bs
 from backsight import schema
 from backsight.errors import DataError, TuningError
-from backsight.estimators import force_search
-from backsight.estimators.dictionary import HalfSines
+from backsight.estimators.cs_mhe import HalfSines
 from backsight.run.sparse_forces import prepared
+from backsight.sparse import force_search
 from estimators import struck
 from oracles import struck_beam
 from oracles.sparse_forces import root, solve

@@ -5,8 +5,7 @@ import pytest
 
 from backsight.errors import DataError, EstimationError
 from backsight.estimators import EKF, MHO
-from backsight.run.estimate import estimate
-from backsight.run.many import estimate_many
+from backsight.run.estimation import estimate, estimate_many
 from contract.cases import Problem
 
 PROBLEM = Problem()

@@ -7,7 +7,7 @@ from backsight.errors import DataError, ModelError, TuningError
 from backsight.models.builtin import duffing, sdof
 from backsight.models.lti import lti
 from backsight.models.model import Model
-from backsight.run.simulate import simulate
+from backsight.run.simulation import simulate
 
 DT = 1e-2
 OSCILLATOR = sdof(k=400.0, b=1.0, c=2.0)
@@ -102,7 +102,7 @@ def test_the_blocks_do_not_show(monkeypatch):
         "hold": "foh",
     }
     whole = simulate(OSCILLATOR, drive(100), **arguments)
-    monkeypatch.setattr("backsight.run.simulate.BLOCK", 37)
+    monkeypatch.setattr("backsight.run.simulation.simulate.BLOCK", 37)
     assert whole.identical(simulate(OSCILLATOR, drive(100), **arguments))
 
 

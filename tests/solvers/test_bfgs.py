@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 
 from backsight.errors import TuningError
-from backsight.solvers.bfgs import QuasiNewton
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.solvers.box import GaussNewton, QuasiNewton
 
 INFINITE = np.full(3, np.inf)
 TIGHT = {"max_iterations": 400, "cost_tolerance": 0.0, "step_tolerance": 1e-13}

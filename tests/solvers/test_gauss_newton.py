@@ -7,8 +7,8 @@ from scipy.optimize import least_squares
 
 from backsight.algebra.symmetric import vech
 from backsight.errors import TuningError
-from backsight.solvers import box
-from backsight.solvers.gauss_newton import GaussNewton, minimise
+from backsight.solvers.box._box import box
+from backsight.solvers.box.gauss_newton import GaussNewton, minimise
 
 TIMES = np.linspace(0.0, 2.0, 9)
 FREE = (np.full(3, -np.inf), np.full(3, np.inf))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, lsq_linear
 
-from backsight.solvers.inequalities import limited
+from backsight.solvers.limits import limited
 
 
 def random_problem(seed: int, *, n: int, nx: int):

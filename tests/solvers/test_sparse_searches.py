@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from backsight.solvers.best_subset import best_subset
-from backsight.solvers.l1_path import l1_path
-from backsight.solvers.regression import Regression, beside, refit
+from backsight.sparse import l1_path
+from backsight.sparse._best_subset import best_subset
+from backsight.sparse.regression import Regression, beside, refit
 from oracles.sparse_forces import lasso
 
 

@@ -8,9 +8,8 @@ import pytest
 
 from backsight.engine import native
 from backsight.engine.recursion import Channel, Recursion
-from backsight.solvers.active_trajectory import solve
-from backsight.solvers.chain import Chain
-from backsight.solvers.smoothed import smoothed
+from backsight.solvers.trajectory import Chain, smoothed
+from backsight.solvers.trajectory._active import solve
 
 DT = 0.1
 OSCILLATOR = np.array([[1.0, DT], [-4 * DT, 1 - 0.2 * DT]])
@@ -133,7 +132,7 @@ WINDOWS = {
 @pytest.fixture(params=[12, 1], ids=["unrolled", "loops"], autouse=True)
 def largest(request, monkeypatch) -> int:
     """Number of states up to which the code is unrolled; with 1 it never is."""
-    monkeypatch.setattr("backsight.solvers.chain.UNROLL", request.param)
+    monkeypatch.setattr("backsight.solvers.trajectory.chain.UNROLL", request.param)
     return request.param
 
 

@@ -7,16 +7,16 @@ import pytest
 import xarray as xr
 
 from backsight.errors import DataError
-from backsight.run.many import estimate_many
+from backsight.run.estimation import estimate_many
 from backsight.schema import Status
-from backsight.studies import STUDIES
-from backsight.studies.arrival import page, tables
-from backsight.studies.arrival.evaluate import Measures, from_filter, measure, right, typical
-from backsight.studies.arrival.expected import checks
-from backsight.studies.arrival.experiment import Experiment, Row, carry_out
-from backsight.studies.arrival.figures import draw
-from backsight.studies.arrival.machines import DRIVE, FOLDER, SILVERBOX, WINDOW, judge, tasks
-from backsight.studies.arrival.methods import (
+from backsight_studies import STUDIES
+from backsight_studies.arrival import page, tables
+from backsight_studies.arrival.evaluate import Measures, from_filter, measure, right, typical
+from backsight_studies.arrival.expected import checks
+from backsight_studies.arrival.experiment import Experiment, Row, carry_out
+from backsight_studies.arrival.figures import draw
+from backsight_studies.arrival.machines import DRIVE, FOLDER, SILVERBOX, WINDOW, judge, tasks
+from backsight_studies.arrival.methods import (
     ARRIVALS,
     FREE,
     KALMAN,
@@ -30,7 +30,7 @@ from backsight.studies.arrival.methods import (
     variants,
     window,
 )
-from backsight.studies.arrival.plants import (
+from backsight_studies.arrival.plants import (
     HORIZONS,
     REACTOR,
     plants,
@@ -39,7 +39,7 @@ from backsight.studies.arrival.plants import (
     unbounded,
     van_der_pol,
 )
-from backsight.studies.checks import Check
+from backsight_studies.checks import Check
 
 N_SAMPLES = 40
 

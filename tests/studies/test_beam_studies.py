@@ -9,20 +9,19 @@ import pytest
 from backsight.errors import DataError, TuningError
 from backsight.models.lti import state_space
 from backsight.models.unknown_forces import forces_as_inputs
-from backsight.run.estimate import estimate
-from backsight.run.many import estimate_many
-from backsight.studies import STUDIES
-from backsight.studies.beam import evaluate, expected, plant, ridge, tuning, walks
-from backsight.studies.beam.claims import judge
-from backsight.studies.beam.experiment import carry_out
-from backsight.studies.beam.plant import DT, HITS, THICKNESS, N, forces, model, struck
-from backsight.studies.beam.tuning import CARRYOVERS, READING_3, TABLE, TUNED, estimator
-from backsight.studies.beam.verdicts import checks
-from backsight.studies.beam.windows import program
-from backsight.studies.beam_experiment.plant import hammer, impulse, reference, true_model
-from backsight.studies.beam_random.experiment import outcome
-from backsight.studies.beam_random.scenarios import APART, NOISE, SIZES, ByFrequencies, scenario
+from backsight.run.estimation import estimate, estimate_many
 from backsight.types import Array
+from backsight_studies import STUDIES
+from backsight_studies.beam import evaluate, expected, plant, ridge, tuning, walks
+from backsight_studies.beam.claims import judge
+from backsight_studies.beam.experiment import carry_out
+from backsight_studies.beam.plant import DT, HITS, THICKNESS, N, forces, model, struck
+from backsight_studies.beam.tuning import CARRYOVERS, READING_3, TABLE, TUNED, estimator
+from backsight_studies.beam.verdicts import checks
+from backsight_studies.beam.windows import program
+from backsight_studies.beam_experiment.plant import hammer, impulse, reference, true_model
+from backsight_studies.beam_random.experiment import outcome
+from backsight_studies.beam_random.scenarios import APART, NOISE, SIZES, ByFrequencies, scenario
 from oracles import struck_beam
 
 WORST = -10.0

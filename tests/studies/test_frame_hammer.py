@@ -7,13 +7,13 @@ import pytest
 import scipy
 
 from backsight.errors import DataError, ModelError
-from backsight.models.beam_modes import shapes
-from backsight.studies import STUDIES
-from backsight.studies.frame_hammer import calibrate, source
-from backsight.studies.frame_hammer import detect as detection
-from backsight.studies.frame_hammer.calibrate import calibrated
-from backsight.studies.frame_hammer.detect import detect, hits_among
-from backsight.studies.frame_hammer.follow import (
+from backsight.models._beam_modes import shapes
+from backsight_studies import STUDIES
+from backsight_studies.frame_hammer import calibrate, source
+from backsight_studies.frame_hammer import detect as detection
+from backsight_studies.frame_hammer.calibrate import calibrated
+from backsight_studies.frame_hammer.detect import detect, hits_among
+from backsight_studies.frame_hammer.follow import (
     ADVANCE,
     LOOK,
     SAMPLES,
@@ -24,7 +24,7 @@ from backsight.studies.frame_hammer.follow import (
     follow,
     unexplained,
 )
-from backsight.studies.frame_hammer.rig import (
+from backsight_studies.frame_hammer.rig import (
     DT,
     HEIGHTS,
     LSB,
@@ -34,12 +34,12 @@ from backsight.studies.frame_hammer.rig import (
     WEAK,
     WIDTHS,
 )
-from backsight.studies.frame_hammer.score import judged
-from backsight.studies.frame_hammer.search import search
-from backsight.studies.frame_hammer.shapes import Cantilever
-from backsight.studies.frame_hammer.source import Hammer, Recording, read
-from backsight.studies.frame_hammer.straight import slow, straightened
-from backsight.studies.frame_hammer.window import Fit, Pulse, Window, advanced, low_passed
+from backsight_studies.frame_hammer.score import judged
+from backsight_studies.frame_hammer.search import search
+from backsight_studies.frame_hammer.shapes import Cantilever
+from backsight_studies.frame_hammer.source import Hammer, Recording, read
+from backsight_studies.frame_hammer.straight import slow, straightened
+from backsight_studies.frame_hammer.window import Fit, Pulse, Window, advanced, low_passed
 
 NOISE = np.random.default_rng(0).standard_normal((2000, 4))
 
@@ -341,7 +341,7 @@ def test_the_study_meets_all_its_checks(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("height", HEIGHTS)
 def test_hits_in_the_strong_direction_are_found_at_every_height(height):
-    from backsight.studies.frame_hammer.synthetic import simulated
+    from backsight_studies.frame_hammer.synthetic import simulated
 
     recording = simulated(height, seed=3, axis=STRONG)
     assert isinstance(recording, Recording)

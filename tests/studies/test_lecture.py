@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from backsight.errors import DataError
-from backsight.studies import STUDIES
-from backsight.studies.lecture import expected
-from backsight.studies.lecture.experiment import input_step, multirate
-from backsight.studies.lecture.plants import DT, FORCE, every, masses_motion, two_masses
+from backsight_studies import STUDIES
+from backsight_studies.lecture import expected
+from backsight_studies.lecture.experiment import input_step, multirate
+from backsight_studies.lecture.plants import DT, FORCE, every, masses_motion, two_masses
 from oracles import lecture
 
 

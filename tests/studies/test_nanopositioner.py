@@ -7,26 +7,26 @@ import pytest
 import xarray as xr
 
 from backsight.errors import DataError, OutputError
-from backsight.studies import STUDIES
-from backsight.studies.checks import Check
-from backsight.studies.nanopositioner.claims import CLAIMS
-from backsight.studies.nanopositioner.evaluate import (
+from backsight_studies import STUDIES
+from backsight_studies.checks import Check
+from backsight_studies.nanopositioner.claims import CLAIMS
+from backsight_studies.nanopositioner.evaluate import (
     Measures,
     measure,
     posterior_start,
     run_variant,
     speed_floor,
 )
-from backsight.studies.nanopositioner.expected import REFERENCE
-from backsight.studies.nanopositioner.experiment import SCENARIOS, carry_out, compared
-from backsight.studies.nanopositioner.plant import (
+from backsight_studies.nanopositioner.expected import REFERENCE
+from backsight_studies.nanopositioner.experiment import SCENARIOS, carry_out, compared
+from backsight_studies.nanopositioner.plant import (
     COLUMNS,
     DT,
     as_table,
     read_recording,
     simulate_stage,
 )
-from backsight.studies.nanopositioner.tuning import ekf, joint_model
+from backsight_studies.nanopositioner.tuning import ekf, joint_model
 
 # Rows of recordings made by an independent implementation with the same seed, by exact steps of
 # the matrix exponential: u, y, q, v, w behind the filter; k/m, b/m, c/m.
@@ -204,7 +204,7 @@ def test_a_diverged_estimator_does_not_end_the_study(stages, tmp_path, monkeypat
         gone = result["x_hat"].where((result["time"] < 0.001) | (variant.method == "EKF"))
         return result.assign(x_hat=gone)
 
-    monkeypatch.setattr("backsight.studies.nanopositioner.experiment.run_variant", diverged)
+    monkeypatch.setattr("backsight_studies.nanopositioner.experiment.run_variant", diverged)
     file = write(short_stage(stages["nominal"]), tmp_path / "short.csv")
     findings = STUDIES["nanopositioner"].run(tmp_path / "out", seeds=(), recordings=[file])
     assert not any(c.passed for c in findings.checks)

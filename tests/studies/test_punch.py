@@ -8,12 +8,12 @@ import xarray as xr
 
 from backsight.errors import DataError
 from backsight.schema import Status
-from backsight.studies import STUDIES
-from backsight.studies.checks import Check
-from backsight.studies.punch.claims import percent, seconds, slowest
-from backsight.studies.punch.evaluate import judge_gain, measure, parameters_of, respond
-from backsight.studies.punch.experiment import carry_out, median
-from backsight.studies.punch.plant import (
+from backsight_studies import STUDIES
+from backsight_studies.checks import Check
+from backsight_studies.punch.claims import percent, seconds, slowest
+from backsight_studies.punch.evaluate import judge_gain, measure, parameters_of, respond
+from backsight_studies.punch.experiment import carry_out, median
+from backsight_studies.punch.plant import (
     DT,
     SOFT,
     STIFF,
@@ -21,7 +21,7 @@ from backsight.studies.punch.plant import (
     simulate_punch,
     with_noise,
 )
-from backsight.studies.punch.scenarios import ONLY_D, STARTS
+from backsight_studies.punch.scenarios import ONLY_D, STARTS
 
 
 def result_of(n, *, m=1.0, c=1.0, d=1.0, lam=None, inverse=False, status=0):

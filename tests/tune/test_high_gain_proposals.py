@@ -8,8 +8,8 @@ from backsight.models.affine import affine_form
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.run.estimate import estimate
-from backsight.run.simulate import simulate
+from backsight.run.estimation import estimate
+from backsight.run.simulation import simulate
 from backsight.tune import propose_gamma, propose_lambda
 
 DT, LAM = 0.01, 25.0

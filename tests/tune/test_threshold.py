@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from backsight.errors import DataError, TuningError
-from backsight.run.estimate import estimate
-from backsight.studies.punch.plant import SOFT, simulate_punch, with_noise
+from backsight.run.estimation import estimate
 from backsight.tune import propose_threshold
 from backsight.tune.threshold import innovations
+from backsight_studies.punch.plant import SOFT, simulate_punch, with_noise
 from estimators.punch import joint, motion, observer
 
 DT = 1e-4

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from backsight.data import checks
+from backsight.data import _checks as checks
+from backsight.data._containers import read_hdf5, read_mat, read_netcdf, read_npz
+from backsight.data._text import read_text
 from backsight.data.columns import Column, ColumnLike, column, columns
-from backsight.data.containers import read_hdf5, read_mat, read_netcdf, read_npz
 from backsight.data.recording import Group, assemble, time_axis
-from backsight.data.text import read_text
 from backsight.errors import DataError, nearest
 from backsight.schema import SIGMA_FACTOR
 from backsight.types import Array

@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from backsight import schema
-from backsight.data import checks
+from backsight.data import _checks as checks
 from backsight.data.resampling import resample as resampled
 from backsight.errors import DataError
 from backsight.types import Array

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from backsight.data.checks import check_period
+from backsight.data._checks import check_period
 from backsight.errors import DataError
 from backsight.types import Array
 

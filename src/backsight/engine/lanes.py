@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from backsight.engine import machine, native
+from backsight.engine import native
+from backsight.engine.llvm import machine
 from backsight.engine.recursion import Recursion
 from backsight.types import Array
 

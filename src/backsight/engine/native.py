@@ -4,20 +4,22 @@ import dataclasses
 import functools
 import hashlib
 import importlib.metadata
-import importlib.resources
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import casadi as ca
 import llvmlite
 import numpy as np
 
-from backsight.engine import cache, llvm, machine
-from backsight.engine.llvm_foreign import symbol
-from backsight.engine.llvm_width import Width
+from backsight.engine import _cache as cache
+from backsight.engine.llvm import machine
+from backsight.engine.llvm import module as llvm
+from backsight.engine.llvm.foreign import symbol
+from backsight.engine.llvm.width import Width
+from backsight.engine.program import walk
 from backsight.engine.recursion import Recursion
-from backsight.engine.walk import walk
 from backsight.errors import EngineError
 from backsight.kernels import library, sources
 from backsight.types import Array
@@ -190,8 +192,7 @@ def _compiled(step: ca.Function, lanes: int) -> Compiled:
 @functools.cache
 def _versions() -> list[str]:
     """What the code depends on beside the recursion; the writers themselves by their text."""
-    folder = importlib.resources.files("backsight.engine")
-    texts = sorted((f.name, f) for f in folder.iterdir() if f.name.endswith(".py"))
-    writers = hashlib.sha256(b"".join(file.read_bytes() for _, file in texts)).hexdigest()
+    texts = sorted(Path(__file__).parent.rglob("*.py"))
+    writers = hashlib.sha256(b"".join(file.read_bytes() for file in texts)).hexdigest()
     versions = importlib.metadata.version("backsight"), llvmlite.__version__
     return [*versions, writers, sources.fingerprint()]

@@ -15,14 +15,20 @@ from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting, setting
-from backsight.estimators.filtering import carry_inputs, choose, data_inputs, packed, physical
-from backsight.estimators.gaussian import FLAGS, correct, flow, innovation, predict, substep_inputs
+from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, packed, physical
+from backsight.estimators.parts.gaussian import (
+    FLAGS,
+    correct,
+    flow,
+    innovation,
+    predict,
+    substep_inputs,
+)
+from backsight.estimators.parts.window import advance, as_columns, empty_window
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.estimators.window import advance, as_columns, empty_window
 from backsight.models.affine import moving_states
 from backsight.models.model import Model
-from backsight.solvers.bfgs import QuasiNewton
-from backsight.solvers.gauss_newton import GaussNewton
+from backsight.solvers.box import GaussNewton, QuasiNewton
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from backsight.engine import c99, vm
-from backsight.engine.c99_leaf import Precision
-from backsight.engine.program import While, flat
+from backsight.engine import vm
+from backsight.engine.c99 import Precision
+from backsight.engine.c99 import source as c99
+from backsight.engine.program import While, flat, walk
 from backsight.engine.recursion import Recursion
-from backsight.engine.walk import walk
 from backsight.errors import DataError, EngineError
 from backsight.estimators.base import AbstractEstimator
-from backsight.export.selftest import Vectors, selftest
+from backsight.export._selftest import Vectors, selftest
 from backsight.kernels import sources
 from backsight.models.model import Model
 from backsight.output import whole
-from backsight.run.match import match
+from backsight.run.estimation import match
 from backsight.types import Array
 
 SAMPLES = 200

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 
 from backsight.errors import ModelError
+from backsight.models._monomials import Monomial, show, terms
 from backsight.models.model import Model
-from backsight.models.monomials import Monomial, show, terms
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError, nearest
-from backsight.models.beam_modes import Shapes, shapes
+from backsight.models._beam_modes import Shapes, shapes
 from backsight.models.modal import SENSORS, modal
 from backsight.models.model import Model
 from backsight.types import Array

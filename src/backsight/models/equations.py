@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from backsight.models.expressions import check_names, expressions
+from backsight.models._expressions import check_names, expressions
 from backsight.models.model import Model, Signals
 from backsight.models.signals import Named, signals
 
@@ -22,7 +22,7 @@ def from_equations(
 ) -> Model:
     r"""Build a model from equations written as text, as a problem file holds them.
 
-    The text is read by a parser for arithmetic (see `backsight.models.expressions`); it is never
+    The text is read by a parser for arithmetic (see `backsight.models._expressions`); it is never
     executed.
 
     Parameters

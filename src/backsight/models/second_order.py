@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError, nearest
-from backsight.models.expressions import check_names, expressions
+from backsight.models._expressions import check_names, expressions
 from backsight.models.model import Model, Signals
 from backsight.models.signals import Signal, signals
 

@@ -10,12 +10,12 @@ from backsight.errors import ProblemError, nearest
 from backsight.estimators import ESTIMATORS
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem.checking import checked
-from backsight.problem.joint import check_known, joint_model
+from backsight.problem._checking import checked
+from backsight.problem._joint import check_known, joint_model
+from backsight.problem._settings import built, fields_of
+from backsight.problem._tables import EstimatorTable, ProblemTable
+from backsight.problem._uncertain import noise, prior
 from backsight.problem.problem import Problem
-from backsight.problem.settings import built, fields_of
-from backsight.problem.tables import EstimatorTable, ProblemTable
-from backsight.problem.uncertain import noise, prior
 
 _GROUP = re.compile(r"[\w+-]+(?:[ .][\w+-]+)*")
 """Names of estimators become names of groups in a file."""

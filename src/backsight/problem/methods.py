@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from backsight.estimators import ESTIMATORS
-from backsight.problem.settings import fields_of, parts_of, required
+from backsight.problem._settings import fields_of, parts_of, required
 
 _TABLES = ("noise", "prior")
 """Fields that come from tables of their own."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem.tables import RecordingTable
+from backsight.problem._tables import RecordingTable
 
 
 @dataclasses.dataclass(frozen=True)

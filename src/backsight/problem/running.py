@@ -8,17 +8,16 @@ from pathlib import Path
 
 import xarray as xr
 
-from backsight.analysis.summary import ALIGNMENT, summary
+from backsight.analysis.comparison import ALIGNMENT, summary
 from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
-from backsight.problem.checking import at
+from backsight.problem._checking import at
 from backsight.problem.problem import Problem
 from backsight.problem.seeing import doubts
 from backsight.problem.source import recording
 from backsight.report import report
 from backsight.run.compare import Comparison, compare
-from backsight.run.estimate import check_window, failure
-from backsight.run.match import match
+from backsight.run.estimation import check_window, failure, match
 
 ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
 

@@ -2,12 +2,16 @@
 
 import xarray as xr
 
-from backsight.analysis.observability import Observability, observability, observability_along
+from backsight.analysis.observability import (
+    Observability,
+    observability,
+    observability_along,
+)
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ModelError
 from backsight.estimators.uncertainty import Prior
 from backsight.problem.problem import Problem
-from backsight.run.match import matched_inputs
+from backsight.run.estimation import matched_inputs
 
 FIRST_SAMPLES, MOST_SAMPLES = 500, 8000
 """A motion that shows not everything is followed for longer, up to the second number."""

@@ -5,11 +5,11 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 
-from backsight.analysis.hits import forces, hits, where
+from backsight.analysis.forces import forces, hits, where
 from backsight.errors import DataError
+from backsight.report._thin import peaks
 from backsight.report.figures import label
 from backsight.report.palette import BLUE, VERMILLION
-from backsight.report.thin import peaks
 
 _COLUMNS = 400
 _AREA = (60.0, 360.0)  # of the circles [points squared]

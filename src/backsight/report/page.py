@@ -10,16 +10,12 @@ from string import Template
 
 import xarray as xr
 
-from backsight.analysis.rounding import whole
-from backsight.analysis.row import Row
-from backsight.analysis.summary import ranked_table
-from backsight.analysis.verdict import verdicts
+from backsight.analysis.comparison import Row, ranked_table, verdicts
 from backsight.errors import DataError
 from backsight.output import write_whole
-from backsight.report import tables
-from backsight.report.forces import NOTE, force_maps, hit_tables
-from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
-from backsight.report.plots import (
+from backsight.report import _tables as tables
+from backsight.report._forces import NOTE, force_maps, hit_tables
+from backsight.report._plots import (
     innovation_plots,
     input_plots,
     nis_plot,
@@ -27,9 +23,11 @@ from backsight.report.plots import (
     state_plots,
     status_plots,
 )
-from backsight.report.series import Plot, Series, series, signals
-from backsight.report.theme import TEMPLATE
-from backsight.report.thin import POINTS, interval_length
+from backsight.report._series import Plot, Series, series, signals
+from backsight.report._theme import TEMPLATE
+from backsight.report._thin import POINTS, interval_length
+from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
+from backsight.rounding import whole
 
 
 def write_page(

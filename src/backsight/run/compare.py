@@ -5,14 +5,13 @@ from collections.abc import Callable, Iterator, Mapping
 
 import xarray as xr
 
-from backsight.analysis.summary import ranked_table, units
-from backsight.analysis.verdict import verdicts
+from backsight.analysis.comparison import ranked_table, units, verdicts
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.audit import audited
-from backsight.run.estimate import carry_out, check_memory, ready
-from backsight.run.ranking import as_text, final_values, ranking, true_errors
+from backsight.run._ranking import as_text, final_values, ranking, true_errors
+from backsight.run.diagnosis import audited
+from backsight.run.estimation import carry_out, check_memory, ready
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,7 +84,7 @@ def compare(
     -------
     Comparison
         A mapping from name to result. The results also say whether outputs and inputs are aligned
-        and by how much the noise is off, see `backsight.run.audit`.
+        and by how much the noise is off, see `backsight.run.diagnosis.audit`.
     """
     if not estimators:
         raise TuningError("there is no estimator to compare")

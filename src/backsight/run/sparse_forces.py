@@ -9,12 +9,9 @@ import xarray as xr
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
-from backsight.estimators.force_search import ForceSearch, force_search
-from backsight.estimators.selection import AbstractSelection, Greedy
 from backsight.models.model import Model
-from backsight.run.match import match
-from backsight.run.result import as_result
-from backsight.solvers.regression import Fit
+from backsight.run.estimation import as_result, match
+from backsight.sparse import AbstractSelection, Fit, ForceSearch, Greedy, force_search
 from backsight.types import Array
 
 

@@ -7,14 +7,12 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from backsight.analysis.rounding import significant
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
-from backsight.estimators.force_search import ForceSearch
-from backsight.estimators.selection import L1, Greedy
 from backsight.models.model import Model
+from backsight.rounding import significant
 from backsight.run.sparse_forces import prepared
-from backsight.solvers.regression import refit
+from backsight.sparse import L1, ForceSearch, Greedy, refit
 from backsight.types import Array
 
 ModelOf = Callable[[dict[str, float]], Model]

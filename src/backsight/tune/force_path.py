@@ -7,10 +7,9 @@ import xarray as xr
 
 from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
-from backsight.estimators.force_search import ForceSearch
 from backsight.models.model import Model
 from backsight.run.sparse_forces import prepared
-from backsight.solvers.l1_path import Path, l1_path
+from backsight.sparse import ForceSearch, Path, l1_path
 from backsight.types import Array
 
 ANY = 1.0

@@ -10,10 +10,10 @@ from scipy.linalg import expm
 from scipy.signal import dlsim
 
 from backsight.errors import DataError, TuningError
-from backsight.estimators.high_gain import gain_vector
+from backsight.estimators.observers import gain_vector
 from backsight.models.affine import AffineForm, affine_form
 from backsight.models.model import Model
-from backsight.run.match import matched_inputs
+from backsight.run.estimation import matched_inputs
 from backsight.types import Array
 
 SETTLING = 10.0

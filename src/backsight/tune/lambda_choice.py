@@ -8,9 +8,8 @@ import xarray as xr
 
 from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
-from backsight.estimators.force_search import ForceSearch
 from backsight.models.model import Model
-from backsight.solvers.regression import refit
+from backsight.sparse import ForceSearch, refit
 from backsight.tune.force_path import unweighted, whole_path
 from backsight.types import Array
 

@@ -10,9 +10,9 @@ import xarray as xr
 
 from backsight.errors import TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
-from backsight.estimators.selection import AbstractSelection
 from backsight.models.model import Model
 from backsight.models.some_outputs import some_outputs
+from backsight.sparse import AbstractSelection
 from backsight.tune.recovery import Hits, recovery
 
 MOST = 100

@@ -8,14 +8,13 @@ import scipy
 import xarray as xr
 
 from backsight import schema
-from backsight.analysis.force_errors import ForceErrors, force_errors
+from backsight.analysis.forces import ForceErrors, force_errors
 from backsight.errors import TuningError
-from backsight.estimators.cs_mhe import CompressiveSensingMHE
-from backsight.estimators.selection import AbstractSelection
-from backsight.estimators.sparse_tables import Forced
+from backsight.estimators.cs_mhe import CompressiveSensingMHE, Forced
 from backsight.models.model import Model
-from backsight.run.many import estimate_many
+from backsight.run.estimation import estimate_many
 from backsight.run.sparse_forces import prepared
+from backsight.sparse import AbstractSelection
 from backsight.types import Array
 
 

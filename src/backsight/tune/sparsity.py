@@ -7,7 +7,7 @@ import xarray as xr
 
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
-from backsight.run.estimate import estimate
+from backsight.run.estimation import estimate
 
 
 def lambda_max(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset) -> float:

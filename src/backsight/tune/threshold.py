@@ -8,12 +8,10 @@ import xarray as xr
 
 from backsight.engine.loops import scan
 from backsight.errors import DataError, TuningError
-from backsight.estimators.adaptive_gain import prediction_error
-from backsight.estimators.ahg import AHG
+from backsight.estimators.observers import AHG, prediction_error
 from backsight.models.affine import affine_form
 from backsight.models.model import Model
-from backsight.run.estimate import estimate
-from backsight.run.match import match
+from backsight.run.estimation import estimate, match
 from backsight.types import Array
 
 MOST_WINDOWS = 2000

@@ -1,0 +1,137 @@
+"""Whether an estimator equals the Kalman filter and least squares over all samples, in words."""
+
+import dataclasses
+import math
+
+from backsight.rounding import shortest
+
+LOST = 1e4
+"""Digits that a covariance may lose where a wide prior meets a precise sensor: it is a small
+difference of large numbers there. The estimates lose none."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """Differences of one arrival cost, in standard deviations of the estimate.
+
+    Parameters
+    ----------
+    name : str
+        The estimator's own arrival cost, or another one in its place.
+    own : bool
+        Whether it is the estimator's own.
+    x, P : float
+        Largest difference to the Kalman filter over all samples, of the estimates and of the
+        covariance per deviation and deviation.
+    x_full, P_full : float
+        Difference to least squares over all samples, at the last sample. All are infinite if the
+        estimator cannot be built or diverges.
+    """
+
+    name: str
+    own: bool
+    x: float
+    P: float
+    x_full: float
+    P_full: float
+
+    @property
+    def estimates(self) -> float:
+        """Larger difference of the estimates."""
+        return max(self.x, self.x_full)
+
+    @property
+    def covariances(self) -> float:
+        """Larger difference of the covariances."""
+        return max(self.P, self.P_full)
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """What `certify` found; prints itself.
+
+    Parameters
+    ----------
+    estimator : str
+        Its title.
+    claims : tuple of Claim
+        The estimator as it is, and with other arrival costs.
+    references : float
+        Largest difference of the estimates by the Kalman filter and by least squares at the last
+        sample, in standard deviations: what rounding does to the comparison.
+    samples, missing, seed : int, float, int
+        Of the data: number, share that is not measured, and seed.
+    lag : int
+        Samples between the measurements that were used last and the estimate.
+    at : dict
+        State to the value at which the model is linearised.
+    tolerance : float
+        Largest difference that counts as none, of estimates; `LOST` times as much of covariances.
+    """
+
+    estimator: str
+    claims: tuple[Claim, ...]
+    references: float
+    samples: int
+    missing: float
+    seed: int
+    lag: int
+    at: dict[str, float]
+    tolerance: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the estimator as it is equals both references."""
+        return all(self.equal(c) for c in self.claims if c.own)
+
+    def equal(self, claim: Claim) -> bool:
+        """Whether a claim holds; a difference that is not a number does not."""
+        return claim.estimates <= self.tolerance and claim.covariances <= LOST * self.tolerance
+
+    def lines(self) -> list[str]:
+        """The result in sentences."""
+        named = "Kalman filter" if self.lag == 0 else f"fixed-lag smoother (lag {self.lag})"
+        own = next(c for c in self.claims if c.own)
+        with_own = f" with {own.name}" if own.name else ""
+        verb = "equals" if self.holds else "does NOT equal"
+        found = [
+            f"{self.estimator}{with_own} {verb} the {named} and the full-information estimate on "
+            f"the linearised model: largest difference {own.estimates:.1e} standard deviations, of "
+            f"the covariance {own.covariances:.1e} (allowed {self.tolerance:.0e} and "
+            f"{LOST * self.tolerance:.0e})."
+        ]
+        alike = [c.name for c in self.claims if not c.own and self.equal(c)]
+        unlike = [_unlike(c) for c in self.claims if not c.own and not self.equal(c)]
+        if alike:
+            found.append(f"It would also do so with {', '.join(alike)}.")
+        if unlike:
+            found.append(f"It would not with {', '.join(unlike)}.")
+        return found
+
+    def __str__(self) -> str:
+        return "\n".join([self.table(), "", *self.lines()])
+
+    def table(self) -> str:
+        """All differences."""
+        width = max(13, *(len(c.name) for c in self.claims)) + 8
+        place = ", ".join(f"{name} = {shortest(value)}" for name, value in self.at.items())
+        lines = [
+            f"Certificate: {self.estimator}",
+            f"linearised at {place}",
+            f"{self.samples} samples of Gaussian data, {self.missing:.0%} not measured, seed "
+            f"{self.seed}; the references differ by {self.references:.0e}",
+            "",
+            f"{'difference [σ] to the':<{width}}  {'Kalman filter':>20}  {'full information':>20}",
+            f"{'':<{width}}  {'x':>9}  {'P':>9}  {'x':>9}  {'P':>9}",
+        ]
+        for c in self.claims:
+            name = f"{c.name or 'as it is'}{' (own)' if c.own and c.name else ''}"
+            numbers = "  ".join(f"{v:9.1e}" for v in (c.x, c.P, c.x_full, c.P_full))
+            lines.append(f"{name:<{width}}  {numbers}  {'equal' if self.equal(c) else 'differs'}")
+        return "\n".join(lines)
+
+
+def _unlike(claim: Claim) -> str:
+    if not math.isfinite(claim.estimates):
+        return f"{claim.name} (not possible here)"
+    return f"{claim.name} (estimate {claim.estimates:.1g} σ, covariance {claim.covariances:.1g})"

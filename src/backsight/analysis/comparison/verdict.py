@@ -1,0 +1,111 @@
+"""What the comparison table means, in words."""
+
+import math
+from collections.abc import Sequence
+
+from backsight.analysis.comparison.row import Row
+from backsight.analysis.consistency import cause, pattern
+from backsight.rounding import significant
+
+_CLOSE = 0.10
+"""Innovations that are so much larger or smaller than predicted do no harm in practice."""
+
+
+def verdicts(rows: Sequence[Row]) -> list[str]:
+    """Return a few lines: the recording, the ranking, consistency and final errors of each.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        As `ranked_table` gives them, best first.
+    """
+    ranking = [_ranking(rows)] if len(rows) > 1 else []
+    recording = list(rows[0].alignment) if rows else []
+    return recording + ranking + [f"{row.estimator}: {line(row)}." for row in rows]
+
+
+def consistency(row: Row) -> str:
+    """Return a clause or two on whether an estimator agrees with its own covariances, and why not.
+
+    Sizes of innovations are judged by `mean_nis`, their pattern and the cause by
+    `backsight.analysis.consistency.diagnosis`.
+    """
+    if math.isnan(row.mean_nis):
+        return "no covariance of the innovations, so nothing can be said about the bands"
+    if row.hits is not None:
+        return _beside_forces(row)
+    found = row.consistency
+    seen, why = pattern(found), cause(found, row.aligned)
+    size = _size(row)
+    if not (size or seen or why):
+        return "consistent, its innovations are as large as it predicts"
+    clauses = [size or "inconsistent, although its innovations are as large as it predicts"]
+    clauses += [text for text in (seen, why) if text]
+    return "; ".join(clauses)
+
+
+def _beside_forces(row: Row) -> str:
+    """Return what innovations say that contain forces which are not known yet.
+
+    That they are large says nothing of the noise then, nor does how they hang together. Remarks
+    tell of forces that are too small for the settings.
+    """
+    acted = bool(row.remarks) or (row.hits is not None and bool(row.hits.hits))
+    if acted and row.mean_nis > row.consistency.nis_band[1]:
+        ratio = math.sqrt(row.mean_nis / row.nis_expected)
+        return (
+            f"its innovations contain the unknown forces and are {_compared(ratio)} it predicts "
+            "without them, which says nothing about the bands"
+        )
+    return _size(row) or "consistent, its innovations are as large as it predicts"
+
+
+def _size(row: Row) -> str:
+    """Return what the size of the innovations means; empty if it is as predicted."""
+    if row.consistency.sized:
+        return ""
+    ratio = math.sqrt(row.mean_nis / row.nis_expected)
+    size = f"{_compared(ratio)} it predicts"
+    if abs(ratio - 1.0) < _CLOSE:
+        return f"nearly consistent, its innovations are {size}"
+    if ratio > 1:
+        return f"over-confident, its innovations are {size} and its bands too narrow"
+    return f"too cautious, its innovations are {size} and its bands too wide"
+
+
+def line(row: Row) -> str:
+    """Return what is to be said of one estimator, without its name."""
+    if row.failed:
+        return "diverged, its estimates are worthless; see the status"
+    against = _against_reference(row)
+    found = str(row.hits) if row.hits is not None and not row.remarks else ""
+    return "; ".join(text for text in (found, consistency(row), against, *row.remarks) if text)
+
+
+def _compared(ratio: float) -> str:
+    if ratio >= 1.5:
+        return f"{ratio:.1f} times as large as"
+    change = significant(100.0 * abs(ratio - 1.0), 2)
+    return f"{change} % {'larger' if ratio > 1 else 'smaller'} than"
+
+
+def _against_reference(row: Row) -> str:
+    known = {name: f for name, f in row.final.items() if f.reference is not None}
+    outside = [name for name, f in known.items() if not f.deviations <= 3.0]
+    if outside:
+        return f"further than 3σ from the reference of {', '.join(outside)}"
+    return "within 3σ of every reference" if known else ""
+
+
+def _ranking(rows: Sequence[Row]) -> str:
+    best, others = rows[0], rows[1:]
+    if best.failed:
+        return "All estimators diverged."
+    if math.isnan(best.log_likelihood):
+        return f"{best.estimator} has the smallest innovations; no estimator has a likelihood."
+    margins = [best.log_likelihood - r.log_likelihood for r in others if not r.failed]
+    known = [m for m in margins if not math.isnan(m)]
+    lead = f", by {significant(min(known), 2)} in log-likelihood per sample" if known else ""
+    forced = any(row.hits is not None and row.hits.hits for row in rows)
+    late = "; forces that are found afterwards do not count in it" if forced else ""
+    return f"{best.estimator} explains the recording best{lead}{late}."

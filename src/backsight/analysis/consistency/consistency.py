@@ -1,0 +1,156 @@
+"""Everything that says whether a result agrees with itself, in one value."""
+
+import dataclasses
+import math
+
+import numpy as np
+import xarray as xr
+
+from backsight.analysis.consistency.coverage import (
+    MeanNees,
+    coverage,
+    innovation_coverage,
+    mean_nees,
+)
+from backsight.analysis.consistency.nis import mean_nis, measured_channels, nis, nis_band
+from backsight.analysis.consistency.noise_factors import NoiseFactors
+from backsight.analysis.consistency.whiteness import Colour, colours
+from backsight.errors import DataError
+from backsight.rounding import significant
+from backsight.schema import check_result
+
+LEVEL = 0.01
+"""Each of the three questions (size, whiteness, inputs) doubts a sound result so often."""
+
+NOISE_FACTORS = "noise_factors"
+"""Attribute of a result with the values of `NoiseFactors`, in their order."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Consistency:
+    """Agreement of a result with its own covariances; prints itself.
+
+    Parameters
+    ----------
+    mean_nis, nis_expected : float
+        Mean normalised innovation squared and its expectation.
+    nis_band : (float, float)
+        Where the mean of a consistent estimator lies with probability 1 - `LEVEL`.
+    colours : tuple of Colour
+        What is left in the innovations of every output.
+    innovations : dict
+        Output to the shares of its innovations within 1, 2 and 3 deviations.
+    nees : MeanNees
+        Of the states whose truth is known.
+    states : dict
+        State whose truth is known to the shares within 1, 2 and 3 deviations.
+    noise : NoiseFactors or None
+        By how much R and Q are wrong, where the result says so (see
+        `backsight.run.diagnosis._noise_factors`).
+    """
+
+    mean_nis: float
+    nis_expected: float
+    nis_band: tuple[float, float]
+    colours: tuple[Colour, ...]
+    innovations: dict[str, tuple[float, float, float]]
+    nees: MeanNees
+    states: dict[str, tuple[float, float, float]]
+    noise: NoiseFactors | None
+
+    @property
+    def sized(self) -> bool:
+        """Whether the innovations are as large as predicted."""
+        return self.nis_band[0] <= self.mean_nis <= self.nis_band[1]
+
+    @property
+    def coloured(self) -> Colour | None:
+        """The output whose innovations are least white, if that is no chance."""
+        doubted = [c for c in self.colours if c.p_white < LEVEL / len(self.colours)]
+        return max(doubted, key=lambda c: abs(c.largest), default=None)
+
+    @property
+    def driven(self) -> Colour | None:
+        """The output whose innovations past inputs explain best, if that is no chance."""
+        doubted = [c for c in self.colours if c.p_input < LEVEL / len(self.colours)]
+        return max(doubted, key=lambda c: c.explained, default=None)
+
+    @property
+    def consistent(self) -> bool:
+        """Whether nothing speaks against the result."""
+        return self.sized and self.coloured is None and self.driven is None
+
+    def __str__(self) -> str:
+        low, high = self.nis_band
+        lines = [
+            f"mean NIS {significant(self.mean_nis, 4)}, expected {significant(self.nis_expected)} "
+            f"({significant(low, 4)} to {significant(high, 4)} with {1 - LEVEL:.0%})"
+        ]
+        if not math.isnan(self.nees.value):
+            low, high = self.nees.band
+            lines.append(
+                f"mean NEES {significant(self.nees.value, 4)}, expected "
+                f"{significant(self.nees.expected)} "
+                f"({significant(low, 4)} to {significant(high, 4)} with 95%)"
+            )
+        lines += [_described(c) for c in self.colours]
+        for kind, shares in (("innovations", self.innovations), ("errors", self.states)):
+            for name, inside in shares.items():
+                share = " / ".join(f"{100 * s:.1f}" for s in inside)
+                lines.append(f"{name}: {share} % of the {kind} within 1 / 2 / 3 σ")
+        if self.noise is not None:
+            lines.append(
+                f"R should be {significant(self.noise.R)} ± {significant(self.noise.R_std, 2)} "
+                f"times, Q {significant(self.noise.Q)} ± {significant(self.noise.Q_std, 2)} times "
+                "what was assumed"
+            )
+        return "\n".join(lines)
+
+
+def consistency(result: xr.Dataset) -> Consistency:
+    """Judge how a result agrees with its own covariances; see `Consistency`.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        A result; with ``x_true``, the errors are judged, too.
+
+    Raises
+    ------
+    DataError
+        If the dataset is not a result, or has no sample.
+    """
+    check_result(result)
+    if result.sizes["time"] == 0:
+        raise DataError("the result has no sample")
+    valid = np.isfinite(nis(result))
+    factors = result.attrs.get(NOISE_FACTORS)
+    return Consistency(
+        mean_nis=mean_nis(result),
+        nis_expected=float(measured_channels(result).where(valid).mean("time")),
+        nis_band=nis_band(result, 1.0 - LEVEL),
+        colours=colours(result),
+        innovations=_by_name(innovation_coverage(result), "output"),
+        nees=mean_nees(result),
+        states=_by_name(coverage(result), "state"),
+        noise=None if factors is None else NoiseFactors(*map(float, factors)),
+    )
+
+
+def _by_name(shares: xr.DataArray, dim: str) -> dict[str, tuple[float, float, float]]:
+    columns = {str(n): shares.sel({dim: n}).values for n in shares[dim].values}
+    known = {n: v for n, v in columns.items() if np.isfinite(v).all()}
+    return {n: (float(v[0]), float(v[1]), float(v[2])) for n, v in known.items()}
+
+
+def _described(c: Colour) -> str:
+    text = (
+        f"{c.output}: correlation of successive innovations {significant(c.lag1, 2)}, largest "
+        f"{significant(c.largest, 2)} at {c.lag} samples (chance {significant(c.p_white, 2)})"
+    )
+    if not c.input:
+        return text
+    return (
+        f"{text}; past inputs explain {100 * c.explained:.2g} % (chance "
+        f"{significant(c.p_input, 2)}), most of it '{c.input}' {c.delay} samples earlier"
+    )

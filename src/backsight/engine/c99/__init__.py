@@ -1,0 +1,3 @@
+"""Source code in C99."""
+
+from backsight.engine.c99.leaf import Precision as Precision

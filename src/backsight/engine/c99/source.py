@@ -1,0 +1,216 @@
+"""A loop program in C99: readable, without allocation, recursion or global variables."""
+
+import dataclasses
+import re
+from collections.abc import Sequence
+
+from backsight.engine.c99._statements import INTS, REALS, Writer, listed
+from backsight.engine.c99.leaf import Precision, identifier, write_leaf
+from backsight.engine.program import Buffer, Program
+
+
+@dataclasses.dataclass(frozen=True)
+class Source:
+    """C code of one recursion.
+
+    Parameters
+    ----------
+    header, code : str
+        Texts of ``name.h`` and ``name.c``.
+    memory, workspace : int
+        Numbers that the caller keeps between samples, and lends for the time of a step.
+    ints : int
+        Integers that the caller lends for the time of a step.
+    kernels : tuple of str
+        Kernels that the code includes, see `backsight.kernels.sources`.
+    operations : int
+        Arithmetic operations in all functions together, each counted once.
+    """
+
+    header: str
+    code: str
+    memory: int
+    workspace: int
+    ints: int
+    kernels: tuple[str, ...]
+    operations: int
+
+
+def write(
+    program: Program,
+    *,
+    name: str,
+    start: Sequence[float],
+    results: Sequence[str],
+    precision: Precision,
+    about: str,
+) -> Source:
+    """Write a program as C99.
+
+    Parameters
+    ----------
+    program : Program
+    name : str
+        Prefix of everything that is visible outside; an identifier.
+    start : sequence of float
+        The memory before the first sample.
+    results : sequence of str
+        Names of the outputs.
+    precision : Precision
+    about : str
+        Comment at the top of both files.
+    """
+    working = [b for b in program.buffers if b.values is None]
+    reals, ints = program.space
+    size = sum(max(b.size, 1) for b in working) + reals
+    return Source(
+        header=_header(program, working, name=name, results=results, kind=precision, about=about),
+        code=_code(program, name=name, start=start, results=results, kind=precision, about=about),
+        memory=program.carry.size,
+        workspace=size,
+        ints=ints,
+        kernels=program.kernels,
+        operations=sum(
+            operation.kind not in ("input", "const")
+            for leaf in program.leaves
+            for operation in leaf.operations
+        ),
+    )
+
+
+def _signature(program: Program, name: str, results: Sequence[str]) -> str:
+    lines = [f"{name}_memory *memory", f"{name}_workspace *work"]
+    lines += [f"const {name}_real *{b.name}" for b in program.inputs]
+    lines += [f"{name}_real *{r}" for r in results]
+    joint = ",\n    ".join(lines)
+    return f"void {name}_step(\n    {joint})"
+
+
+def _header(
+    program: Program,
+    working: Sequence[Buffer],
+    *,
+    name: str,
+    results: Sequence[str],
+    kind: Precision,
+    about: str,
+) -> str:
+    guard = f"{name.upper()}_H"
+    reals, ints = program.space
+    fields = [f"    {name}_real {identifier(b.name)}[{max(b.size, 1)}];" for b in working]
+    if program.kernels:
+        fields += [f"    {name}_real {REALS}[{max(reals, 1)}];", f"    int {INTS}[{max(ints, 1)}];"]
+    sizes = [
+        f"   {label:<8} [{b.size}]"
+        for label, b in (
+            *((b.name, b) for b in program.inputs),
+            *zip(results, program.outputs, strict=True),
+        )
+    ]
+    return "\n".join(
+        [
+            _comment(about),
+            f"#ifndef {guard}",
+            f"#define {guard}",
+            "",
+            f"typedef {kind.name} {name}_real;",
+            "",
+            "/* Everything that is kept from sample to sample. */",
+            "typedef struct {",
+            f"    {name}_real carry[{program.carry.size}];",
+            f"}} {name}_memory;",
+            "",
+            "/* Scratch space; its content does not matter between two calls. */",
+            "typedef struct {",
+            *(fields or [f"    {name}_real none[1];"]),
+            f"}} {name}_workspace;",
+            "",
+            "/* Set the memory to its state before the first sample. */",
+            f"void {name}_init({name}_memory *memory);",
+            "",
+            "/* Process one sample. Sizes of the arguments:",
+            *sizes,
+            "   Symmetric matrices are lower triangles, column by column. */",
+            f"{_signature(program, name, results)};",
+            "",
+            "#endif",
+            "",
+        ]
+    )
+
+
+def _code(
+    program: Program,
+    *,
+    name: str,
+    start: Sequence[float],
+    results: Sequence[str],
+    kind: Precision,
+    about: str,
+) -> str:
+    place = {b: f"work->{identifier(b.name)}" for b in program.buffers if b.values is None}
+    place |= {b: identifier(b.name) for b in program.buffers if b.values is not None}
+    place |= {b: b.name for b in program.inputs}
+    place |= dict(zip(program.outputs, results, strict=True))
+    place[program.carry] = "memory->carry"
+    writer = Writer(place, f"{name}_real")
+    constants = [
+        f"    static const {name}_real {identifier(b.name)}[{max(b.size, 1)}] = "
+        f"{{{listed(kind.number(v) for v in b.values or (0.0,))}}};"
+        for b in program.buffers
+        if b.values is not None
+    ]
+    tables = [
+        f"    static const int table_{t.name}[{len(t.values)}] = {{{listed(map(str, t.values))}}};"
+        for t in program.tables
+    ]
+    body = [*writer.lines(program.body, 1), *writer.copies(program.update, 1)]
+    text = "\n".join(body)
+    kept = [c for c in (*constants, *tables) if _declared(c) in text]
+    unused = [
+        f"    (void){p};"
+        for p in (*(b.name for b in program.inputs), "work")
+        if not _mentions(text, p)
+    ]
+    values = listed(kind.number(v) for v in start)
+    return "\n\n".join(
+        [
+            f'{_comment(about)}\n#include <math.h>\n\n#include "{name}.h"',
+            *_includes(program.kernels, kind),
+            *(write_leaf(leaf, f"{name}_real", kind) for leaf in program.leaves),
+            "\n".join(
+                [
+                    f"void {name}_init({name}_memory *memory)",
+                    "{",
+                    f"    static const {name}_real start[{len(start)}] = {{{values}}};",
+                    "    int i;",
+                    f"    for (i = 0; i < {len(start)}; ++i)",
+                    "        memory->carry[i] = start[i];",
+                    "}",
+                ]
+            ),
+            "\n".join([_signature(program, name, results), "{", *kept, *unused, *body, "}", ""]),
+        ]
+    )
+
+
+def _includes(kernels: Sequence[str], kind: Precision) -> list[str]:
+    """The kernels become part of this file, so that several exports may be linked together."""
+    if not kernels:
+        return []
+    defined = ["KERNEL static inline", *(["BACKSIGHT_FLOAT"] if kind.name == "float" else [])]
+    included = ["kernels.h", *(f"{kernel}.c" for kernel in kernels)]
+    lines = [*(f"#define {d}" for d in defined), *(f'#include "{i}"' for i in included)]
+    return ["\n".join(lines)]
+
+
+def _comment(text: str) -> str:
+    return "/* " + text.replace("*/", "* /").replace("\n", "\n   ") + " */"
+
+
+def _declared(line: str) -> str:
+    return line.split("[")[0].split()[-1]
+
+
+def _mentions(text: str, name: str) -> bool:
+    return re.search(rf"\b{re.escape(name)}\b", text) is not None

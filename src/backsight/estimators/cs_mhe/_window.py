@@ -1,0 +1,187 @@
+"""One window of the compressive-sensing estimator as functions of CasADi."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from backsight.engine import foreign
+from backsight.engine.loops import scan
+from backsight.estimators.cs_mhe.tables import Forced, Tables
+from backsight.types import Array
+
+NO_LIMIT = 1e30
+"""A weight of the l1 norm with which no force is found."""
+
+ROUNDING = 1e-9
+"""Violation of an optimality condition, as a share of lam, that is no violation."""
+
+MARGIN = 16
+"""Atoms that may be active beyond those that can be independent."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Solved:
+    """What the kernel returns.
+
+    Parameters
+    ----------
+    alpha, extra, variance : MX
+        Factors of the atoms, their extra states, and the variance of the sum, (atoms, steps); the
+        variance is 0 if nothing carries it on.
+    x, P : list of MX
+        Second state of the window, state of the output, state after the window: deviation from
+        the motion without forces (nx, 1), covariance (nx, nx).
+    forces : MX
+        Over the step of the output: above the threshold, as found, their variance, (nf, 3).
+    info : list of MX
+        Status, violation of the optimality conditions, steps, active atoms, weight from which
+        nothing is found, 1 if the window does not determine its first state.
+    """
+
+    alpha: ca.MX
+    extra: ca.MX
+    variance: ca.MX
+    x: list[ca.MX]
+    P: list[ca.MX]
+    forces: ca.MX
+    info: list[ca.MX]
+
+
+@dataclasses.dataclass(frozen=True)
+class Solver:
+    """The kernel with its constants.
+
+    Parameters
+    ----------
+    forced : Forced
+    tables : Tables
+    shapes : (forces, steps, atoms) array
+    N, lag : int
+    lam : float
+    side : (atoms,) array
+        1 or -1 where a factor must not be negative or positive, else 0.
+    threshold : float
+    arrival, correction : int
+        As the kernel counts them.
+    carries : bool
+        Whether the next window expects what was found: then variances are needed, and extra states,
+        or priors, may keep atoms active beyond the independent ones.
+    limit : int
+        Steps of the active set.
+    """
+
+    forced: Forced
+    tables: Tables
+    shapes: Array
+    N: int
+    lag: int
+    lam: float
+    side: Array
+    threshold: float
+    arrival: int
+    correction: int
+    carries: bool
+    limit: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Atoms per step, and steps."""
+        return self.shapes.shape[2], self.tables.steps
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """What the kernel is told of its problem."""
+        nf, width, atoms = self.shapes.shape
+        t, system = self.tables, self.forced.system
+        nx, ny = len(system.A), len(system.C)
+        most = (2 if self.carries else 1) * min(atoms, t.modal) * t.steps + MARGIN
+        options = self.limit, self.arrival, self.correction, int(self.carries)
+        return nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
+
+    def solve(
+        self,
+        window: list[ca.MX],
+        P: ca.MX,
+        weights: list[ca.MX],
+        warm: ca.MX,
+    ) -> Solved:
+        """Solve a window.
+
+        Parameters
+        ----------
+        window : list of MX
+            Residuals and masks (ny, N + 1), and the number of samples that are absent.
+        P : MX
+            Covariance of the first state, (nx, nx).
+        weights : list of MX
+            See `Carryover.weights`.
+        warm : MX
+            Factors to start from, (atoms, steps).
+        """
+        nx, nf = len(self.forced.system.A), len(self.forced.names)
+        options = [self.threshold, ROUNDING * self.lam, float(self.lag)]
+        constants = [*self.tables.problem, *self.tables.full, *self.tables.atoms]
+        side = np.tile(self.side, self.tables.steps)
+        given = [ca.MX(ca.DM(a)) for a in (*constants, side, np.array(options))]
+        alpha, extra, variance, x, P_all, forces, info = foreign.call(
+            "cs_window",
+            self.sizes,
+            inputs=[*given, *window, P, *weights, warm],
+            outputs=[self.shape] * 3 + [(nx, 3), (nx, 3 * nx), (nf, 3), (6, 1)],
+        )
+        return Solved(
+            alpha,
+            extra,
+            variance,
+            ca.horzsplit(x),
+            ca.horzsplit(P_all, nx),
+            forces,
+            ca.vertsplit(info),
+        )
+
+
+def motion(forced: Forced, samples: int, known: int) -> ca.Function:
+    """Motion from the first state by the known inputs, and what the outputs differ from it.
+
+    ``(x, absent, tail, U, Y, M) -> (residuals, states, state after the window)``; absent samples
+    at the beginning neither move the state nor differ. Forces `tail` (known, samples) are those
+    known already; `known` is 0 or the number of forces.
+    """
+    system = forced.system
+    (ny, nx), nu = system.C.shape, forced.nu
+    sizes = {"x": nx, "absent": 1, "i": 1, "tail": known, "u": nu, "v": nu, "y": ny, "m": ny}
+    s = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    here = s["i"] >= s["absent"]
+    y = s["y"] - _times(system.C, s["x"]) - _times(system.D[:, :nu], s["u"])
+    x = _times(system.A, s["x"]) + _times(system.B[:, :nu], s["u"])
+    x += _times(system.B_next[:, :nu], s["v"])
+    if known:
+        y -= _times(forced.F, s["tail"])
+        x += _times(forced.E, s["tail"])
+    order = [s[n] for n in ("x", "absent", "i", "tail", "u", "v", "y", "m")]
+    results = [ca.if_else(here, x, s["x"]), s["absent"], s["m"] * here * y, s["x"]]
+    leaf = ca.Function("motion_step", order, results)
+    first, absent = ca.MX.sym("x", nx), ca.MX.sym("absent")
+    columns = [ca.MX.sym(n, sizes[n], samples) for n in ("tail", "u", "y", "m")]
+    tail, U, Y, M = columns
+    V = ca.horzcat(U[:, 1:], ca.MX.zeros(nu, 1))
+    counter = ca.MX(ca.DM(np.arange(samples, dtype=float)).T)
+    (last, _), (residuals, states) = scan(
+        leaf, samples, carry=[first, absent], xs=[counter, tail, U, V, Y, M]
+    )
+    return ca.Function("motion", [first, absent, *columns], [residuals, states, last])
+
+
+def begun_before(solver: Solver, alpha: ca.MX) -> ca.MX:
+    """Forces that atoms of the step before a window still do in it, (forces, samples)."""
+    nf, width, _ = solver.shapes.shape
+    symbol = ca.SX.sym("alpha", alpha.numel())
+    columns = [_times(solver.shapes[:, k, :], symbol) for k in range(1, width)]
+    columns.append(ca.SX.zeros(nf, solver.N + 2 - width))
+    shape = ca.Function("begun_before", [symbol], [ca.densify(ca.horzcat(*columns))])
+    return shape(alpha)
+
+
+def _times(matrix: Array, vector: ca.SX) -> ca.SX:
+    return ca.densify(ca.mtimes(ca.sparsify(ca.DM(matrix)), vector))

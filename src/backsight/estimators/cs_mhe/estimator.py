@@ -1,0 +1,222 @@
+"""Compressive-sensing moving horizon estimation: states and sparse unknown forces."""
+
+import dataclasses
+import math
+import numbers
+from typing import ClassVar
+
+import numpy as np
+
+from backsight.engine.recursion import Recursion
+from backsight.errors import ModelError, TuningError, nearest
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.cs_mhe._step import recursion
+from backsight.estimators.cs_mhe._window import NO_LIMIT, Solver
+from backsight.estimators.cs_mhe.carryover import Carryover
+from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
+from backsight.estimators.cs_mhe.tables import Forced, check_forces, tables
+from backsight.estimators.parts.linear import linear
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.model import Model
+from backsight.models.sampling import check_sampling
+from backsight.models.signals import vector
+from backsight.models.unknown_forces import forces_as_inputs
+from backsight.types import Array, ByName
+
+ARRIVALS = ("none", "constant", "filtered", "smoothed")
+CORRECTIONS = ("none", "amplitude", "energy")
+
+STEPS_PER_ATOM = 4
+"""The active set may take so many steps for every atom that can be active, and some more."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CompressiveSensingMHE(AbstractEstimator):
+    r"""Compressive-sensing moving horizon estimator.
+
+    For linear models with forces d at more places than there are sensors, of which few act at a
+    time. In the window k - N ... k it finds the states, and the factors :math:`\alpha` of the atoms
+    of which the forces consist, :math:`d_i = \sum_s \Psi_s \alpha_{i-s}`, that minimise (eq. 8-14)
+
+    .. math:: (x_{k-N} - \bar x)' \bar P^{-1} (x_{k-N} - \bar x) + \sum_i w_i' Q^{-1} w_i
+        + \sum_i v_i' R^{-1} v_i + \lambda \sum_i \|\alpha_i\|_1,
+
+        x_{i+1} = A x_i + B u_i + E d_i + w_i, \qquad y_i = C x_i + D u_i + F d_i + v_i .
+
+    There is no factor 1/2: :math:`\lambda` is that of the paper, twice that of a cost with it.
+
+    Parameters
+    ----------
+    noise : Noise
+        Of the sensors; process noise is added to that of `sigma_force`.
+    prior : Prior
+        Of the state at the first sample.
+    forces : tuple of str
+        Parameters of the model that are unknown forces, with the value 0.
+    lam : float
+        Weight of the l1 norm [1 / unit of the forces]; with infinity no force is found.
+    N : int
+        Horizon in sampling periods; the window holds N + 1 samples.
+    sigma_force : dict or number
+        Standard deviation of independent forces that act at all places all the time and are not
+        looked for: :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
+    dictionary : Impulses, HalfSines or Atoms
+    nonnegative, nonpositive : tuple of str
+        Forces with a known sign.
+    arrival : {"filtered", "smoothed", "constant", "none"}
+        What :math:`\bar x, \bar P` are once the window is full: the prediction from the sample
+        that leaves, by a Kalman filter that knows the forces found; the window's own estimate,
+        which counts its measurements twice (the paper's); the same with the covariance of the
+        prior; or nothing, so that only the samples of the window count.
+    carryover : Carryover, optional
+        Expect the forces of a window in the next one, too (Algorithm 1); not if not given.
+    threshold : float
+        Smallest factor that counts as a force, in `d_hat` and for the carryover.
+    correction : {"none", "amplitude", "energy"}
+        Spread what is below the threshold over what is above it, in `d_hat`: so that the sum of
+        the magnitudes of the window is kept, or the sum of the squares.
+    lag : int, optional
+        The output is about the sample that is `lag` older than the newest one; N if not given,
+        the first of the window. The newest forces cannot be told apart yet.
+    hold : {"zoh", "foh"}
+        Known inputs between the samples of a continuous model: held, or interpolated. The unknown
+        forces are held.
+
+    Notes
+    -----
+    Results have the variables ``d_hat`` (time, force), the force from this sample to the next;
+    ``d_raw``, the same without threshold and correction; ``d_std``, its standard deviation, 0
+    where no force was found; ``nonzeros`` and ``steps`` of the active set; ``kkt``, the largest
+    violation of the optimality conditions as a share of lam, 1e-9 or more; and ``lam_max``, the
+    weight from which on nothing would have been found in this window.
+
+    The solution is exact: a warm-started active set. Covariances are those of the least-squares
+    problem in which the forces that are zero stay zero and the others are free.
+
+    A window that is not full yet, or has gaps, is one with samples that were not measured.
+
+    References
+    ----------
+    Kirchner, Croes, Cosco, Desmet, "Exploiting input sparsity for joint state/input moving horizon
+    estimation", 2018, Mechanical Systems and Signal Processing 101.
+    Lee, Battle, Raina, Ng, "Efficient sparse coding algorithms", 2007, Advances in Neural
+    Information Processing Systems 19.
+    """
+
+    key: ClassVar[str] = "csmhe"
+    title: ClassVar[str] = "Compressive-sensing moving horizon estimator"
+
+    noise: Noise
+    prior: Prior
+    forces: tuple[str, ...]
+    lam: float
+    N: int = 10
+    sigma_force: ByName = 0.0
+    dictionary: Impulses | HalfSines | Atoms = dataclasses.field(default_factory=Impulses)
+    nonnegative: tuple[str, ...] = ()
+    nonpositive: tuple[str, ...] = ()
+    arrival: str = "filtered"
+    carryover: Carryover | None = None
+    threshold: float = 0.0
+    correction: str = "none"
+    lag: int | None = None
+    hold: str = "zoh"
+
+    def __post_init__(self) -> None:
+        problems = []
+        if not isinstance(self.N, numbers.Integral) or self.N < 1:
+            problems.append(f"the horizon N is {self.N}; it must be a whole number from 1 on")
+        elif self.lag is not None and self.lag not in range(self.N + 1):
+            problems.append(f"lag is {self.lag}; it must be a whole number from 0 to N = {self.N}")
+        if not self.lam > 0:
+            problems.append(f"lam is {self.lam}; it must be positive")
+        if not (self.threshold >= 0 and math.isfinite(self.threshold)):
+            problems.append(f"threshold is {self.threshold}; it must not be negative")
+        if self.arrival not in ARRIVALS:
+            problems.append(f"unknown arrival '{self.arrival}': {nearest(self.arrival, ARRIVALS)}")
+        if self.correction not in CORRECTIONS:
+            hint = nearest(self.correction, CORRECTIONS)
+            problems.append(f"unknown correction '{self.correction}': {hint}")
+        if problems:
+            raise TuningError("; ".join(problems))
+        for name in ("forces", "nonnegative", "nonpositive"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+
+    @property
+    def delay(self) -> int:
+        """Samples from the newest one back to that of the output."""
+        return self.N if self.lag is None else self.lag
+
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.compile`."""
+        return recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
+
+    def forced(self, model: Model, dt: float) -> Forced:
+        """Discretise the model with its unknown forces as inputs, and check both.
+
+        Raises
+        ------
+        TuningError
+            If a force is unknown or cannot be seen, or the noise does not fit.
+        """
+        try:
+            joined = forces_as_inputs(model, self.forces)
+        except ModelError as error:
+            raise TuningError(f"forces: {error}") from None
+        system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+        check_sampling(joined, dt)
+        m = len(self.forces)
+        try:
+            sigma = vector(
+                self.sigma_force, joined.inputs[-m:], what="sigma_force", default=np.zeros(m)
+            )
+        except ModelError as error:
+            raise TuningError(str(error)) from None
+        if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
+            raise TuningError(f"sigma_force is {self.sigma_force}; it must not be negative")
+        E, F = (system.B + system.B_next)[:, -m:], system.D[:, -m:]
+        unit = system.s.su[-m:]
+        forced = Forced(system, E / unit, F / unit, sigma, self.forces)
+        check_forces(forced, self.N)
+        return forced
+
+    def _solver(self, forced: Forced) -> Solver:
+        shapes = self.dictionary.shapes(len(self.forces))
+        if shapes.shape[1] > self.N:
+            raise TuningError(
+                f"the dictionary has atoms of {shapes.shape[1]} steps; the window of N = {self.N} "
+                "is too short for them"
+            )
+        found = tables(forced, shapes, N=self.N, lag=self.delay)
+        return Solver(
+            forced=forced,
+            tables=found,
+            shapes=shapes,
+            N=self.N,
+            lag=self.delay,
+            lam=min(self.lam, NO_LIMIT),
+            side=self.sides(),
+            threshold=self.threshold,
+            arrival=ARRIVALS.index(self.arrival),
+            correction=CORRECTIONS.index(self.correction),
+            carries=self.carryover is not None,
+            limit=STEPS_PER_ATOM * found.modal * found.steps + 100,
+        )
+
+    def sides(self) -> Array:
+        """Sign of every atom: 1, -1, or 0 if it is free."""
+        side, both = np.zeros(len(self.forces)), set(self.nonnegative) & set(self.nonpositive)
+        if both:
+            raise TuningError(f"the force '{min(both)}' is nonnegative and nonpositive: it is zero")
+        for names, sign in ((self.nonnegative, 1.0), (self.nonpositive, -1.0)):
+            for name in names:
+                if name not in self.forces:
+                    hint = nearest(name, self.forces)
+                    raise TuningError(f"'{name}' is none of the forces: {hint}")
+                side[self.forces.index(name)] += sign
+        belongs = self.dictionary.force_of(len(side))
+        if side.any() and min(belongs) < 0:
+            raise TuningError(
+                "forces of a known sign need a dictionary whose atoms are of one force"
+            )
+        return side[belongs]

@@ -1,0 +1,3 @@
+"""States and unknown inputs together, without a model of the inputs."""
+
+from backsight.estimators.joint_input.estimator import JointInput as JointInput

@@ -1,0 +1,141 @@
+"""Joint estimation of states and forces of which nothing is known (Gillijns and De Moor)."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from backsight.engine.recursion import Channel, Recursion
+from backsight.errors import ModelError, TuningError
+from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
+from backsight.estimators.joint_input._step import Forces, covariance0, step
+from backsight.estimators.joint_input._system import forces_of
+from backsight.estimators.parts.filtering import carry_inputs, physical
+from backsight.estimators.parts.linear import linear
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.model import Model
+from backsight.models.sampling import check_sampling
+from backsight.models.signals import vector
+from backsight.models.unknown_forces import forces_as_inputs
+from backsight.schema import Status
+from backsight.types import Array
+
+UNKNOWN = 1e4
+"""Standard deviation of a force that was not seen, in those which the sensors' noise would give it
+at a complete sample."""
+
+
+@dataclasses.dataclass(frozen=True)
+class JointInput(AbstractEstimator):
+    r"""Joint input and state filter.
+
+    For linear models with forces d that may do anything from one sample to the next,
+
+    .. math:: x_{k+1} = A x_k + B u_k + E d_k + w_k, \qquad y_k = C x_k + D u_k + F d_k + v_k :
+
+    the unbiased estimate of states and forces with the smallest variance. With the innovation
+    :math:`e_k = y_k - C \hat x_k^- - D u_k`, its covariance without forces
+    :math:`S_k = C P_k^- C' + R`, and :math:`K_k = P_k^- C' S_k^{-1}`,
+
+    .. math::
+        \hat d = M_k e_k, \quad M_k = (H' S_k^{-1} H)^{-1} H' S_k^{-1}, \qquad
+        \hat x_k^+ = \hat x_k^- + G \hat d + K_k (e_k - H \hat d) .
+
+    Without feedthrough (F = 0: displacements, velocities, strains) :math:`H = C E, G = E`, and the
+    force that is found at sample k is the one that acted *before* it, :math:`d_{k-1}`. With
+    feedthrough (accelerations) :math:`H = F, G = 0`, the force is :math:`d_k`, and it enters the
+    prediction :math:`\hat x_{k+1}^- = A \hat x_k^+ + B u_k + E \hat d`.
+
+    Parameters
+    ----------
+    noise : Noise
+    prior : Prior
+    forces : tuple of str
+        Parameters of the model that are unknown forces; at most as many as there are sensors.
+    hold : {"zoh", "foh"}
+        Known inputs between the samples of a continuous model: held, or interpolated. The unknown
+        forces are held.
+    sigma_forces : dict or number, optional
+        Standard deviation given to the forces at samples whose measurements do not determine them
+        [their unit]; by default 1e4 times what the noise of the sensors alone would make of it.
+
+    Notes
+    -----
+    The result has more variables: ``d_hat (time, force)``, its standard deviation ``d_std`` and
+    covariance ``P_d``. ``e`` and ``S`` are those of a motion without forces, so that the NIS is
+    large while a force acts.
+
+    Rows that were not measured are left out. If those that remain do not determine all forces, the
+    forces of this sample get the mean zero and the standard deviation `sigma_forces`; the
+    covariances count that, and the status says *unobserved*. The same is said of the force before
+    the first sample, without a status.
+
+    References
+    ----------
+    Gillijns, De Moor, "Unbiased minimum-variance input and state estimation for linear
+    discrete-time systems", 2007, Automatica 43(1), 111-116, doi:10.1016/j.automatica.2006.08.002;
+    the same with direct feedthrough: 43(5), 934-937, doi:10.1016/j.automatica.2006.11.016.
+    """
+
+    key: ClassVar[str] = "joint_input"
+    title: ClassVar[str] = "Joint input and state filter"
+    weighs: ClassVar[bool] = True
+
+    noise: Noise
+    prior: Prior
+    forces: tuple[str, ...]
+    hold: str = "zoh"
+    sigma_forces: Mapping[str, float] | float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "forces", tuple(self.forces))
+
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.compile`."""
+        try:
+            joined = forces_as_inputs(model, self.forces)
+        except ModelError as error:
+            raise TuningError(f"forces: {error}") from None
+        system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+        check_sampling(joined, dt)
+        found = forces_of(system, self.forces)
+        found = dataclasses.replace(found, spread=self._spread(found, joined))
+        return _recursion(self.key, found)
+
+    def _spread(self, found: Forces, joined: Model) -> Array:
+        """Covariance of forces that the measurements do not determine, scaled, (m, m)."""
+        if self.sigma_forces is None:
+            information = found.H.T @ np.linalg.solve(found.system.s.R, found.H)
+            return np.asarray(UNKNOWN**2 * np.linalg.inv(information), float)
+        signals = joined.inputs[-len(self.forces) :]
+        missing = np.full(len(signals), np.nan)
+        try:
+            sigma = vector(self.sigma_forces, signals, what="sigma_forces", default=missing)
+        except ModelError as error:
+            raise TuningError(str(error)) from None
+        bad = [s.name for s, v in zip(signals, sigma, strict=True) if not 0 < v < np.inf]
+        if bad:
+            raise TuningError(f"sigma_forces must be positive and finite for {', '.join(bad)}")
+        return np.diag((sigma / found.unit) ** 2)
+
+
+def _recursion(name: str, found: Forces) -> Recursion:
+    s, labels = found.system.s, found.names
+    sizes = (("u", found.nu), ("y", s.model.ny), ("m", s.model.ny))
+    data = [ca.MX.sym(n, k) for n, k in sizes]
+    memory = [s.x0, covariance0(found), np.zeros(1)]
+    symbol, (x, P, started) = carry_inputs(memory)
+    ahead, (x, vP, v, e, S, flags), forces = step(found, [x, P, started, *data])
+    outputs = physical(s, (Status.CLIPPED, Status.UNOBSERVED))(x, vP, v, e, S, flags)
+    return Recursion(
+        step=ca.Function(name, [symbol, *data], [ca.vertcat(*ahead, 1), *outputs, *forces]),
+        carry0=np.concatenate(memory),
+        channels=(
+            *ESTIMATE_CHANNELS,
+            Channel("d_hat", ("force",), labels=labels, ago=0 if found.direct else 1),
+            Channel("P_d", ("force", "force_"), symmetric=True, labels=labels),
+        ),
+        dt=s.dt,
+    )

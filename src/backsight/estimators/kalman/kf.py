@@ -1,0 +1,123 @@
+"""Kalman filter for linear models: time-varying, or with the gain of the steady state."""
+
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+import scipy
+
+from backsight.engine.recursion import Recursion
+from backsight.errors import TuningError
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.parts import gaussian, large
+from backsight.estimators.parts.filtering import Halves, assemble
+from backsight.estimators.parts.fixed_gain import correct_with
+from backsight.estimators.parts.linear import (
+    Linear,
+    covariance0,
+    innovation,
+    is_large,
+    linear,
+    predict,
+    stored_covariance,
+)
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.model import Model
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class KalmanFilter(AbstractEstimator):
+    r"""Kalman filter.
+
+    For linear models, with :math:`x_{k+1} = A x_k + B u_k + w_k`, :math:`y_k = C x_k + D u_k + v_k`
+    and white noise of the covariances Q and R: the estimate with the smallest variance.
+
+    .. math::
+        e_k = y_k - C \hat x_k^- - D u_k, \quad S_k = C P_k^- C' + R, \quad
+        K_k = P_k^- C' S_k^{-1}, \quad \hat x_k^+ = \hat x_k^- + K_k e_k,
+
+        P_k^+ = (I - K_k C) P_k^- (I - K_k C)' + K_k R K_k', \qquad
+        \hat x_{k+1}^- = A \hat x_k^+ + B u_k, \quad P_{k+1}^- = A P_k^+ A' + Q .
+
+    Continuous models are carried over exactly: the state by a matrix exponential, the noise by
+    Van Loan's integral. States outside their bounds are set to them, as by `EKF`.
+
+    Parameters
+    ----------
+    noise : Noise
+    prior : Prior
+    hold : {"zoh", "foh"}
+        Input between the samples of a continuous model: held, or interpolated.
+    steady_state : bool
+        Use the gain of the algebraic Riccati equation from the first sample on. The covariance
+        that is put out is still that of the estimate, start and missing samples included.
+
+    References
+    ----------
+    Kalman, "A new approach to linear filtering and prediction problems", 1960,
+    doi:10.1115/1.3662552.
+    Simon, "Optimal State Estimation", 2006, doi:10.1002/0470045345, chapters 5 and 7.
+    """
+
+    key: ClassVar[str] = "kf"
+    title: ClassVar[str] = "Kalman filter"
+    weighs: ClassVar[bool] = True
+
+    noise: Noise
+    prior: Prior
+    hold: str = "zoh"
+    steady_state: bool = False
+
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.compile`."""
+        system = self._system(model, dt)
+        if self.steady_state:
+            correct = correct_with(system, _riccati(system)[0])
+        else:
+            correct = (large if is_large(system) else gaussian).correct(system.s)
+        halves = Halves(
+            spread0=covariance0(system),
+            innovation=innovation(system),
+            correct=correct,
+            predict=predict(system),
+            covariance=stored_covariance(system),
+            ramp=system.ramp,
+        )
+        return assemble(self.key, system.s, halves)
+
+    def steady(self, model: Model, dt: float) -> tuple[Array, Array]:
+        """Gain K (nx, ny) and covariance of the one-step prediction (nx, nx) in the steady state.
+
+        Physical units.
+
+        Raises
+        ------
+        TuningError
+            If there is no steady state.
+        """
+        system = self._system(model, dt)
+        K, P = _riccati(system)
+        s = system.s
+        return K * s.sx[:, None] / s.sy, P * np.outer(s.sx, s.sx)
+
+    def _system(self, model: Model, dt: float) -> Linear:
+        return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+
+
+def _riccati(system: Linear) -> tuple[Array, Array]:
+    """Gain and covariance of the prediction, scaled."""
+    s, A, C = system.s, system.A, system.C
+    try:
+        P = scipy.linalg.solve_discrete_are(A.T, C.T, s.Q, s.R)
+        K = np.linalg.solve(C @ P @ C.T + s.R, C @ P).T
+        radius = np.abs(np.linalg.eigvals(A - A @ K @ C)).max()
+    except (ValueError, np.linalg.LinAlgError):
+        radius = np.inf
+    if not radius < 1 - 1e-9:
+        raise TuningError(
+            "the Kalman filter has no steady state: a mode that does not decay is unobservable, or "
+            "no noise drives it; give every such state process noise (a constant needs some, too), "
+            "or use steady_state = false"
+        )
+    return K, P

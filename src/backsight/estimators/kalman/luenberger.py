@@ -1,0 +1,224 @@
+"""Luenberger observer: the eigenvalues of the error are chosen, the gain follows."""
+
+import dataclasses
+import warnings
+from collections import Counter
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from backsight.algebra.symmetric import unvech, vech
+from backsight.algebra.update import measured, noise_of
+from backsight.engine.recursion import Recursion
+from backsight.errors import TuningError, nearest
+from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, data_symbols
+from backsight.estimators.parts.filtering import Halves, assemble, packed, physical
+from backsight.estimators.parts.fixed_gain import correct_with
+from backsight.estimators.parts.gaussian import clip
+from backsight.estimators.parts.linear import (
+    Linear,
+    covariance0,
+    innovation,
+    linear,
+    predict,
+    require_observable,
+    stored_covariance,
+)
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.model import Model
+from backsight.schema import Status
+from backsight.types import Array
+
+FORMS = ("filtering", "prediction")
+"""Whether the estimate uses the measurement of its own sample."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Observer:
+    """A gain and what it does; prints itself.
+
+    Parameters
+    ----------
+    gain : (nx, ny) array
+        Physical units; multiplies the innovation in the form chosen.
+    eigenvalues : (nx,) complex array
+        Of the estimation error, from sample to sample.
+    dt : float
+        Sampling period [s].
+    form : {"filtering", "prediction"}
+    """
+
+    gain: Array
+    eigenvalues: NDArray[np.complex128]
+    dt: float
+    form: str
+
+    def __str__(self) -> str:
+        gain = np.array2string(self.gain, precision=6, prefix="  gain ")
+        lines = [f"Luenberger observer, {self.form} form", f"  gain {gain}"]
+        for value in self.eigenvalues:
+            size = abs(value)
+            fades = "gone after nx samples" if size < 1e-6 else f"{-self.dt / np.log(size):.3g} s"
+            lines.append(f"  error eigenvalue {value:.6g}: modulus {size:.6g}, fades with {fades}")
+        return "\n".join(lines)
+
+
+@dataclasses.dataclass(frozen=True)
+class Luenberger(AbstractEstimator):
+    r"""Luenberger observer.
+
+    A copy of the plant that is corrected by the innovation with a constant gain. In the filtering
+    form the estimate uses the measurement of its own sample,
+
+    .. math:: \hat x_{k|k} = \hat x_{k|k-1} + \tilde L (y_k - C \hat x_{k|k-1} - D u_k), \qquad
+        \hat x_{k+1|k} = A \hat x_{k|k} + B u_k,
+
+    in the prediction form, for computers that are not so fast, only the earlier ones,
+
+    .. math:: \hat x_{k+1|k} = A \hat x_{k|k-1} + B u_k + L (y_k - C \hat x_{k|k-1} - D u_k).
+
+    With :math:`L = A \tilde L` they are the same observer. The error evolves by A - L C, whose
+    eigenvalues are the `poles`.
+
+    Parameters
+    ----------
+    noise : Noise
+        Does not change the estimate, but the covariance: that of the error that this gain makes.
+    prior : Prior
+    poles : tuple of complex
+        One per state, from sample to sample (a pole s of a continuous observer is
+        :math:`e^{s\,dt}`): inside the unit circle, complex ones in conjugate pairs, none more often
+        than there are outputs.
+    form : {"filtering", "prediction"}
+    hold : {"zoh", "foh"}
+        Input between the samples of a continuous model: held, or interpolated.
+
+    References
+    ----------
+    Luenberger, "An introduction to observers", 1971, doi:10.1109/TAC.1971.1099826.
+    Tits, Yang, "Globally convergent algorithms for robust pole assignment by state feedback", 1996,
+    doi:10.1109/9.539425: the gain, if there are several outputs.
+    """
+
+    key: ClassVar[str] = "luenberger"
+    title: ClassVar[str] = "Luenberger observer"
+    weighs: ClassVar[bool] = True
+
+    noise: Noise
+    prior: Prior
+    poles: tuple[complex, ...]
+    form: str = "filtering"
+    hold: str = "zoh"
+
+    def __post_init__(self) -> None:
+        if self.form not in FORMS:
+            raise TuningError(f"unknown form '{self.form}': {nearest(self.form, FORMS)}")
+        object.__setattr__(self, "poles", tuple(complex(p) for p in self.poles))
+        outside = [p for p in self.poles if not abs(p) < 1]
+        if outside:
+            raise TuningError(
+                f"pole {_shown(outside[0])} is not inside the unit circle; the error would grow"
+            )
+        count = Counter(self.poles)
+        alone = [p for p in self.poles if p.imag and count[p] != count[p.conjugate()]]
+        if alone:
+            raise TuningError(
+                f"pole {_shown(alone[0])} has no conjugate partner; add "
+                f"{_shown(alone[0].conjugate())}"
+            )
+
+    def observer(self, model: Model, dt: float) -> Observer:
+        """Gain in physical units, and the eigenvalues of the error as computed from it."""
+        system = self._system(model, dt)
+        gain = self._gain(system, model)
+        s = system.s
+        return Observer(
+            gain=gain * s.sx[:, None] / s.sy,
+            eigenvalues=np.linalg.eigvals(_error(system, gain, self.form)).astype(complex),
+            dt=dt,
+            form=self.form,
+        )
+
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.compile`."""
+        system = self._system(model, dt)
+        gain = self._gain(system, model)
+        if self.form == "prediction":
+            return _predicting(self.key, system, gain)
+        halves = Halves(
+            spread0=covariance0(system),
+            innovation=innovation(system),
+            correct=correct_with(system, gain),
+            predict=predict(system),
+            covariance=stored_covariance(system),
+            ramp=system.ramp,
+        )
+        return assemble(self.key, system.s, halves)
+
+    def _system(self, model: Model, dt: float) -> Linear:
+        return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+
+    def _gain(self, system: Linear, model: Model) -> Array:
+        ny, nx = system.C.shape
+        if len(self.poles) != nx:
+            raise TuningError(f"{len(self.poles)} poles are given for {nx} states; give {nx}")
+        pole, times = Counter(self.poles).most_common(1)[0]
+        if times > ny:
+            raise TuningError(
+                f"pole {_shown(pole)} is given {times} times; with {ny} output"
+                f"{'s' if ny > 1 else ''} at most {ny} can be equal: spread them a little"
+            )
+        require_observable(model)
+        if self.form == "filtering" and np.linalg.cond(system.A) > 1e12:
+            raise TuningError(
+                "the transition matrix is singular, so that the filtering form has fixed poles at "
+                "zero; use form = 'prediction'"
+            )
+        seen = system.C @ system.A if self.form == "filtering" else system.C
+        with warnings.catch_warnings():
+            # Only how robust the choice among the possible gains is stays below its optimum.
+            warnings.filterwarnings("ignore", message="Convergence was not reached")
+            placed: Any = scipy.signal.place_poles(
+                system.A.T, seen.T, np.array(self.poles), maxiter=100
+            )
+        return np.asarray(placed.gain_matrix, float).T
+
+
+def _error(system: Linear, gain: Array, form: str) -> Array:
+    seen = system.C @ system.A if form == "filtering" else system.C
+    return system.A - gain @ seen
+
+
+def _predicting(name: str, system: Linear, L: Array) -> Recursion:
+    """Recursion of the prediction form; the carry lacks the part of an interpolated input."""
+    s = system.s
+    nx, m = s.model.nx, s.model
+    u_, y_, mask = data_symbols(m)
+    u, y = u_ / s.su, y_ / s.sy
+    vP, z, started = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("z", nx), ca.SX.sym("started")
+    A, B, B_next, C = (ca.sparsify(ca.DM(k)) for k in (system.A, system.B, system.B_next, system.C))
+    free = z + started * ca.mtimes(B_next, u)
+    x, P = clip(s, free), unvech(vP)
+    seen, R = measured(mask), noise_of(ca.SX(s.R), mask)
+    e = seen * (y - m.output(x, u))
+    gain = ca.SX(ca.DM(L)) @ ca.diag(seen)
+    error = ca.SX(A) - gain @ C
+    P_next = error @ P @ error.T + gain @ R @ gain.T + ca.SX(s.Q)
+    z_next = ca.mtimes(A, x) + ca.mtimes(B, u) + ca.mtimes(ca.DM(L), e)
+    clipped = ca.if_else(ca.norm_1(x - free) > 0, 1, 0)
+    S = vech(ca.densify(ca.SX(C) @ P @ C.T + R))
+    outputs = physical(s, (Status.CLIPPED,)).call([x, vP, u, e, S, clipped])
+    carry = [ca.vertcat(z, vP, started), ca.vertcat(z_next, vech(ca.densify(P_next)), 1)]
+    return Recursion(
+        step=ca.Function(name, [carry[0], u_, y_, mask], [ca.densify(carry[1]), *outputs]),
+        carry0=np.concatenate([s.x0, packed(s.P0), np.zeros(1)]),
+        channels=ESTIMATE_CHANNELS,
+        dt=s.dt,
+    )
+
+
+def _shown(pole: complex) -> str:
+    return f"{pole.real:g}" if pole.imag == 0 else f"{pole:g}"

@@ -1,0 +1,153 @@
+"""Least squares over a window with missing samples, as one pass from sample to sample.
+
+A Kalman filter runs through the window as if the first state were known; beside it goes the
+derivative of its state by that first state, and the innovations become equations for it. The
+result is the least-squares estimate with nothing known before the window; neither the transition
+matrix nor the process noise is ever inverted. After de Jong, "The diffuse Kalman filter", 1991,
+doi:10.1214/aos/1176348139.
+"""
+
+import casadi as ca
+
+from backsight.algebra.factor import cholesky_semidefinite
+from backsight.algebra.symmetric import unvech, vech
+from backsight.algebra.triangular import compress, forward
+from backsight.algebra.update import gain, joseph, masked
+from backsight.engine.loops import scan
+from backsight.estimators.parts.linear import Linear
+from backsight.types import Array
+
+NEGLIGIBLE = 1e-9
+"""A pivot this small beside its row says that the window does not determine the direction."""
+
+
+def window_filter(system: Linear, N: int) -> ca.Function:
+    """``(x, P, diffuse, U, Y, M, present) -> (x, P, deficient)``.
+
+    x and P (lower triangle) describe the start of the window, the results its end. With
+    ``diffuse = 1`` nothing is known of the start, and ``deficient`` is 1 if the measurements do
+    not determine it. Samples with ``present = 0`` do not exist; they come first.
+    """
+    nx, nu, ny = (len(system.A), *system.D.T.shape)
+    x, vP = ca.MX.sym("x", nx), ca.MX.sym("P", nx * (nx + 1) // 2)
+    diffuse = ca.MX.sym("diffuse")
+    U, Y, M = (ca.MX.sym(n, k, N + 1) for n, k in (("U", nu), ("Y", ny), ("M", ny)))
+    present = ca.MX.sym("present", 1, N + 1)
+    absorbed = absorb(system)(x, *begin(nx)(vP, diffuse), U[:, 0], Y[:, 0], M[:, 0], present[0])
+    carry, _ = scan(
+        _next(system),
+        N,
+        carry=list(absorbed),
+        xs=[U[:, :-1], U[:, 1:], Y[:, 1:], M[:, 1:], present[:, :-1], present[:, 1:]],
+    )
+    results = solve_start(nx)(*carry, diffuse)[:3]
+    return ca.Function("window_filter", [x, vP, diffuse, U, Y, M, present], list(results))
+
+
+def _symbols(nx: int) -> list[ca.SX]:
+    """State, covariance, derivative by the first state, equations for the first state."""
+    return [
+        ca.SX.sym("x", nx),
+        ca.SX.sym("P", nx * (nx + 1) // 2),
+        ca.SX.sym("X", nx, nx),
+        ca.SX.sym("L", (nx + 1) * (nx + 2) // 2),
+    ]
+
+
+def begin(nx: int) -> ca.Function:
+    """``(P, diffuse) -> (P, X, L)`` at the start of the window."""
+    vP, diffuse = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("diffuse")
+    identity = ca.densify(diffuse * ca.SX.eye(nx))
+    equations = ca.SX.zeros((nx + 1) * (nx + 2) // 2)
+    return ca.Function("begin", [vP, diffuse], [(1 - diffuse) * vP, identity, equations])
+
+
+def absorb(system: Linear) -> ca.Function:
+    """Take in the measurements of one sample."""
+    nx, nu, ny = (len(system.A), *system.D.T.shape)
+    x, vP, X, vL = _symbols(nx)
+    u, y = ca.SX.sym("u", nu), ca.SX.sym("y", ny)
+    mask, here = ca.SX.sym("m", ny), ca.SX.sym("here")
+    C, D = _sparse(system.C), _sparse(system.D)
+    e = y - ca.mtimes(C, x) - ca.mtimes(D, u)
+    H, e, R = masked(ca.SX(C), e, ca.SX(_sparse(system.s.R)), here * mask)
+    P = unvech(vP)
+    K, S = gain(P, H, R)
+    HX = H @ X
+    factor = cholesky_semidefinite(S)
+    white = [forward(factor, c) for c in ca.horzsplit(ca.densify(ca.horzcat(HX, e)))]
+    rows = ca.horzcat(*white)
+    equations = compress(ca.horzcat(ca.tril(unvech(vL)), rows.T))
+    return ca.Function(
+        "absorb",
+        [x, vP, X, vL, u, y, mask, here],
+        [x + K @ e, vech(joseph(P, K, H, R)), ca.densify(X - K @ HX), vech(ca.densify(equations))],
+    )
+
+
+def advance(system: Linear) -> ca.Function:
+    """Go on to the next sample; before the first sample nothing moves."""
+    nx, nu = system.B.shape
+    x, vP, X, vL = _symbols(nx)
+    u, u_next, before = ca.SX.sym("u", nu), ca.SX.sym("u_next", nu), ca.SX.sym("before")
+    A = _sparse(system.A)
+    driven = ca.mtimes(_sparse(system.B), u) + ca.mtimes(_sparse(system.B_next), u_next)
+    moved = [
+        ca.mtimes(A, x) + driven,
+        vech(ca.densify(A @ unvech(vP) @ A.T + _sparse(system.s.Q))),
+        ca.mtimes(A, X),
+        vL,
+    ]
+    kept = [
+        ca.densify(ca.if_else(before, m, o)) for m, o in zip(moved, (x, vP, X, vL), strict=True)
+    ]
+    return ca.Function("advance", [x, vP, X, vL, u, u_next, before], kept)
+
+
+def _next(system: Linear) -> ca.Function:
+    """Go on to the next sample and take it in."""
+    nx, nu, ny = (len(system.A), *system.D.T.shape)
+    carry = [ca.MX.sym(n, *s.shape) for n, s in zip("xPXL", _symbols(nx), strict=True)]
+    data = [
+        ca.MX.sym(n, k)
+        for n, k in (("u", nu), ("v", nu), ("y", ny), ("m", ny), ("before", 1), ("here", 1))
+    ]
+    u, v, y, m, before, here = data
+    ahead = advance(system)(*carry, u, v, before)
+    return ca.Function("next", [*carry, *data], list(absorb(system)(*ahead, v, y, m, here)))
+
+
+def solve_start(nx: int) -> ca.Function:
+    """Solve for the first state, and put it into the last one.
+
+    ``(x, P, X, L, diffuse) -> (x, P, deficient, first, X inverse, inverse')`` with the first state
+    (as its difference from the start) and a factor of its covariance, inverse inverse'.
+    """
+    x, vP, X, vL = _symbols(nx)
+    diffuse = ca.SX.sym("diffuse")
+    L = ca.tril(unvech(vL))
+    found = ca.SX(ca.densify(ca.horzcat(L[nx, :nx].T, ca.SX.eye(nx))))
+    deficient = ca.SX(0)
+    for i in reversed(range(nx)):
+        for j in range(i + 1, nx):
+            found[i, :] -= L[j, i] * found[j, :]
+        small = L[i, i] <= NEGLIGIBLE * ca.norm_2(L[i, : i + 1])
+        deficient = ca.if_else(small, 1, deficient)
+        found[i, :] = ca.if_else(small, 0, found[i, :] / ca.if_else(small, 1, L[i, i]))
+    first, inverse = found[:, 0], found[:, 1:]
+    spread = X @ inverse
+    return ca.Function(
+        "solve_start",
+        [x, vP, X, vL, diffuse],
+        [
+            x + X @ first,
+            vech(unvech(vP) + spread @ spread.T),
+            diffuse * deficient,
+            first,
+            *map(ca.densify, (spread, inverse.T)),
+        ],
+    )
+
+
+def _sparse(matrix: Array) -> ca.DM:
+    return ca.sparsify(ca.DM(matrix))

@@ -1,0 +1,140 @@
+"""The samples of a window of a linear model on top of each other, and what solves them."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+import scipy
+
+from backsight.engine.dense import add_product
+from backsight.errors import TuningError
+from backsight.estimators.base import Setting
+from backsight.estimators.parts.linear import Linear, root
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Stacked:
+    r"""States and outputs of N + 1 samples as functions of what is unknown and of the inputs.
+
+    With :math:`\theta = (x_{k-N}, \omega_{k-N}, \ldots, \omega_{k-1})`, the first state and the
+    process noise :math:`w = G \omega` of unit covariance, and U the N + 1 inputs one after the
+    other:
+
+    .. math:: X = T \theta + F U, \qquad Y = \Phi \theta + \Gamma U + V .
+
+    Parameters
+    ----------
+    T, F : arrays
+        ``((N + 1) nx, nx + N q)`` and ``((N + 1) nx, (N + 1) nu)``.
+    Phi, Gamma : arrays
+        The same for the ``(N + 1) ny`` outputs.
+    """
+
+    T: Array
+    F: Array
+    Phi: Array
+    Gamma: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Gains:
+    r"""Least-squares estimate of the present state from a full window.
+
+    .. math:: \hat x_k = M Y + N_u U, \qquad Y = (y_{k-N}, \ldots, y_k), \;
+        U = (u_{k-N}, \ldots, u_k)
+
+    Parameters
+    ----------
+    M : (nx, (N + 1) ny) array
+    N_u : (nx, (N + 1) nu) array
+        The last block, for the present input, is zero unless the model has a feedthrough or the
+        input is interpolated.
+    P : (nx, nx) array
+        Covariance of the estimate.
+    """
+
+    M: Array
+    N_u: Array
+    P: Array
+
+
+def stacked(system: Linear, N: int) -> Stacked:
+    """Stack N + 1 samples."""
+    nx, nu = system.B.shape
+    G = root(system.s.Q)
+    q = G.shape[1]
+    T = np.zeros((N + 1, nx, nx + N * q))
+    F = np.zeros((N + 1, nx, (N + 1) * nu))
+    T[0, :, :nx] = np.eye(nx)
+    for i in range(N):
+        T[i + 1], F[i + 1] = system.A @ T[i], system.A @ F[i]
+        T[i + 1, :, nx + i * q : nx + (i + 1) * q] += G
+        F[i + 1, :, i * nu : (i + 1) * nu] += system.B
+        F[i + 1, :, (i + 1) * nu : (i + 2) * nu] += system.B_next
+    Phi, Gamma = system.C @ T, system.C @ F
+    for i in range(N + 1):
+        Gamma[i, :, i * nu : (i + 1) * nu] += system.D
+    T, F, Phi, Gamma = (m.reshape(m.shape[0] * m.shape[1], m.shape[2]) for m in (T, F, Phi, Gamma))
+    return Stacked(T, F, Phi, Gamma)
+
+
+def gains(system: Linear, N: int, *, every: int = 1) -> Gains:
+    r"""Gains of the least-squares estimate from a full window, scaled.
+
+    With ``every = m`` only the samples k, k - m, k - 2 m ... are measured; the columns of M for
+    the others are zero.
+
+    Without process noise and with R = I they are those of the textbook,
+    :math:`M = A^N (\Phi'\Phi)^{-1} \Phi'` and :math:`N_u = F_N - M \Gamma`. Computed by a QR
+    factorisation of the whitened rows; :math:`\Phi' \Phi` is never formed.
+
+    Raises
+    ------
+    TuningError
+        If the outputs of the window do not determine its states.
+    """
+    ny, nx = system.C.shape
+    s = stacked(system, N)
+    measured = (N - np.arange(N + 1)) % every == 0
+    noise = np.linalg.cholesky(np.asarray(scipy.linalg.block_diag(*[system.s.R] * (N + 1))))
+    rows = scipy.linalg.solve_triangular(noise, s.Phi, lower=True) * measured.repeat(ny)[:, None]
+    check_rank(rows[:, :nx], N)
+    unknown = s.Phi.shape[1]
+    q, r = np.linalg.qr(np.vstack([rows, np.eye(unknown)[nx:]]))
+    present = scipy.linalg.solve_triangular(r, s.T[-nx:].T, trans=1).T
+    M = scipy.linalg.solve_triangular(noise, (present @ q[: len(rows)].T).T, lower=True, trans=1).T
+    return Gains(M=M, N_u=s.F[-nx:] - M @ s.Gamma, P=present @ present.T)
+
+
+def in_units(scaled: Gains, s: Setting) -> Gains:
+    """Gains in physical units."""
+    samples = scaled.M.shape[1] // s.model.ny
+    return Gains(
+        M=scaled.M * s.sx[:, None] / np.tile(s.sy, samples),
+        N_u=scaled.N_u * s.sx[:, None] / np.tile(s.su, samples),
+        P=scaled.P * np.outer(s.sx, s.sx),
+    )
+
+
+def product(matrix: Array, vector: ca.MX) -> ca.MX:
+    """Constant matrix times vector, as a loop."""
+    rows = len(matrix)
+    return ca.vec(add_product(ca.MX.zeros(1, rows), vector.T, ca.MX(ca.DM(matrix))))
+
+
+TOLERANCE = 1e-10
+"""Smallest ratio of singular values that counts: far above rounding, far below any real sensor."""
+
+
+def check_rank(rows: Array, N: int) -> None:
+    """Raise `TuningError` unless the rows (..., nx) of a window determine nx numbers."""
+    size = np.linalg.norm(rows, axis=0)
+    values = np.linalg.svd(rows / np.where(size > 0, size, 1.0), compute_uv=False)
+    found = int((values > TOLERANCE * values[0]).sum())
+    if found < rows.shape[1]:
+        raise TuningError(
+            f"a window of N = {N} determines only {found} of {rows.shape[1]} states (singular "
+            f"values below {TOLERANCE:g} of the largest); lengthen it or add a sensor: "
+            "`observability(model)` says which states cannot be seen"
+        )

@@ -1,0 +1,148 @@
+"""Limits of a window with process noise: bounds of the model's states and sums of anything."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from backsight.errors import ModelError, TuningError, nearest
+from backsight.estimators.base import Setting
+from backsight.estimators.parts.limits import Limit
+from backsight.models.affine import moving_states
+from backsight.models.signals import vector
+from backsight.types import Array
+
+TOLERANCE = 1e-10
+"""Violations below this count as rounding errors, in units of the limited quantity."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """All limits of a sample, on scaled variables; every one is of one of three kinds.
+
+    Parameters
+    ----------
+    state, noise : (n, nx) arrays
+        Weights of the state, and of the process noise that led to the sample.
+    residual : (n, ny) array
+        Weights of y - h(x, u).
+    once : (n,) array
+        1 for limits of a value that is constant in the window: they hold at its last sample.
+    lower, upper : (n,) arrays
+    softness : (n,) array
+        Variance of the limit, 0 for hard ones.
+    slack : (n,) array
+        Size of a rounding error.
+    unit : (n,) array
+        Physical size of 1.
+    names : tuple of str
+    """
+
+    state: Array
+    noise: Array
+    residual: Array
+    once: Array
+    lower: Array
+    upper: Array
+    softness: Array
+    slack: Array
+    unit: Array
+    names: tuple[str, ...]
+
+
+def limits_of(s: Setting, Q: Array, limits: Sequence[Limit], soft: Mapping[str, float]) -> Limits:
+    """Bounds of the states in the model, then the limits given, in scaled variables.
+
+    Parameters
+    ----------
+    s : Setting
+    Q : (nx, nx) array
+        Covariance of the process noise inside the window.
+    limits : sequence of Limit
+    soft : dict
+        Name of a limit or of a bounded state to the weight of its violation, physical units.
+
+    Raises
+    ------
+    TuningError
+        If a name is unknown or a weight is not positive.
+    """
+    model = s.model
+    boxes = [
+        Limit(x.name, {x.name: 1.0}, x.lower * scale, x.upper * scale)
+        for x, scale in zip(model.states, s.sx, strict=True)
+        if np.isfinite(x.lower) or np.isfinite(x.upper)
+    ]
+    every = (*boxes, *limits)
+    names = tuple(limit.name for limit in every)
+    _check(names, soft)
+    rows = [_row(s, Q, limit, float(soft.get(limit.name, np.inf))) for limit in every]
+    constant = ~np.isin(np.arange(model.nx), moving_states(model)) & ~Q.any(axis=0)
+    state = _stack([r.state for r in rows], model.nx)
+    return Limits(
+        state=state,
+        noise=_stack([r.noise for r in rows], model.nx),
+        residual=_stack([r.residual for r in rows], model.ny),
+        once=np.array([bool(r.any()) and not r[~constant].any() for r in state], float),
+        lower=np.array([r.lower for r in rows]),
+        upper=np.array([r.upper for r in rows]),
+        softness=np.array([r.softness for r in rows]),
+        slack=np.array([r.slack for r in rows]),
+        unit=np.array([r.unit for r in rows]),
+        names=names,
+    )
+
+
+def _check(names: tuple[str, ...], soft: Mapping[str, float]) -> None:
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise TuningError(f"limits need different names, but '{twice[0]}' is used twice")
+    for name, weight in soft.items():
+        if name not in names:
+            raise TuningError(f"soft: there is no limit '{name}': {nearest(name, names)}")
+        if not (np.isfinite(weight) and weight > 0):
+            raise TuningError(f"soft: the weight of '{name}' is {weight}; it must be positive")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Row:
+    state: Array
+    noise: Array
+    residual: Array
+    lower: float
+    upper: float
+    softness: float
+    slack: float
+    unit: float
+
+
+def _row(s: Setting, Q: Array, limit: Limit, weight: float) -> _Row:
+    """One limit in units of its own size, so that rounding errors are about 1e-16."""
+    model, residual = s.model, limit.of == "residual"
+    of = model.outputs if residual else model.states
+    try:
+        w = vector(limit.weights, of, what=f"limit '{limit.name}'", default=np.zeros(len(of)))
+    except ModelError as error:
+        raise TuningError(str(error)) from None
+    w = w * (s.sy if residual else s.sx)
+    if not w.any():
+        raise TuningError(f"limit '{limit.name}' has no weight that is not zero")
+    spread = float(np.sqrt(w @ Q @ w)) if limit.of == "noise" else 0.0
+    unit = spread or float(np.abs(w).max())
+    lower, upper = limit.lower / unit, limit.upper / unit
+    nothing = np.zeros(model.nx)
+    finite = [abs(v) for v in (lower, upper) if np.isfinite(v)]
+    return _Row(
+        state=w / unit if limit.of == "state" else nothing,
+        noise=w / unit if limit.of == "noise" else nothing,
+        residual=w / unit if residual else np.zeros(model.ny),
+        lower=lower,
+        upper=upper,
+        softness=1 / (weight * unit**2),
+        slack=TOLERANCE * max([1.0, *finite]),
+        unit=unit,
+    )
+
+
+def _stack(rows: Sequence[Array], width: int) -> Array:
+    return np.vstack([np.zeros((0, width)), *rows])

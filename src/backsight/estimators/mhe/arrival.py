@@ -1,0 +1,283 @@
+"""What is known from before the window: the arrival cost as a part to choose."""
+
+import abc
+import dataclasses
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra.symmetric import unvech
+from backsight.discrete.runge_kutta import Integrator
+from backsight.errors import TuningError
+from backsight.estimators.base import Setting
+from backsight.estimators.kalman import UKF, ekf
+from backsight.estimators.parts.filtering import Halves
+from backsight.estimators.uncertainty import Noise, Prior, covariance
+from backsight.solvers.trajectory import Chain, transit, update
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Leaving:
+    """What the window knows when its first sample leaves, all in scaled variables.
+
+    Parameters
+    ----------
+    u, u_next, y, mask : MX
+        Of the first sample; `u_next` of the second.
+    along, along_next : MX
+        First two states of the trajectory along which the stages are linearised.
+    stage, stage_next : list of MX
+        Description of the first two samples, see `Chain.sizes`.
+    x_next : MX
+        The second state given the whole window.
+    P_next : callable
+        Builds its covariance.
+    """
+
+    u: ca.MX
+    u_next: ca.MX
+    y: ca.MX
+    mask: ca.MX
+    along: ca.MX
+    along_next: ca.MX
+    stage: list[ca.MX]
+    stage_next: list[ca.MX]
+    x_next: ca.MX
+    P_next: Callable[[], ca.MX]
+
+
+@dataclasses.dataclass(frozen=True)
+class Arrival:
+    """An arrival cost for a model.
+
+    Parameters
+    ----------
+    spread0 : array
+        What is kept of the covariance, at the start.
+    covariance : casadi.Function
+        From that to the covariance as the window stores it.
+    advance : callable
+        ``(x, spread, leaving) -> [x, spread]`` when the first sample leaves the window.
+    free : bool
+        Once the window has moved, the prior goes along with the guess.
+    """
+
+    spread0: Array
+    covariance: ca.Function
+    advance: Callable[[ca.MX, ca.MX, Leaving], list[ca.MX]]
+    free: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Fitting:
+    """The model that an arrival cost is fitted to.
+
+    Parameters
+    ----------
+    s : Setting
+    integrator : Integrator
+    Q : (nx, nx) array
+        Covariance of the whole process noise per sample, scaled.
+    chain : Chain
+        The window; its process noise may be less.
+    """
+
+    s: Setting
+    integrator: Integrator
+    Q: Array
+    chain: Chain
+
+
+class AbstractArrival(abc.ABC):
+    """How the knowledge from before the window is summed up.
+
+    While the window fills it is the estimator's prior. From then on its mean and covariance
+    belong to the first sample of the window, before that sample's measurement.
+    """
+
+    @abc.abstractmethod
+    def build(self, to: Fitting) -> Arrival:
+        """Fit it to a model."""
+
+
+@dataclasses.dataclass(frozen=True)
+class NoArrival(AbstractArrival):
+    """Nothing from before the window counts.
+
+    Where the window does not determine a direction, the guess stays in it. Done as a proximal
+    point: the guess is a prior with `width` times the standard deviation of the estimator's prior,
+    and goes along with every iteration, so that its weight vanishes when they converge.
+
+    Parameters
+    ----------
+    width : float
+        Also the size of what the covariance says of directions that are not determined.
+    """
+
+    width: float = 1e3
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.width) and self.width > 0):
+            raise TuningError(f"the width of the prior is {self.width}; it must be positive")
+
+    def build(self, to: Fitting) -> Arrival:
+        """See `AbstractArrival.build`."""
+        wide = ca.MX(to.chain.stored(to.s.P0) * self.width**2)
+        return Arrival(
+            spread0=to.chain.stored(to.s.P0),
+            covariance=_same(to.chain),
+            advance=lambda _x, _P, leaving: [leaving.x_next, wide],
+            free=True,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class ConstantArrival(AbstractArrival):
+    """The estimate of the last window with a constant covariance, as is done most often.
+
+    The estimate has seen the data that are still in the window: they count twice. Not the Kalman
+    filter, not even for linear models, and its covariance is what it was given.
+
+    Parameters
+    ----------
+    P : (nx, nx) array, optional
+        Covariance of the first sample, physical units; by default the estimator's prior.
+    """
+
+    P: Array | None = None
+
+    def build(self, to: Fitting) -> Arrival:
+        """See `AbstractArrival.build`."""
+        given = to.s.P0
+        if self.P is not None:
+            checked = covariance(
+                self.P, to.s.model.states, what="P of the arrival cost", singular=True
+            )
+            given = checked / np.outer(to.s.sx, to.s.sx)
+        constant = ca.MX(to.chain.stored(given))
+        return Arrival(
+            spread0=to.chain.stored(to.s.P0),
+            covariance=_same(to.chain),
+            advance=lambda _x, _P, leaving: [leaving.x_next, constant],
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class EKFArrival(AbstractArrival):
+    """An extended Kalman filter that runs N samples behind the present."""
+
+    def build(self, to: Fitting) -> Arrival:
+        """See `AbstractArrival.build`."""
+        return _filter(ekf.halves(to.s, to.integrator, "discrete"), _same(to.chain))
+
+
+@dataclasses.dataclass(frozen=True)
+class UKFArrival(AbstractArrival):
+    """An unscented Kalman filter that runs N samples behind the present.
+
+    Parameters
+    ----------
+    alpha, beta, kappa : float
+        See `UKF`.
+    """
+
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float = 0.0
+
+    def build(self, to: Fitting) -> Arrival:
+        """See `AbstractArrival.build`."""
+        points = UKF(
+            Noise(sigma_y=1.0), Prior(1.0), to.integrator, self.alpha, self.beta, self.kappa
+        )
+        halves = points.halves(to.s)
+        return _filter(halves, _whole(to.chain, halves.covariance))
+
+
+@dataclasses.dataclass(frozen=True)
+class SmoothedArrival(AbstractArrival):
+    """A Kalman filter step linearised along the trajectory that the whole window sees.
+
+    ``P`` is corrected with the sample that leaves and carried to the next one with the derivatives
+    at the smoothed states, and the mean accordingly: the data that stay in the window decide where
+    to linearise but are not counted. Equal to the smoothed information of the next sample minus
+    the information of the data still in the window, without a difference being taken.
+
+    Parameters
+    ----------
+    naive : bool
+        Take mean and covariance of the next sample given the whole window instead: the data in
+        the window then count again and again, and the covariance becomes too small.
+    """
+
+    naive: bool = False
+
+    def build(self, to: Fitting) -> Arrival:
+        """See `AbstractArrival.build`."""
+        step = _along(to.chain, to.Q)
+        walk = ca.MX(to.chain.stored(to.Q - to.chain.Q))
+
+        def again(_x: ca.MX, _P: ca.MX, leaving: Leaving) -> list[ca.MX]:
+            return [leaving.x_next, leaving.P_next() + walk]
+
+        def once(x: ca.MX, P: ca.MX, leaving: Leaving) -> list[ca.MX]:
+            along = [leaving.along, leaving.along_next]
+            return step.call([x, P, *along, *leaving.stage, *leaving.stage_next])
+
+        return Arrival(
+            spread0=to.chain.stored(to.s.P0),
+            covariance=_same(to.chain),
+            advance=again if self.naive else once,
+        )
+
+
+def _filter(halves: Halves, covariance: ca.Function) -> Arrival:
+    """Correct with the sample that leaves, carry to the next one."""
+
+    def advance(x: ca.MX, spread: ca.MX, leaving: Leaving) -> list[ca.MX]:
+        measured = [leaving.u, leaving.y, leaving.mask]
+        x_post, after, _ = halves.correct.call([x, spread, *measured])
+        return halves.predict.call([x_post, after, leaving.u, leaving.u_next])
+
+    return Arrival(halves.spread0, covariance, advance)
+
+
+def _along(chain: Chain, Q: Array) -> ca.Function:
+    """Kalman filter step with given derivatives, no limits."""
+    nx = chain.nx
+    free = dataclasses.replace(
+        chain,
+        Q=Q,
+        noise=np.zeros((0, nx)),
+        A=ca.Sparsity(0, nx),
+        softness=np.zeros(0),
+        slack=np.zeros(0),
+    )
+    x, P = ca.MX.sym("x", nx), ca.MX.sym("P", chain.size_P)
+    first, second = ca.MX.sym("first", nx), ca.MX.sym("second", nx)
+    stages = [[ca.MX.sym(k, size) for k, size in chain.sizes.items()] for _ in range(2)]
+    nothing = ca.MX(0, 1)
+    now, then = ([*stage[:5], *[nothing] * 5] for stage in stages)
+    matrix = ca.MX(nx, 0)
+    d, P_post, *_ = update(free)(x - first, P, nothing, matrix, nothing, nothing, *now)
+    d_next, P_next, *_ = transit(free)(d, P_post, *then)
+    return ca.Function(
+        "along", [x, P, first, second, *stages[0], *stages[1]], [second + d_next, P_next]
+    )
+
+
+def _whole(chain: Chain, covariance: ca.Function) -> ca.Function:
+    """The covariance as the window stores it, from the one as its lower triangle."""
+    if not chain.dense:
+        return covariance
+    P = ca.SX.sym("P", covariance.numel_out(0))
+    full = ca.Function("whole", [P], [ca.vec(unvech(P))])
+    spread = ca.MX.sym("spread", covariance.numel_in(0))
+    return ca.Function("whole_covariance", [spread], [full(covariance(spread))])
+
+
+def _same(chain: Chain) -> ca.Function:
+    P = ca.SX.sym("P", chain.size_P)
+    return ca.Function("covariance", [P], [P])

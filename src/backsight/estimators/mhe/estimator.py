@@ -1,0 +1,156 @@
+"""Moving horizon estimation: nonlinear least squares over a window with process noise."""
+
+import dataclasses
+import numbers
+from collections.abc import Mapping
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.recursion import Recursion
+from backsight.errors import TuningError, nearest
+from backsight.estimators.base import AbstractEstimator, setting
+from backsight.estimators.mhe._inspect import inspection
+from backsight.estimators.mhe._limits import limits_of
+from backsight.estimators.mhe._sample import Parts, recursion
+from backsight.estimators.mhe._window import chain_of
+from backsight.estimators.mhe.arrival import (
+    AbstractArrival,
+    ConstantArrival,
+    EKFArrival,
+    Fitting,
+    NoArrival,
+    SmoothedArrival,
+    UKFArrival,
+)
+from backsight.estimators.parts.limits import Limit
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.model import Model
+from backsight.solvers.box import GaussNewton
+
+
+@dataclasses.dataclass(frozen=True)
+class MHE(AbstractEstimator):
+    r"""Moving horizon estimator with process noise.
+
+    At every sample k it finds the trajectory through the window k - N ... k that minimises
+
+    .. math:: \tfrac12 (x_{k-N} - \bar x)' \bar P^{-1} (x_{k-N} - \bar x)
+        + \tfrac12 \sum_{i=k-N}^{k-1} w_i' Q^{-1} w_i
+        + \tfrac12 \sum_{i=k-N}^{k} v_i' R^{-1} v_i,
+
+    .. math:: x_{i+1} = f(x_i, u_i) + w_i, \qquad y_i = h(x_i, u_i) + v_i,
+
+    subject to bounds on x, w and v. All states are unknowns (multiple shooting); a Gauss-Newton
+    step is a Kalman filter forward and adjoints backward, so that the cost of a sample is linear in
+    N, Q and the covariance of the arrival cost may be singular, and the covariances of all states
+    come with it. Active bounds are exact measurements, found by an exact active set method.
+
+    Parameters
+    ----------
+    noise : Noise
+        The process noise enters once per sample, with the covariance :math:`Q = Q_c\,\Delta t` of
+        a continuous model, as for ``EKF(covariance="discrete")``.
+    prior : Prior
+        Used until the window is full.
+    N : int
+        Horizon in sampling periods; the window holds N + 1 samples.
+    arrival : AbstractArrival
+        What is known from before the window, see `backsight.estimators.mhe.arrival`. With
+        `SmoothedArrival`, `EKFArrival` and `UKFArrival` the estimate of a linear model is the
+        Kalman filter's.
+    integrator : Integrator
+        For continuous-time models.
+    optimiser : GaussNewton
+        With ``tolerance = 0`` exactly `max_iterations` full steps from the shifted solution of the
+        last sample (real-time iteration); else to convergence, with step control.
+    limits : tuple of Limit
+        Bounds on sums of states, residuals or process noise at every sample of the window, beside
+        the bounds of the states in the model.
+    soft : dict
+        Name of a limit or of a bounded state to the weight c of its violation: instead of being
+        imposed, it costs :math:`\tfrac12 c\,\text{violation}^2`, physical units.
+    constant : tuple of str
+        States without process noise inside the window; their random walk is added when the window
+        moves. For parameters: one value per window.
+    lag : int
+        The estimate of a sample is made when `lag` more have been measured: a fixed-lag smoother;
+        with ``lag = N`` from the start of the window. Results are put to the sample that they are
+        about; a stream gives at every step the estimate of the sample `lag` steps ago, and at
+        first that of the first sample.
+
+    Notes
+    -----
+    ``e`` and ``S`` are innovation and covariance of the sample before it entered the window. In P,
+    active bounds count as exact measurements: a direction that is fixed has no variance.
+
+    If limits contradict each other, the estimate is the one without limits, the status says
+    *infeasible*, and the output ``infeasible`` names them. ``kkt`` is the residual of the last
+    linear problem in standard deviations of the measurements. If the model overflows, so that there
+    is no estimate, the next sample starts anew from the prior.
+
+    References
+    ----------
+    Rao, Rawlings, Mayne, "Constrained state estimation for nonlinear discrete-time systems:
+    stability and moving horizon approximations", 2003, doi:10.1109/TAC.2002.808470.
+    Bell, "The iterated Kalman smoother as a Gauss-Newton method", 1994, doi:10.1137/0804035.
+    """
+
+    key: ClassVar[str] = "mhe"
+    title: ClassVar[str] = "Moving horizon estimator"
+    weighs: ClassVar[bool] = True
+
+    noise: Noise
+    prior: Prior
+    N: int = 15
+    arrival: SmoothedArrival | EKFArrival | UKFArrival | ConstantArrival | NoArrival = (
+        dataclasses.field(default_factory=SmoothedArrival)
+    )
+    integrator: Integrator = dataclasses.field(default_factory=Integrator)
+    optimiser: GaussNewton = dataclasses.field(default_factory=GaussNewton)
+    limits: tuple[Limit, ...] = ()
+    soft: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    constant: tuple[str, ...] = ()
+    lag: int = 0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.N, numbers.Integral) or self.N < 1:
+            raise TuningError(f"the horizon N is {self.N}; it must be a whole number from 1 on")
+        if not isinstance(self.lag, numbers.Integral) or not 0 <= self.lag <= self.N:
+            raise TuningError(f"the lag is {self.lag}; it must be a whole number from 0 to N")
+        if not isinstance(self.arrival, AbstractArrival):
+            raise TuningError(
+                f"the arrival cost is {self.arrival!r}; use SmoothedArrival() or alike"
+            )
+
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.compile`."""
+        return recursion(self.key, self._parts(model, dt))
+
+    def inspect(self, model: Model, dt: float) -> ca.Function:
+        """Build the whole window of a sample, see `backsight.estimators.mhe._inspect`."""
+        return inspection(self._parts(model, dt))
+
+    def _parts(self, model: Model, dt: float) -> Parts:
+        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        names = [x.name for x in s.model.states]
+        for name in self.constant:
+            if name not in names:
+                raise TuningError(f"constant: there is no state '{name}': {nearest(name, names)}")
+        period = s.dt if s.model.continuous else 1.0
+        moves = np.array([n not in self.constant for n in names], float)
+        inside = dataclasses.replace(s, Q=s.Q * np.outer(moves, moves))
+        limits = limits_of(s, inside.Q * period, self.limits, self.soft)
+        chain = chain_of(s, self.integrator, limits, inside.Q * period, self.N)
+        return Parts(
+            s=s,
+            inside=inside,
+            chain=chain,
+            limits=limits,
+            arrival=self.arrival.build(Fitting(s, self.integrator, s.Q * period, chain)),
+            integrator=self.integrator,
+            optimiser=self.optimiser,
+            lag=self.lag,
+        )

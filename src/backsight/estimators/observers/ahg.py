@@ -1,0 +1,166 @@
+"""Adaptive high-gain observer with fixed or adaptive gain."""
+
+import dataclasses
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.recursion import Recursion
+from backsight.errors import TuningError
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.observers._excitation import Excitation
+from backsight.estimators.observers._recursion import Plan, assemble_observer
+from backsight.estimators.observers._states import States, bounds
+from backsight.estimators.observers.adaptive_gain import AdaptiveGain
+from backsight.estimators.observers.formulas import (
+    Gains,
+    Spread,
+    check_gain,
+    check_step,
+    gain_vector,
+)
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.affine import AffineForm, affine_form
+from backsight.models.model import Model
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class AHG(AbstractEstimator):
+    r"""Adaptive high-gain observer: states and parameters without a covariance in the loop.
+
+    For models that are affine in combinations theta of their parameters (`affine_form` finds
+    them), eq. 10 in its consistent form:
+
+    .. math::
+        \dot{\hat x} &= A_0 \hat x + \phi + \psi \hat\theta
+            + \Lambda^{-1} (\lambda k_0 + \Upsilon \Gamma \Upsilon' c_0') (y - c_0 \hat x)
+
+        \dot{\hat\theta} &= \lambda^n \Gamma \Upsilon' c_0' (y - c_0 \hat x)
+
+        \dot\Upsilon &= \lambda (A_0 - k_0 c_0) \Upsilon + \lambda \psi
+
+    The measurement is interpolated between samples, with the model's prediction for the curve:
+    holding it would delay it by half a sample, which biases damping by far more than the noise.
+
+    Parameters
+    ----------
+    noise : Noise
+    prior : Prior
+    lam : float
+        Gain lambda [1/s]; lambda_max if it adapts.
+    Gamma : (p, p) array or p numbers
+        Speed of adaptation per combination, in the order of `affine_form(model).combinations`.
+    poles : number or n numbers
+        Eigenvalues of A0 - k0 c0.
+    form : {"consistent", "printed"}
+        The printed eq. 10 has a surplus lambda at Upsilon Gamma Upsilon', which makes adaptation
+        slower by one to two orders of magnitude.
+    adaptive : AdaptiveGain, optional
+    excitation : Excitation
+        Window in which the excitation of the parameters is watched.
+    integrator : Integrator
+        `hold` is that of the input.
+    interpolation : {"model", "linear", "hold"}
+        The measurement between samples, see `formulas.INTERPOLATIONS`.
+
+    Notes
+    -----
+    Noise and prior do not change the estimate. They give its covariance, that of the linearised
+    error under measurement noise, random walks and an uncertain start. Parameters outside their
+    bounds are set to them. Beside the usual outputs a result has ``lam`` and ``excitation``.
+
+    References
+    ----------
+    Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter estimation: a
+    comparison to extended and unscented Kalman filter". Besançon (ed.), "Nonlinear Observers and
+    Applications", Springer 2007.
+    """
+
+    key: ClassVar[str] = "ahg"
+    title: ClassVar[str] = "Adaptive high-gain observer"
+
+    noise: Noise
+    prior: Prior
+    lam: float
+    Gamma: Array
+    poles: complex | tuple[complex, ...] = -1.0
+    form: str = "consistent"
+    adaptive: AdaptiveGain | None = None
+    excitation: Excitation = dataclasses.field(default_factory=Excitation)
+    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
+    interpolation: str = "model"
+
+    def __post_init__(self) -> None:
+        if self.form not in ("consistent", "printed"):
+            raise TuningError(f"unknown form '{self.form}': use 'consistent' or 'printed'")
+        check_gain(self.lam, self.interpolation)
+        if self.adaptive and not self.adaptive.lower < self.lam:
+            raise TuningError(
+                f"adaptive gain: lower = {self.adaptive.lower:g} must be below lam = {self.lam:g}"
+            )
+
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.compile`."""
+        form = affine_form(model)
+        k0 = gain_vector(self.poles, form.n)
+        check_step(self.lam, k0, self.integrator, dt)
+        x0, P0 = self.prior.mean(model), self.prior.covariance(model)
+        theta0, J = _combinations(form, x0[form.n :])
+        T = np.eye(model.nx)
+        T[form.n :, form.n :] = J
+        plan = Plan(
+            states=States(form, theta0, *bounds(model)),
+            gains=Gains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
+            lam=self.lam,
+            integrator=self.integrator,
+            interpolation=self.interpolation,
+            dt=dt,
+            R=float(self.noise.measurement(model)[0, 0]),
+            x0=x0[: form.n],
+            constants=np.zeros(0),
+            P0=T @ P0 @ T.T,
+            spread=Spread(T @ self.noise.process(model, dt) @ T.T, _NOTHING),
+            adaptive=self.adaptive,
+            window=self.excitation,
+        )
+        return assemble_observer(self.key, plan)
+
+
+_NOTHING = ca.Function("nothing", [ca.SX.sym("x"), ca.SX.sym("u")], [ca.SX(0, 0)])
+"""No constants: there are no states that are neither in the chain nor estimated."""
+
+
+def _combinations(form: AffineForm, parameters: Array) -> tuple[Array, Array]:
+    """Theta (p,) and its Jacobian (p, p) at the start values."""
+    p = ca.SX.sym("p", len(parameters))
+    theta = form.theta.call([p])[0]
+    value, J = ca.Function("start", [p], [theta, ca.jacobian(theta, p)]).call([parameters])
+    theta0, jacobian = value.full().ravel(), J.full()
+    if not (np.all(np.isfinite(theta0)) and np.all(np.isfinite(jacobian))):
+        raise TuningError(
+            f"the start values {parameters.tolist()} of {', '.join(form.parameters)} do not "
+            f"define {', '.join(form.combinations)}; start a divisor away from zero"
+        )
+    return theta0, jacobian
+
+
+def _gamma(given: Array, form: AffineForm) -> Array:
+    """Gamma (p, p), checked."""
+    p = form.p
+    Gamma = np.asarray(given, float)
+    Gamma = np.diag(np.full(p, Gamma) if Gamma.ndim == 0 else Gamma) if Gamma.ndim < 2 else Gamma
+    names = ", ".join(form.combinations)
+    if Gamma.shape != (p, p):
+        raise TuningError(f"Gamma has the shape {Gamma.shape}; it must be {(p, p)} for {names}")
+    size = np.sqrt(np.abs(np.diag(Gamma)))
+    relative = Gamma / np.outer(size, size) if np.all(size > 0) else np.full((p, p), np.nan)
+    symmetric = np.allclose(relative, relative.T, rtol=0, atol=1e-9)
+    if p and not (symmetric and np.linalg.eigvalsh(relative)[0] > 0):
+        smallest = np.linalg.eigvalsh((Gamma + Gamma.T) / 2)[0]
+        raise TuningError(
+            f"Gamma must be symmetric and positive definite; smallest eigenvalue {smallest:.3g}"
+        )
+    return Gamma

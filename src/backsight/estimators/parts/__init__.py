@@ -1,0 +1,1 @@
+"""Parts that several methods share: halves of a filter, memory, windows, linear systems."""

@@ -1,0 +1,159 @@
+"""Linear models from sample to sample: what the estimators of the linear family work with."""
+
+import dataclasses
+from types import ModuleType
+
+import casadi as ca
+import numpy as np
+
+from backsight.analysis.observability import observability
+from backsight.discrete.exact import foh, zoh
+from backsight.discrete.noise import discretise_noise
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.dense import UNROLL
+from backsight.errors import ModelError, TuningError
+from backsight.estimators.base import Setting, setting
+from backsight.estimators.parts import gaussian, large
+from backsight.estimators.parts.filtering import packed
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.lti import lti, state_space
+from backsight.models.model import Model
+from backsight.types import Array
+
+HOLDS = ("zoh", "foh")
+"""Input between the samples: held, or interpolated linearly."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Linear:
+    r"""A scaled linear model with its noise, from sample to sample.
+
+    .. math:: x_{k+1} = A x_k + B u_k + B_1 u_{k+1} + w_k, \qquad y_k = C x_k + D u_k + v_k
+
+    Parameters
+    ----------
+    s : Setting
+        Of the model without :math:`B_1`, in discrete time; `Setting.Q` is the covariance of w.
+    A, B, B_next, C, D : arrays
+        Scaled. `B_next` is zero unless the input is interpolated.
+    ramp : bool
+        Whether the input is interpolated.
+    """
+
+    s: Setting
+    A: Array
+    B: Array
+    B_next: Array
+    C: Array
+    D: Array
+    ramp: bool
+
+
+def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: str) -> Linear:
+    """Check a description against the model, scale it, and carry it exactly to discrete time.
+
+    A continuous model is discretised by matrix exponentials, its noise by Van Loan's integral.
+
+    Raises
+    ------
+    TuningError, ModelError
+        If anything does not fit, above all if the model is not linear.
+    """
+    if hold not in HOLDS:
+        raise TuningError(f"unknown hold '{hold}': use 'zoh' (held) or 'foh' (ramp)")
+    if hold == "foh" and not model.continuous:
+        raise TuningError("hold 'foh' needs a continuous-time model; use 'zoh'")
+    try:
+        state_space(model)
+    except ModelError as error:
+        raise ModelError(f"{error}; use an estimator for nonlinear models, such as EKF") from None
+    s = setting(model, dt, noise=noise, prior=prior)
+    A, B, C, D = state_space(s.model)
+    B_next, Q = np.zeros_like(B), s.Q
+    if model.continuous:
+        _, Q = discretise_noise(A, s.Q, dt=dt)
+        if hold == "foh":
+            A, B, B_next = foh(A, B, dt=dt)
+        else:
+            A, B = zoh(A, B, dt=dt)
+    m = s.model
+    sampled = lti(
+        A, B, C, D, states=m.states, inputs=m.inputs, outputs=m.outputs, dt=dt, name=m.name
+    )
+    s = dataclasses.replace(s, model=sampled, Q=Q)
+    return Linear(s, A, B, B_next, C, D, hold == "foh")
+
+
+def innovation(system: Linear) -> ca.Function:
+    """Innovation, 0 where not measured, and its covariance: ``(x, P, u, y, mask) -> (e, S)``."""
+    return (large if is_large(system) else gaussian).innovation(system.s)
+
+
+def predict(system: Linear) -> ca.Function:
+    """Time update: ``(x, P, u, u_next) -> (x, P)``; P as `covariance0` stores it."""
+    return _ramped(system, large) if is_large(system) else predict_packed(system)
+
+
+def predict_packed(system: Linear) -> ca.Function:
+    """Time update with P as its lower triangle, also for many states."""
+    return _ramped(system, gaussian)
+
+
+def _ramped(system: Linear, way: ModuleType) -> ca.Function:
+    """Time update of a module, with the part of the next input if that is interpolated."""
+    s = system.s
+    held = way.predict(s, Integrator(), "discrete")
+    if not system.ramp:
+        return held
+    x, P, u, u_next = (ca.MX.sym(held.name_in(i), held.numel_in(i)) for i in range(4))
+    end, v = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
+    B = ca.sparsify(ca.DM(system.B_next))
+    ramp = ca.Function("ramp_end", [end, v], [end + ca.mtimes(B, v)])
+    moved, spread = held(x, P, u, u)
+    return ca.Function("predict_ramp", [x, P, u, u_next], [ramp(moved, u_next), spread])
+
+
+def covariance0(system: Linear) -> Array:
+    """Covariance of the prior as the filters store it: lower triangle, or all if it is large."""
+    return system.s.P0.ravel() if is_large(system) else packed(system.s.P0)
+
+
+def stored_covariance(system: Linear) -> ca.Function:
+    """Covariance as the filters store it to its lower triangle."""
+    if is_large(system):
+        return large.covariance(system.s.model.nx)
+    P = ca.SX.sym("P", len(packed(system.s.P0)))
+    return ca.Function("covariance", [P], [P])
+
+
+def is_large(system: Linear) -> bool:
+    """Whether loops over matrices take the place of straight-line code."""
+    return system.s.model.nx > UNROLL
+
+
+def without_bounds(s: Setting) -> Setting:
+    """Return the setting of the same model without bounds on its states."""
+    free = [dataclasses.replace(x, lower=-np.inf, upper=np.inf) for x in s.model.states]
+    return dataclasses.replace(s, model=dataclasses.replace(s.model, states=tuple(free)))
+
+
+def require_observable(model: Model, *, samples: int | None = None) -> None:
+    """Raise `TuningError` unless the outputs see all states, and within so many samples."""
+    found = observability(model)
+    if found.hidden:
+        raise TuningError(
+            f"the outputs of model '{model.name}' do not see {'; '.join(found.hidden)}; add a "
+            "sensor, or use KalmanFilter, which lets such states be as the prior says"
+        )
+    if samples is not None and samples < found.samples:
+        raise TuningError(
+            f"the window holds {samples} measured samples, fewer than the observability index "
+            f"{found.samples}, and does not determine the states; lengthen the horizon N"
+        )
+
+
+def root(Q: Array) -> Array:
+    """G (n, q) with G G' = Q and as many columns as Q has rank."""
+    values, vectors = np.linalg.eigh(Q)
+    keep = values > 1e-14 * max(values[-1], 0.0)
+    return vectors[:, keep] * np.sqrt(values[keep])

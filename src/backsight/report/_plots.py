@@ -1,0 +1,264 @@
+"""The plots of the page: one function per kind, each from results to plotly.js figures."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from backsight.analysis.comparison import failed
+from backsight.analysis.consistency import windowed_nis
+from backsight.report._series import Plot, Series, quantity, signals
+from backsight.report._theme import heading, remark
+from backsight.report._thin import Positions
+from backsight.report._traces import Trace, band, bulk, limits, line, plain, view
+from backsight.schema import Status
+from backsight.types import Array
+
+_NIS_WINDOWS = 200
+
+
+def output_plots(every: Sequence[Series]) -> list[Plot]:
+    """Measured and estimated outputs with their residuals, one plot per output."""
+    return [_output(every, name, unit) for name, unit in signals(every, "output").items()]
+
+
+def input_plots(every: Sequence[Series]) -> list[Plot]:
+    """Known inputs, one plot each."""
+    plots = []
+    for name, unit in signals(every, "input").items():
+        first = next(s for s in every if s.has("input", name))
+        values = first.signal("u", "input", name)
+        trace = line(first.time, values, name=name, colour="--measured", width=1.2)
+        layout = {
+            "annotations": [heading(plain(quantity(name, unit)))],
+            "yaxis": {"range": view([values], [])},
+        }
+        plots.append(Plot(f"input {name} over time", [trace], layout, height=190, wide=True))
+    return plots
+
+
+def state_plots(every: Sequence[Series], reference: Mapping[str, float]) -> list[Plot]:
+    """Every state and parameter with its 3-sigma bands, one plot each."""
+    return [
+        _state(every, name, unit, reference.get(name))
+        for name, unit in signals(every, "state").items()
+    ]
+
+
+def innovation_plots(every: Sequence[Series]) -> list[Plot]:
+    """Innovations of every output and estimator within three standard deviations."""
+    plots = []
+    for name, unit in signals(every, "output").items():
+        having = [s for s in every if s.has("output", name)]
+        sound = [_innovation(s, name) for s in _sound(having)]
+        span = view([bulk(e) for e, _ in sound], [b for _, bound in sound for b in (-bound, bound)])
+        plots += [
+            _innovations(s, name, unit, span=span, wide=len(having) == 1, first=s is having[0])
+            for s in having
+        ]
+    return plots
+
+
+def nis_plot(every: Sequence[Series]) -> Plot:
+    """Mean NIS of successive windows with the 95 % interval of a consistent estimator."""
+    longest = max(len(s.time) for s in every)
+    window = max(-(-longest // _NIS_WINDOWS), min(10, longest))
+    means = [(s, windowed_nis(s.result, window)) for s in every]
+    interval = means[0][1]
+    time = interval["time"].values
+    lower, upper = interval["lower"].values, interval["upper"].values
+    traces = [band(time, lower, upper, colour="--neutral-band")]
+    traces += [_line(s, w["nis"].values, time=w["time"].values, width=1.4) for s, w in means]
+    values = [np.log10(w["nis"].where(w["nis"] > 0).values) for _, w in means]
+    span = view(values, [np.log10(lower[lower > 0]), np.log10(upper[upper > 0])])
+    title = f"mean NIS of {window} samples [1]" if window > 1 else "NIS [1]"
+    layout = {
+        "annotations": [heading(title), remark("95 % band")],
+        "yaxis": {"type": "log", "range": span, "exponentformat": "none", **_log_ticks(span)},
+    }
+    return Plot("normalised innovation squared over time", traces, layout, height=260, wide=True)
+
+
+def status_plots(every: Sequence[Series]) -> list[Plot]:
+    """When which status occurred; no plot if there is nothing to report."""
+    rows = [
+        (s, bit, np.flatnonzero(s.result["status"].values.astype(int) & bit.value))
+        for s in every
+        for bit in Status
+    ]
+    rows = [row for row in rows if row[2].size]
+    if not rows:
+        return []
+    labels = [
+        heading(plain(f"{s.name}: {words(bit)}")) | {"yref": "y", "y": -i, "yshift": 8}
+        for i, (s, bit, _) in enumerate(rows)
+    ]
+    traces = [_ticks(s, where, -i) for i, (s, _, where) in enumerate(rows)]
+    rest = {"showticklabels": False, "showgrid": False, "fixedrange": True}
+    layout = {
+        "annotations": labels,
+        "yaxis": {"range": [0.5 - len(rows), 0.9], **rest},
+        "hovermode": "closest",
+    }
+    return [Plot("status over time", traces, layout, height=62 + 44 * len(rows), wide=True)]
+
+
+def words(bit: Status) -> str:
+    """Return the name of a status in words."""
+    return str(bit.name).replace("_", " ").lower()
+
+
+def _output(every: Sequence[Series], name: str, unit: str) -> Plot:
+    having = [s for s in every if s.has("output", name)]
+    y = having[0].signal("y", "output", name)
+    traces = [line(having[0].time, y, name="measured", colour="--measured", width=4)]
+    traces += [_line(s, s.signal("y_hat", "output", name)) for s in having]
+    traces += [_line(s, _residual(s, name), axis="y2", width=0.9) for s in having]
+    sound = _sound(having)
+    upper = view([y, *(s.signal("y_hat", "output", name) for s in sound)], [])
+    lower = view([_residual(s, name) for s in sound], [])
+    title = plain(quantity(name, unit))
+    residual = heading(f"residual: measured − estimated {title}", y=0.30)
+    layout = {
+        "annotations": [heading(title), residual],
+        "xaxis": {"anchor": "y2"},
+        "yaxis": {"domain": [0.45, 1], "range": upper},
+        "yaxis2": {"domain": [0, 0.30], "range": lower},
+    }
+    return Plot(f"output {name}: measured and estimated", traces, layout, height=400, wide=True)
+
+
+def _residual(s: Series, name: str) -> Array:
+    return s.signal("y", "output", name) - s.signal("y_hat", "output", name)
+
+
+def _state(every: Sequence[Series], name: str, unit: str, reference: float | None) -> Plot:
+    having = [s for s in every if s.has("state", name)]
+    sound = _sound(having)
+    traces = [
+        band(s.time, *_edges(s, name), colour=f"{s.colour}-band", group=s.group) for s in having
+    ]
+    traces += [
+        _line(s, s.signal("x_hat", "state", name), std=s.signal("x_std", "state", name))
+        for s in having
+    ]
+    shown = [s.signal("x_hat", "state", name) for s in sound]
+    shapes = []
+    if truth := next((s for s in having if "x_true" in s.result), None):
+        x = truth.signal("x_true", "state", name)
+        traces.append(line(truth.time, x, name="truth", colour="--ink", width=1.2, dash="dash"))
+        shown.append(x)
+    if reference is not None:
+        shapes.append(_level(reference))
+        shown.append(np.array([reference]))
+    layout = {
+        "annotations": [heading(plain(quantity(name, unit)))],
+        "yaxis": {"range": view(shown, [edge for s in sound for edge in _edges(s, name)])},
+        "shapes": shapes,
+    }
+    return Plot(f"state {name} over time with bands", traces, layout)
+
+
+def _edges(s: Series, name: str) -> tuple[Array, Array]:
+    x, std = s.signal("x_hat", "state", name), s.signal("x_std", "state", name)
+    return x - 3.0 * std, x + 3.0 * std
+
+
+def _sound(having: Sequence[Series]) -> Sequence[Series]:
+    """Choose what vertical ranges follow: estimators that did not diverge, if there is one."""
+    return [s for s in having if not failed(s.result)] or having
+
+
+def _short(name: str) -> str:
+    """Cut a name so that it leaves room beside it."""
+    return name if len(name) <= 28 else f"{name[:27].rstrip()}…"
+
+
+def _innovations(
+    s: Series, name: str, unit: str, *, span: list[float] | None, wide: bool, first: bool
+) -> Plot:
+    e, bound = _innovation(s, name)
+    title = heading(plain(f"{_short(s.name)}: {quantity(name, unit)}"))
+    return Plot(
+        f"innovation of {name}, {s.name}",
+        [_line(s, e, width=0.8), limits(s.time, bound, group=s.group)],
+        {"annotations": [title, *_inside(e, bound)], "yaxis": {"range": span}},
+        wide=wide,
+        first=first,
+    )
+
+
+def _innovation(s: Series, name: str) -> tuple[Array, Array]:
+    """Innovation and three of its standard deviations; NaN where nothing was measured."""
+    i = list(s.result["output"].values).index(name)
+    variance = s.result["S"].values[:, i, i]
+    bound = 3.0 * np.sqrt(np.where(variance > 0, variance, np.nan))
+    there = np.isfinite(s.signal("y", "output", name))
+    return np.where(there, s.signal("e", "output", name), np.nan), np.where(there, bound, np.nan)
+
+
+def _inside(e: Array, bound: Array) -> list[dict[str, object]]:
+    """How many innovations lie within their bounds, as a remark; none if that is unknown."""
+    known = np.isfinite(e) & np.isfinite(bound)
+    if not known.any():
+        return []
+    share = 100.0 * np.mean(np.abs(e[known]) <= bound[known])
+    return [remark(f"{share:.1f} % within ±3σ")]
+
+
+def _log_ticks(span: list[float] | None) -> dict[str, object]:
+    """Ticks of a logarithmic axis: powers of ten, or 1, 2, 5 if it spans few of them."""
+    if span is None or span[1] - span[0] > 2.0:
+        return {"dtick": 1}
+    powers = range(math.floor(span[0]), math.ceil(span[1]) + 1)
+    values = [digit * 10.0**power for power in powers for digit in (1, 2, 5)]
+    return {"tickvals": values, "ticktext": [f"{v:g}" for v in values]}
+
+
+def _line(
+    s: Series,
+    values: Array,
+    *,
+    time: Array | None = None,
+    width: float | None = None,
+    std: Array | None = None,
+    axis: str = "y",
+) -> Trace:
+    """One estimator's line; the first ones are thicker, to be seen where the later cover them."""
+    return line(
+        s.time if time is None else time,
+        values,
+        name=s.name,
+        colour=s.colour,
+        group=s.group,
+        dash=s.dash,
+        width=max(2.6 - 1.4 * s.number, 1.2) if width is None else width,
+        std=std,
+        axis=axis,
+    )
+
+
+def _ticks(s: Series, where: Positions, row: int) -> Trace:
+    """A stroke per sample, at most a thousand of them."""
+    places = np.linspace(s.time[0], s.time[-1], 1000)
+    drawn = s.time[where] if where.size <= 1000 else _nearest(places, s.time[where])
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": list(map(float, drawn)),
+        "y": [row] * len(drawn),
+        "legendgroup": s.group,
+        "marker": {"symbol": "line-ns", "size": 9, "line": {"color": s.colour, "width": 1}},
+        "hovertemplate": "%{x:.6~g} s<extra></extra>",
+    }
+
+
+def _nearest(places: Array, times: Array) -> Array:
+    step = places[1] - places[0]
+    return places[np.unique(np.rint((times - places[0]) / step).astype(int))]
+
+
+def _level(value: float) -> dict[str, object]:
+    pen = {"color": "--ink", "width": 1.2, "dash": "dot"}
+    ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": value, "y1": value}
+    return {"type": "line", "layer": "above", "line": pen, **ends}

@@ -1,0 +1,119 @@
+"""The comparison of results as tables for a terminal."""
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from backsight.analysis.comparison import Final, Row
+from backsight.rounding import percent, plus_minus, shortest, significant, whole
+from backsight.schema import Status
+
+MOST_OUTPUTS = 2
+"""Of more outputs the innovations are not shown: a line has 80 columns."""
+
+
+def ranking(rows: Sequence[Row], outputs: Mapping[str, str]) -> Table:
+    """One line per estimator, best first.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        As `backsight.analysis.comparison.summary.ranked_table` gives them.
+    outputs : dict
+        Name to unit.
+    """
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("", "estimator"):
+        table.add_column(heading, no_wrap=True)
+    shown = outputs if len(outputs) <= MOST_OUTPUTS else {}
+    numbers = [
+        "log-lik.\nper sample",
+        f"mean NIS\n(ideal: {shortest(rows[0].nis_expected)})",
+        *(f"RMS innov.\n{_labelled(name, unit)}" for name, unit in shown.items()),
+        "µs per\nsample",
+    ]
+    for heading in numbers:
+        table.add_column(heading, justify="right")
+    table.add_column("status")
+    for rank, row in enumerate(rows, 1):
+        table.add_row(
+            str(rank),
+            row.estimator,
+            significant(row.log_likelihood, 5),
+            significant(row.mean_nis, 3),
+            *(significant(row.rms_innovation.get(name, math.nan), 3) for name in shown),
+            significant(row.us_per_sample, 3),
+            _status(row),
+        )
+    return table
+
+
+def final_values(rows: Sequence[Row]) -> Table:
+    """Last estimate of every state with its standard deviation, one column per estimator."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    finals = {name: final for row in reversed(rows) for name, final in row.final.items()}
+    references = any(final.reference is not None for final in finals.values())
+    table.add_column("at the end", no_wrap=True)
+    for row in rows:
+        table.add_column(row.estimator, justify="right")
+    if references:
+        table.add_column("reference", justify="right")
+    for name, final in finals.items():
+        cells = [_final(row.final.get(name)) for row in rows]
+        if references:
+            cells.append("" if final.reference is None else shortest(final.reference))
+        table.add_row(_labelled(name, final.unit), *cells)
+    return table
+
+
+def true_errors(rows: Sequence[Row]) -> Table:
+    """Root mean square error of every state whose truth is known, one column per estimator."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("RMS error", no_wrap=True)
+    for row in rows:
+        table.add_column(row.estimator, justify="right")
+    known = {name: row.final[name].unit for row in reversed(rows) for name in row.rms_error}
+    for name, unit in known.items():
+        errors = [row.rms_error.get(name, math.nan) for row in rows]
+        if not all(map(math.isnan, errors)):
+            table.add_row(_labelled(name, unit), *(significant(e, 3) for e in errors))
+    return table
+
+
+def as_text(tables: Sequence[Table], width: int) -> str:
+    """Return tables as plain text, at most `width` columns wide."""
+    page = Console(file=io.StringIO(), width=width, color_system=None, legacy_windows=False)
+    with page.capture() as written:
+        page.print(*tables, sep="")
+    return "\n".join(line.rstrip() for line in written.get().strip("\n").splitlines())
+
+
+def _labelled(name: str, unit: str) -> str:
+    # rich takes what stands in square brackets for its markup
+    return f"{name} \\[{unit}]" if unit else name
+
+
+def _final(final: Final | None) -> str:
+    if final is None:
+        return ""
+    text = plus_minus(final.value, final.std)
+    if final.reference is None or math.isnan(final.value):
+        return text
+    error = percent(final.relative_error) if final.reference else significant(final.error, 2)
+    return f"{text} ({error})"
+
+
+def _status(row: Row) -> str:
+    if row.failed:
+        return "diverged"
+    found = [bit for bit in Status if bit and bit.name in row.status]
+    lines = [f"{_words(bit)} {whole(row.status[str(bit.name)])}×" for bit in found]
+    return "\n".join(lines) or "ok"
+
+
+def _words(bit: Status) -> str:
+    return str(bit.name).replace("_", " ").lower()

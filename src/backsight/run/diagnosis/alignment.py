@@ -1,0 +1,146 @@
+"""Find out whether outputs and inputs of a recording are aligned, and in the model's units."""
+
+import math
+
+import numpy as np
+import xarray as xr
+
+from backsight.analysis.recording import Alignment, Ratio, decide, ratio
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.execute import choose, execute, prepare
+from backsight.engine.recursion import Recursion
+from backsight.errors import TuningError
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.kalman import EKF
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.model import Model
+from backsight.run.estimation import match
+from backsight.types import Array
+
+REACH = 5
+"""Samples either way that are tried."""
+
+MOST = 24_000
+"""Samples that are looked at, from the first on."""
+
+START = 0.1
+"""Share of the recording in which the estimates settle; it has no vote."""
+
+
+def alignment(
+    estimator: AbstractEstimator, model: Model, recording: xr.Dataset, *, reach: int = REACH
+) -> Alignment:
+    """Look for a delay between outputs and inputs, and for wrong units and signs.
+
+    An extended Kalman filter with the estimator's noise and prior predicts the outputs with y moved
+    against u by every number of samples; if one of them predicts better than none, in nearly all
+    parts of the recording, y is late or early by that much. Before that, the outputs are compared
+    with the model's own response to the recorded input, see `alignment_scale`.
+
+    Parameters
+    ----------
+    estimator : AbstractEstimator
+        Its noise, prior and way between the samples are used.
+    model : Model
+        As for the estimator, with what is unknown among its states.
+    recording : xarray.Dataset
+    reach : int
+        Samples either way that are tried.
+
+    Returns
+    -------
+    Alignment
+
+    Raises
+    ------
+    DataError
+        If recording and model do not fit.
+    TuningError, ModelError
+        If estimator and model do not fit, or `reach` is not positive.
+    """
+    if reach < 1:
+        raise TuningError(f"the reach is {reach} samples; it must be at least one")
+    predicting = yardstick(estimator)
+    data = [part[:MOST] for part in match(model, recording, estimator=predicting)]
+    dt = float(recording.attrs["dt"])
+    recursion = predicting.compile(model, dt)
+    engine = choose(None, (2 * reach + 2) * len(data[0]))
+    prepare(recursion, engine)
+    u, y, mask = data
+    names = [s.name for s in model.outputs]
+    ratios = _ratios(recursion, u, y, mask, engine=engine, names=names) if model.nu else ()
+    if model.nu == 0 or len(u) < 20 * reach:
+        return decide({}, {}, ratios)
+    y = y / np.array([r.factor for r in ratios])
+    kept = slice(max(reach, int(START * len(u))), len(u) - reach)
+    scores, sizes = {}, {}
+    for shift in range(-reach, reach + 1):
+        moved = [u, _moved(y, shift), _moved(mask, shift)]
+        e, S = _run(recursion, moved, engine, ("e", "S"))
+        found = _score(_moved(e, -shift)[kept], _moved(S, -shift)[kept], mask[kept])
+        if found is not None:
+            scores[shift], sizes[shift] = found
+    return decide(scores, sizes, ratios)
+
+
+def yardstick(estimator: AbstractEstimator) -> EKF:
+    """Return the extended Kalman filter with the noise and the prior of an estimator.
+
+    Raises
+    ------
+    TuningError
+        If the estimator has none.
+    """
+    noise, prior = getattr(estimator, "noise", None), getattr(estimator, "prior", None)
+    if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
+        raise TuningError(f"'{estimator.key}' has no noise and prior to predict the outputs with")
+    given = getattr(estimator, "integrator", None)
+    hold = str(getattr(estimator, "hold", "zoh"))
+    return EKF(noise, prior, given if isinstance(given, Integrator) else Integrator(hold=hold))
+
+
+def _ratios(
+    recursion: Recursion, u: Array, y: Array, mask: Array, *, engine: str, names: list[str]
+) -> tuple[Ratio, ...]:
+    # A filter that measures nothing simulates.
+    (response,) = _run(recursion, [u, np.zeros_like(y), np.zeros_like(mask)], engine, ("y_hat",))
+    measured = np.where(mask > 0, y, np.nan)
+    return tuple(ratio(n, measured[:, i], response[:, i]) for i, n in enumerate(names))
+
+
+def _run(
+    recursion: Recursion, data: list[Array], engine: str, wanted: tuple[str, ...]
+) -> list[Array]:
+    outputs = execute(recursion, data, engine=engine)
+    named = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
+    return [named[name] for name in wanted]
+
+
+def _score(e: Array, S: Array, mask: Array) -> tuple[Array, float] | None:
+    """Log-likelihood per measured value and sample, and the size of the normalised innovations.
+
+    One common factor of all covariances is fitted: how large the noise is shall not matter. None
+    if the filter diverged.
+    """
+    variance = np.einsum("kii->ki", S)
+    seen = mask > 0
+    if not (np.isfinite(e).all() and np.isfinite(variance).all() and (variance > 0).all()):
+        return None
+    with np.errstate(over="ignore"):
+        squares = np.where(seen, e**2 / variance, 0.0)
+        level = float(squares.sum() / max(seen.sum(), 1))
+    if not 0 < level < math.inf:
+        return None
+    values = np.where(seen, squares / level + np.log(level * variance), 0.0)
+    return -0.5 * values.mean(axis=1), math.sqrt(level)
+
+
+def _moved(values: Array, shift: int) -> Array:
+    """Move rows to earlier places; what comes in at the end is zero: not measured."""
+    moved = np.zeros_like(values)
+    n = len(values)
+    if shift >= 0:
+        moved[: n - shift] = values[shift:]
+    else:
+        moved[-shift:] = values[:shift]
+    return moved

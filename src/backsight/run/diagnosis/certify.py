@@ -1,0 +1,237 @@
+"""Show on a user's own model that a window loses nothing: MHE = Kalman filter = least squares."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from backsight.analysis.certificate import (
+    Certificate,
+    Claim,
+    Estimates,
+    LinearGaussian,
+    draw,
+    lagged,
+    least_squares,
+)
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine import vm
+from backsight.errors import ModelError, TuningError
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.mhe import (
+    AbstractArrival,
+    ConstantArrival,
+    EKFArrival,
+    NoArrival,
+    SmoothedArrival,
+    UKFArrival,
+)
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.lti import lti
+from backsight.models.model import Model
+from backsight.models.signals import Signal, vector
+from backsight.run.diagnosis._linearised import linearised, midpoint
+from backsight.run.estimation import matched_inputs
+from backsight.types import Array, ByName
+
+TOLERANCE = 1e-9
+"""Largest difference that counts as none, in standard deviations."""
+
+MISSING = 0.1
+"""Share of the measurements that is left out."""
+
+WINDOWS, LEAST, MOST = 4, 40, 200
+"""Windows that are gone through, and samples at least and at most."""
+
+ARRIVALS: dict[str, AbstractArrival] = {
+    "NoArrival": NoArrival(),
+    "ConstantArrival": ConstantArrival(),
+    "EKFArrival": EKFArrival(),
+    "UKFArrival": UKFArrival(),
+    "SmoothedArrival": SmoothedArrival(),
+    "SmoothedArrival(naive)": SmoothedArrival(naive=True),
+}
+"""What is tried in the place of an arrival cost that is a part."""
+
+WEIGHTS = {"arrival = 1": 1.0, "arrival = 0": 0.0}
+"""The same where it is a number."""
+
+
+def certify(
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    at: ByName | None = None,
+    seed: int = 0,
+    tolerance: float = TOLERANCE,
+) -> Certificate:
+    """Show whether an estimator equals the Kalman filter and least squares over all samples.
+
+    The model is linearised and carried to discrete time; data are drawn from it with the
+    estimator's own noise and prior and the recorded input, some measurements missing. On such data
+    nothing is better than the Kalman filter, and an estimator over a window equals it exactly if
+    its arrival cost is right. Limits and bounds are taken off: they are no part of the claim.
+
+    Parameters
+    ----------
+    estimator : AbstractEstimator
+        With a noise and a prior. If it has a field ``arrival``, other arrival costs are tried in
+        its place, and the certificate says for which of them the claim holds.
+    model : Model
+        As for the estimator.
+    recording : xarray.Dataset
+        Gives the inputs, and the point at which the model is linearised: the estimate of an
+        extended Kalman filter in the middle.
+    at : dict, sequence or number, optional
+        That point by hand; states that a dict leaves out take their value in the model.
+    seed : int
+        Of the data.
+    tolerance : float
+        Largest difference of estimates that counts as none, in standard deviations; covariances
+        are allowed to lose some digits more, see `backsight.analysis.certificate.certificate.LOST`.
+
+    Returns
+    -------
+    Certificate
+        Prints itself as a table; ``holds`` if the estimator as it is equals both.
+
+    Raises
+    ------
+    TuningError, ModelError
+        If estimator and model do not fit, or the estimator has no noise and prior.
+    DataError
+        If recording and model do not fit.
+    """
+    noise, prior = getattr(estimator, "noise", None), getattr(estimator, "prior", None)
+    if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
+        raise TuningError(f"'{estimator.key}' has no noise and prior to draw data with")
+    dt = float(recording.attrs["dt"])
+    u = matched_inputs(model, recording)
+    point, middle = _point(estimator, model, recording, at)
+    given = getattr(estimator, "integrator", None)
+    integrator = given if isinstance(given, Integrator) else Integrator(substeps=4)
+    A, B, C, D = linearised(model, point, u[middle], dt=dt, integrator=integrator)
+    system = LinearGaussian(
+        *(A, B, C, D),
+        Q=noise.process(model, dt) * (dt if model.continuous else 1.0),
+        R=noise.measurement(model),
+        P0=prior.covariance(model),
+    )
+    N, lag = estimator.horizon, int(getattr(estimator, "lag", 0))
+    samples = min(max(WINDOWS * (N + 1), LEAST), MOST)
+    inputs = u[(middle + np.arange(samples)) % len(u)] - u[middle]
+    y = draw(system, inputs, missing=MISSING, seed=seed)
+    best, full = lagged(system, inputs, y, lag), least_squares(system, inputs, y)
+    plain = _plain(model, system, dt)
+    claims = []
+    for name, variant in _variants(estimator).items():
+        try:
+            found = _run(_on(variant, system), plain, dt, inputs, y)
+        except (TuningError, ModelError):
+            if variant is estimator:
+                raise
+            claims.append(Claim(name, False, *[math.inf] * 4))
+            continue
+        claims.append(
+            Claim(
+                name=name,
+                own=variant is estimator,
+                x=_off(found.x, best.x, best.P),
+                P=_off_covariance(found.P, best.P),
+                x_full=_off(found.x[-1:], full.x[[-1 - lag]], best.P[-1:]),
+                P_full=_off_covariance(found.P[-1:], full.P[[-1 - lag]]),
+            )
+        )
+    return Certificate(
+        estimator=estimator.title,
+        claims=tuple(claims),
+        references=_off(best.x[-1:], full.x[[-1 - lag]], best.P[-1:]),
+        samples=samples,
+        missing=MISSING,
+        seed=seed,
+        lag=lag,
+        at={s.name: float(v) for s, v in zip(model.states, point, strict=True)},
+        tolerance=tolerance,
+    )
+
+
+def _point(
+    estimator: AbstractEstimator, model: Model, recording: xr.Dataset, at: ByName | None
+) -> tuple[Array, int]:
+    if at is None:
+        return midpoint(estimator, model, recording)
+    values = np.array([s.value for s in model.states])
+    return vector(at, model.states, what="at", default=values), recording.sizes["time"] // 2
+
+
+def _plain(model: Model, system: LinearGaussian, dt: float) -> Model:
+    """Build the linear model of deviations, with the scales but not the bounds of the model."""
+    states = {s.name: Signal(s.unit, scale=s.scale) for s in model.states}
+    inputs = {s.name: Signal(s.unit, scale=s.scale) for s in model.inputs}
+    outputs = {s.name: Signal(s.unit, scale=s.scale) for s in model.outputs}
+    matrices = (system.A, system.B, system.C, system.D)
+    return lti(*matrices, states=states, inputs=inputs, outputs=outputs, dt=dt, name=model.name)
+
+
+def _variants(estimator: AbstractEstimator) -> dict[str, AbstractEstimator]:
+    """The estimator with its own arrival cost, first, and with others; by their names."""
+    own = getattr(estimator, "arrival", None)
+    known: dict[str, Any] = {}
+    if isinstance(own, AbstractArrival):
+        known = dict(ARRIVALS)
+    elif isinstance(own, float | int):
+        known = dict(WEIGHTS)
+    named = next((name for name, part in known.items() if part == own), None)
+    if own is None:
+        return {"": estimator}
+    name = named or (f"arrival = {own:g}" if isinstance(own, float | int) else str(own))
+    others = {n: part for n, part in known.items() if n != named}
+    return {name: estimator} | {
+        n: dataclasses.replace(estimator, arrival=p) for n, p in others.items()
+    }
+
+
+def _on(estimator: AbstractEstimator, system: LinearGaussian) -> AbstractEstimator:
+    """Prepare an estimator for the linear model: its noise, no limits, a discrete model's steps."""
+    prior = Prior(P0=system.P0, x0=np.zeros(len(system.A)))
+    changes: dict[str, Any] = {"noise": Noise(R=system.R, Q=system.Q), "prior": prior}
+    free = {"limits": (), "soft": {}, "hold": "zoh", "integrator": Integrator()}
+    fields = {f.name for f in dataclasses.fields(estimator)}
+    return dataclasses.replace(
+        estimator, **changes, **{k: v for k, v in free.items() if k in fields}
+    )
+
+
+def _run(estimator: AbstractEstimator, model: Model, dt: float, u: Array, y: Array) -> Estimates:
+    recursion = estimator.compile(model, dt)
+    seen = np.isfinite(y)
+    data = [u, np.where(seen, y, 0.0), seen.astype(float)]
+    _, outputs = vm.run(recursion, data, carry=recursion.carry0)
+    named = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
+    return Estimates(named["x_hat"], named["P"])
+
+
+def _off(x: Array, reference: Array, P: Array) -> float:
+    deviation = _deviations(P)
+    with np.errstate(invalid="ignore"):
+        return _largest(np.abs(x - reference) / deviation)
+
+
+def _off_covariance(P: Array, reference: Array) -> float:
+    deviation = _deviations(reference)
+    return _largest(np.abs(P - reference) / (deviation[:, :, None] * deviation[:, None, :]))
+
+
+def _deviations(P: Array) -> Array:
+    """Standard deviations (n, nx); of a state that is known exactly, the largest it ever has."""
+    std = np.sqrt(np.maximum(np.einsum("kii->ki", P), 0.0))
+    largest = std.max(axis=0)
+    floor = np.where(largest > 0, 1e-6 * largest, 1.0)
+    return np.maximum(std, floor)
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.where(np.isfinite(values), values, np.inf)))

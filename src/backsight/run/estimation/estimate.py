@@ -1,0 +1,168 @@
+"""Run an estimator over a recording."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import psutil
+import xarray as xr
+
+from backsight.engine.execute import choose, execute, prepare
+from backsight.engine.recursion import Recursion
+from backsight.errors import DataError, EstimationError
+from backsight.estimators.base import AbstractEstimator
+from backsight.models.model import Model
+from backsight.run.estimation.lag import aligned, run_on
+from backsight.run.estimation.match import match
+from backsight.run.estimation.result import as_result
+from backsight.schema import FAILURES, STATUS_TEXT
+from backsight.types import Array
+
+
+def estimate(
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    engine: str | None = None,
+    throw: bool = True,
+    progress: Callable[[int], None] = lambda _: None,
+) -> xr.Dataset:
+    """Estimate the states of a model from a recording.
+
+    Parameters
+    ----------
+    estimator : AbstractEstimator
+    model : Model
+        With parameters and disturbances to estimate among its states, see `augment`.
+    recording : xarray.Dataset
+        From `read`, `from_arrays` or `simulate`; ``NaN`` in an output is "not measured". With a
+        variable ``sigma_factor`` single samples have a noise of their own.
+    engine : {"native", "vm"}, optional
+        Machine code, or CasADi's virtual machine; by default what finishes first, which is the
+        virtual machine for less than a thousand samples. The results agree to rounding.
+    throw : bool
+        Raise at the end if the estimator failed; otherwise only the status says so.
+    progress : callable
+        Told the number of samples done.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables of `backsight.schema.RESULT_VARIABLES` and what else the estimator puts out, with
+        the recording's inputs and outputs, in physical units.
+
+    Raises
+    ------
+    TuningError, ModelError
+        If estimator and model do not fit.
+    EngineError
+        If the engine is unknown or cannot compile the estimator.
+    DataError
+        If recording and model do not fit, or the result would not fit into memory.
+    EstimationError
+        If the estimate became non-finite; the exception carries the results.
+    """
+    task = ready(estimator, model, recording)
+    check_memory([task.recursion], task.samples)
+    return carry_out(task, engine=engine, throw=throw, progress=progress)
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """An estimator compiled for a model, and data that fit: inputs, outputs and mask."""
+
+    estimator: AbstractEstimator
+    model: Model
+    recording: xr.Dataset
+    recursion: Recursion
+    data: tuple[Array, Array, Array]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of the recording."""
+        return len(self.data[0])
+
+
+def ready(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> Task:
+    """Check all but the memory that the result takes, see `estimate`."""
+    data = match(model, recording, estimator=estimator)
+    check_window(estimator, len(data[0]))
+    recursion = estimator.compile(model, float(recording.attrs["dt"]))
+    check_length(recursion, len(data[0]))
+    return Task(estimator, model, recording, recursion, data)
+
+
+def carry_out(
+    task: Task, *, engine: str | None, throw: bool, progress: Callable[[int], None]
+) -> xr.Dataset:
+    """Run what is ready, see `estimate`."""
+    recursion, samples = task.recursion, task.samples
+    chosen = choose(engine, samples)
+    prepare(recursion, chosen)
+    started = time.perf_counter()
+    data = run_on(list(task.data), recursion.lag)
+    outputs = execute(
+        recursion, data, engine=chosen, progress=lambda done: progress(min(done, samples))
+    )
+    seconds = time.perf_counter() - started
+    result = as_result(
+        aligned(outputs, recursion.lag),
+        recursion,
+        task.estimator,
+        task.model,
+        task.recording,
+        engine=chosen,
+        seconds=seconds,
+    )
+    failed = np.flatnonzero(result["status"].values & int(FAILURES))
+    if throw and len(failed):
+        raise EstimationError(failure(result), result)
+    return result
+
+
+def failure(result: xr.Dataset) -> str:
+    """Say at which sample a result failed first, why, and what to do; empty if it did not."""
+    status = result["status"].values
+    failed = np.flatnonzero(status & int(FAILURES))
+    if not len(failed):
+        return ""
+    k = int(failed[0])
+    causes = [text for bit, text in STATUS_TEXT.items() if bit & FAILURES & int(status[k])]
+    moment = float(result["time"][k])
+    return f"{result.attrs['estimator']} failed at sample {k} (t = {moment:g} s): {causes[0]}"
+
+
+def check_window(estimator: AbstractEstimator, samples: int) -> None:
+    """Raise `DataError` if the window is longer than the recording, before it is built."""
+    if estimator.horizon >= samples > 1:
+        raise DataError(
+            f"the window of {estimator.horizon} sampling periods is longer than the recording of "
+            f"{samples} samples: N = {samples - 1} takes in all of it"
+        )
+
+
+def check_length(recursion: Recursion, samples: int) -> None:
+    """Raise `DataError` if the recording is shorter than one window."""
+    if samples < recursion.least_samples:
+        raise DataError(
+            f"the recording has {samples} samples; a window of '{recursion.name}' alone takes "
+            f"{recursion.least_samples}: shorten the window or record longer"
+        )
+
+
+def check_memory(recursions: Sequence[Recursion], samples: int) -> None:
+    """Raise `DataError` if the results of so many samples would not fit into memory together."""
+    numbers = 0
+    for recursion in recursions:
+        doubled = [2 if c.symmetric else 1 for c in recursion.channels]
+        sizes = zip(recursion.output_sizes, doubled, strict=True)
+        numbers += sum(size * (1 + factor) for size, factor in sizes)
+    needed, available = 8 * numbers * samples, psutil.virtual_memory().available
+    if needed > available:
+        results = "result" if len(recursions) == 1 else f"{len(recursions)} results"
+        raise DataError(
+            f"the {results} of {samples} samples would take {needed / 1e9:.1f} GB of memory, but "
+            f"only {available / 1e9:.1f} GB are free; process the recording in parts"
+        )

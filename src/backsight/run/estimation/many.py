@@ -1,0 +1,108 @@
+"""Run an estimator over many recordings at once."""
+
+import os
+import time
+from collections.abc import Callable, Sequence
+
+import xarray as xr
+
+from backsight.engine.lanes import run_many
+from backsight.errors import DataError, EstimationError
+from backsight.estimators.base import AbstractEstimator
+from backsight.models.model import Model
+from backsight.run.estimation.estimate import check_length, check_memory, failure
+from backsight.run.estimation.lag import aligned, run_on
+from backsight.run.estimation.match import match
+from backsight.run.estimation.result import as_result
+
+
+def estimate_many(
+    estimator: AbstractEstimator,
+    model: Model,
+    recordings: Sequence[xr.Dataset],
+    *,
+    threads: int | None = None,
+    throw: bool = True,
+    progress: Callable[[int], None] = lambda _: None,
+) -> list[xr.Dataset]:
+    """Estimate the states of a model from many recordings.
+
+    The recordings advance together, several in the lanes of every vector instruction and these in
+    threads; each result equals that of `estimate`. They may have different lengths and gaps; one
+    that diverges does not touch the others.
+
+    Parameters
+    ----------
+    estimator : AbstractEstimator
+    model : Model
+    recordings : sequence of xarray.Dataset
+        All with the same sampling period.
+    threads : int, optional
+        One per processor core by default.
+    throw : bool
+        Raise at the end if the estimator failed on a recording.
+    progress : callable
+        Told the number of samples done, of all recordings together.
+
+    Returns
+    -------
+    list of xarray.Dataset
+        As of `estimate`. ``seconds`` is the recording's share of the whole time.
+
+    Raises
+    ------
+    TuningError, ModelError, EngineError
+        If estimator and model do not fit, or cannot be compiled.
+    DataError
+        If a recording does not fit the model, or the sampling periods differ; names the recording.
+    EstimationError
+        If the estimate of a recording became non-finite; carries the results of all.
+    """
+    if not recordings:
+        raise DataError("there is no recording")
+    periods = [float(r.attrs["dt"]) for r in recordings]
+    for k, dt in enumerate(periods):
+        if abs(dt / periods[0] - 1) > 1e-9:
+            raise DataError(
+                f"recording {k} has the sampling period {dt:g} s, recording 0 {periods[0]:g} s; "
+                "resample one of them"
+            )
+    data = [_matched(model, r, estimator, k) for k, r in enumerate(recordings)]
+    samples = sum(len(rows[0]) for rows in data)
+    recursion = estimator.compile(model, periods[0])
+    for rows in data:
+        check_length(recursion, len(rows[0]))
+    check_memory([recursion], samples)
+    started = time.perf_counter()
+    outcomes = run_many(
+        recursion,
+        [run_on(rows, recursion.lag) for rows in data],
+        carries=[recursion.carry0] * len(data),
+        threads=threads or os.cpu_count(),
+        progress=progress,
+    )
+    seconds = time.perf_counter() - started
+    results = [
+        as_result(
+            aligned(outputs, recursion.lag),
+            recursion,
+            estimator,
+            model,
+            recording,
+            engine="native",
+            seconds=seconds * len(rows[0]) / samples,
+        )
+        for (_, outputs), recording, rows in zip(outcomes, recordings, data, strict=True)
+    ]
+    failed = [f"recording {k}: {failure(r)}" for k, r in enumerate(results) if failure(r)]
+    if throw and failed:
+        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
+        raise EstimationError(failed[0] + more, results)
+    return results
+
+
+def _matched(model: Model, recording: xr.Dataset, estimator: AbstractEstimator, k: int) -> tuple:
+    try:
+        return match(model, recording, estimator=estimator)
+    except DataError as error:
+        raise DataError(f"recording {k}: {error}") from None

@@ -1,0 +1,127 @@
+"""Outputs of a recursion as a result dataset."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from backsight.analysis.forces import REMARKS, force_remarks
+from backsight.engine.recursion import Channel, Recursion
+from backsight.estimators.base import AbstractEstimator
+from backsight.models.model import Model
+from backsight.run.estimation.match import weights
+from backsight.schema import AGO, RESULT_VARIABLES, SCHEMA_VERSION, SIGMA_FACTOR, Status
+from backsight.types import Array
+
+
+def as_result(
+    outputs: Sequence[Array],
+    recursion: Recursion,
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    engine: str,
+    seconds: float,
+) -> xr.Dataset:
+    """Name the outputs, add units, standard deviations, the recording and what made them.
+
+    Parameters
+    ----------
+    outputs : sequence of (n, l) arrays
+        Of the recursion, one row per sample.
+    recursion, estimator, model, recording
+        What they come from.
+    engine : str
+    seconds : float
+        Time that the run took.
+    """
+    values = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
+    result = _dataset(values, recursion.channels, model, recording)
+    result.attrs |= {
+        "estimator": estimator.key,
+        "model": model.name,
+        "engine": engine,
+        "dt": recursion.dt,
+        "seconds": seconds,
+        "us_per_sample": seconds / result.sizes["time"] * 1e6,
+        "schema": SCHEMA_VERSION,
+    }
+    remarks = force_remarks(result)
+    if remarks:
+        result.attrs[REMARKS] = "\n".join(remarks)
+    return result
+
+
+def _dataset(
+    values: dict[str, np.ndarray],
+    channels: tuple[Channel, ...],
+    model: Model,
+    recording: xr.Dataset,
+) -> xr.Dataset:
+    names = [s.name for s in model.states]
+    outputs = [s.name for s in model.outputs]
+    inputs = [s.name for s in model.inputs]
+    measured = recording["y"].sel(output=outputs).values
+    measured = np.where(weights(model, recording) > 0, measured, np.nan)
+    values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
+    finite = np.isfinite(values["x_hat"]).all(axis=1)
+    raised = np.nan_to_num(values["status"]).astype(np.int32)
+    values["status"] = np.where(finite, raised, raised | int(Status.NOT_FINITE)).astype(np.int32)
+    dims = {c.name: ("time", *c.dims) for c in channels}
+    variance = np.einsum("kii->ki", values["P"])
+    values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
+    flags = [bit for bit in Status if bit]
+    result = xr.Dataset(
+        {n: (dims[n], v, {"long_name": _long_name(n)}) for n, v in values.items()},
+        coords={
+            "time": recording["time"],
+            "state": names,
+            "state_": names,
+            "output": outputs,
+            "output_": outputs,
+            "input": inputs,
+            "state_unit": ("state", [s.unit for s in model.states]),
+            "output_unit": ("output", [s.unit for s in model.outputs]),
+            "input_unit": ("input", [s.unit for s in model.inputs]),
+        },
+    )
+    for channel in channels:
+        if channel.labels:
+            result[channel.dims[0]] = list(channel.labels)
+        if channel.ago:
+            result[channel.name].attrs[AGO] = channel.ago
+    if "force" in result.dims:
+        result = _with_forces(result, model)
+    result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
+    result["y"] = (("time", "output"), measured)
+    if SIGMA_FACTOR in recording:
+        factors = recording[SIGMA_FACTOR].sel(output=outputs).values
+        result[SIGMA_FACTOR] = (("time", "output"), factors)
+    result["status"].attrs |= {
+        "flag_masks": [int(f) for f in flags],
+        "flag_meanings": " ".join(f.name.lower() for f in flags if f.name),
+    }
+    if "x_true" in recording:
+        truth = recording["x_true"]
+        known = [n for n in names if n in truth["state"].values]
+        result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
+    return result
+
+
+def _with_forces(result: xr.Dataset, model: Model) -> xr.Dataset:
+    """Add units, positions, and standard deviations where only the covariance is given."""
+    known = {s.name: s for s in model.parameters}
+    forces = [known[str(name)] for name in result["force"].values]
+    result = result.assign_coords(force_unit=("force", [s.unit for s in forces]))
+    positions = [s.position for s in forces if s.position is not None]
+    if len(positions) == len(forces):
+        result = result.assign_coords(force_position=("force", positions))
+    if "P_d" in result:
+        variance = np.einsum("kii->ki", result["P_d"].values)
+        result["d_std"] = (("time", "force"), np.sqrt(np.maximum(variance, 0.0)))
+    return result
+
+
+def _long_name(variable: str) -> str:
+    return RESULT_VARIABLES[variable][1] if variable in RESULT_VARIABLES else variable

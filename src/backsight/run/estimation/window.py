@@ -1,0 +1,75 @@
+"""The window of a moving horizon estimator at one moment of a recording."""
+
+import numpy as np
+import xarray as xr
+
+from backsight.engine import vm
+from backsight.engine.recursion import Channel
+from backsight.errors import DataError
+from backsight.estimators.mhe import MHE
+from backsight.models.model import Model
+from backsight.run.estimation.match import match
+
+
+def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1) -> xr.Dataset:
+    """Everything that the estimator knows of its window after a sample.
+
+    Parameters
+    ----------
+    estimator : MHE
+    model : Model
+    recording : xarray.Dataset
+    at : int
+        Index of the newest sample of the window; negative ones count from the end.
+
+    Returns
+    -------
+    xarray.Dataset
+        With one entry along ``time`` for every sample of the window: states ``x``, their standard
+        deviations ``x_std`` and covariances ``P`` given the whole window, the process noise ``w``
+        that led to the sample, residuals ``v`` (NaN where not measured), and, with limits,
+        ``multiplier`` and ``side`` (1 at a lower, -1 at an upper limit, else 0).
+
+    Raises
+    ------
+    DataError
+        If the recording has no such sample, or does not fit the model.
+    """
+    u, y, mask = match(model, recording, estimator=estimator)
+    k = at + len(u) if at < 0 else at
+    if not 0 <= k < len(u):
+        raise DataError(f"there is no sample {at} in a recording of {len(u)} samples")
+    dt = float(recording.attrs["dt"])
+    recursion, inspect = estimator.compile(model, dt), estimator.inspect(model, dt)
+    carry, _ = vm.run(recursion, [u[:k], y[:k], mask[:k]], carry=recursion.carry0)
+    present, *columns = (np.asarray(c).T for c in inspect(carry, u[k], y[k], mask[k]))
+    here = present[:, 0] > 0
+    x, P, w, v, multiplier, side = (c[here] for c in columns)
+    first = k + 1 - int(here.sum())
+    names, outputs = [s.name for s in model.states], [s.name for s in model.outputs]
+    P = Channel("P", ("state", "state_"), symmetric=True).unpack(P)
+    deviation = np.sqrt(np.maximum(np.einsum("kii->ki", P), 0.0))
+    found = xr.Dataset(
+        {
+            "x": (("time", "state"), x),
+            "x_std": (("time", "state"), deviation),
+            "P": (("time", "state", "state_"), P),
+            "w": (("time", "state"), w),
+            "v": (("time", "output"), np.where(mask[first : k + 1] > 0, v, np.nan)),
+        },
+        coords={
+            "time": recording["time"][first : k + 1],
+            "state": names,
+            "state_": names,
+            "output": outputs,
+        },
+        attrs={"estimator": estimator.key, "model": model.name, "dt": dt},
+    )
+    labels = [c.labels for c in recursion.channels if c.name == "infeasible"]
+    if labels:
+        found["multiplier"], found["side"] = (
+            (("time", "limit"), multiplier),
+            (("time", "limit"), side),
+        )
+        found["limit"] = list(labels[0])
+    return found

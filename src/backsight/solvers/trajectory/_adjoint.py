@@ -1,0 +1,82 @@
+"""The backward pass through a linear window: trajectory, multipliers, and the sides of limits."""
+
+import casadi as ca
+
+from backsight.engine.loops import scan
+from backsight.solvers.trajectory.chain import Chain, Stage, constant
+
+
+def adjoint(chain: Chain) -> ca.Function:
+    r"""Backward pass: ``(enter, *records, *stages, side, force) -> (wrong, residual, ...)``.
+
+    ``wrong`` counts the limits on the wrong side and ``residual`` is the largest error of
+    :math:`R^{-1} v` as multiplier of the outputs. Then side by side in columns the trajectory
+    :math:`\delta_i`, the :math:`\eta_i` of the noise :math:`w_{i-1} = Q \eta_i` that led there, the
+    multipliers of the limits, the sides on which they should be, and the limited quantities. With
+    ``enter = 0`` limits may only be dropped, those without room are dropped, too.
+    """
+    n = chain.N + 1
+    enter = ca.MX.sym("enter")
+    stacks = [ca.MX.sym(k, size, n) for k, size in (chain.records | chain.inputs).items()]
+    (_, wrong, residual), results = scan(
+        _backward(chain),
+        n,
+        carry=[ca.MX.zeros(chain.nx), ca.MX(0), ca.MX(0)],
+        xs=stacks,
+        constants=[enter],
+        backward=True,
+    )
+    return ca.Function("adjoint", [enter, *stacks], [wrong, residual, *results])
+
+
+def _backward(chain: Chain) -> ca.Function:
+    """One sample of the backward pass; the carry is the adjoint after its update."""
+    nx, z = chain.nx, Stage.of(chain)
+    lam, enter = ca.SX.sym("lam", nx), ca.SX.sym("enter")
+    wrong, residual = ca.SX.sym("wrong"), ca.SX.sym("residual")
+    records = [ca.SX.sym(k, size) for k, size in chain.records.items()]
+    d, vP, vK, nu0, g, vKy, nu_y0, _, _, _ = records
+    K, K_y = ca.reshape(vK, nx, chain.n), ca.reshape(vKy, nx, chain.ny)
+    A, H, F = ca.SX(chain.A, z.A), ca.SX(chain.H, z.H), ca.SX(chain.F, z.F)
+    x = d + chain.matrix(vP) @ lam
+    left, adj = residual, lam
+    for j in reversed(range(chain.ny)):
+        nu_j = nu_y0[j] - ca.dot(K_y[:, j], adj)
+        adj = adj + H[j, :].T * nu_j
+        left = ca.fmax(left, ca.fabs(nu_j - z.e[j] + H[j, :] @ x))
+    nu = ca.SX.zeros(chain.n)
+    for r in reversed(range(chain.n)):
+        if not chain.noise[r].any():
+            nu[r] = nu0[r] - ca.dot(K[:, r], adj)
+            adj = adj + A[r, :].T * nu[r]
+    eta = adj
+    for r in reversed(range(chain.n)):
+        if chain.noise[r].any():
+            nu[r] = nu0[r] - ca.dot(K[:, r], eta)
+            eta = eta + ca.SX(ca.DM(chain.noise[r])) * nu[r]
+    w = z.before * (constant(chain.Q) @ eta)
+    value = ca.densify(A @ x + constant(chain.noise) @ w)
+    side, change = _sides(chain, z, nu, g, value, enter)
+    back = ca.densify(F.T @ adj)
+    return ca.Function(
+        "backward",
+        [lam, wrong, residual, *records, *z.symbols, enter],
+        [back, wrong + change, left, x, eta, nu, side, value],
+    )
+
+
+def _sides(
+    chain: Chain, z: Stage, nu: ca.SX, g: ca.SX, value: ca.SX, enter: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Sides on which the limits should be, and how many are not."""
+    side, changes = ca.SX.zeros(chain.n), ca.SX(0)
+    for r in range(chain.n):
+        active, slack = z.active(r), float(chain.slack[r])
+        now = ca.if_else(active, z.side[r], 0)
+        pulls = ca.logic_or(z.side[r] * nu[r] < 0, ca.logic_and(ca.logic_not(enter), g[r] == 0))
+        outside = ca.if_else(
+            value[r] < z.low[r] - slack, 1, ca.if_else(value[r] > z.high[r] + slack, -1, 0)
+        )
+        side[r] = ca.if_else(active, ca.if_else(pulls, 0, z.side[r]), ca.if_else(enter, outside, 0))
+        changes += side[r] != now
+    return side, changes

@@ -1,0 +1,83 @@
+"""The merit of a point on the way to the best trajectory, see `iterated`."""
+
+import casadi as ca
+
+from backsight.engine.loops import scan
+from backsight.solvers.trajectory.chain import Chain, constant
+
+
+def merit(chain: Chain, proximal: bool) -> ca.Function:
+    """Cost, its derivative along the step, sums of the defects, their multipliers, and steps.
+
+    ``(offset, P, free, *stages, eta, dX, eta_next, nu) -> (J, slope, defects, adjoints, steps)``.
+    Defects are those of the trajectory, by state, then the violations of hard limits; of adjoints,
+    multipliers and steps the largest in the window is meant.
+    """
+    nx, n, m = chain.nx, chain.n, chain.N + 1
+    offset, P, free = ca.MX.sym("offset", nx), ca.MX.sym("P", chain.size_P), ca.MX.sym("free")
+    stages = [ca.MX.sym(k, size, m) for k, size in chain.sizes.items()]
+    paths = [ca.MX.sym(k, nx, m) for k in ("eta", "dX", "eta_next")]
+    eta, _, eta_next = paths
+    nu = ca.MX.sym("nu", n, m)
+    start = _of_start(chain, proximal)(offset, P, free, eta[:, 0], eta_next[:, 0])
+    end, _ = scan(
+        _of_sample(chain),
+        m,
+        carry=[*start, ca.MX.zeros(nx + n), ca.MX.zeros(nx)],
+        xs=[*stages, *paths, nu],
+    )
+    return ca.Function("merit", [offset, P, free, *stages, *paths, nu], end)
+
+
+def _of_start(chain: Chain, proximal: bool) -> ca.Function:
+    nx = chain.nx
+    offset, vP, free = (
+        ca.SX.sym("offset", nx),
+        ca.SX.sym("P", chain.size_P),
+        ca.SX.sym("free"),
+    )
+    eta, eta_next = ca.SX.sym("eta", nx), ca.SX.sym("eta_next", nx)
+    moved = chain.matrix(vP) @ eta
+    J, slope, defects = (
+        ca.dot(eta, moved) / 2,
+        ca.dot(moved, eta_next - eta),
+        ca.vertcat(ca.fabs(offset + moved), ca.SX.zeros(chain.n)),
+    )
+    results = [J, slope, defects]
+    if proximal:
+        results = [ca.if_else(free, 0, r) for r in results]
+    return ca.Function("merit_of_start", [offset, vP, free, eta, eta_next], results)
+
+
+def _of_sample(chain: Chain) -> ca.Function:
+    """Add one sample to the sums of `merit`."""
+    nx, n = chain.nx, chain.n
+    J, slope, nu = ca.SX.sym("J"), ca.SX.sym("slope"), ca.SX.sym("nu", n)
+    lengths = {"defects": nx + n, "adjoints": nx + n, "steps": nx}
+    sums = [ca.SX.sym(k, length) for k, length in lengths.items()]
+    defects, adjoints, steps = sums
+    _, c, before, vH, e, vA, low, high = stage = [ca.SX.sym(k, n) for k, n in chain.sizes.items()]
+    eta, x, eta_next = paths = [ca.SX.sym(k, nx) for k in ("eta", "dX", "eta_next")]
+    Q = constant(chain.Q)
+    w = before * (Q @ eta)
+    dw = before * (Q @ (eta_next - eta))
+    J_next = J + ca.sumsqr(e) / 2 + ca.dot(eta, w) / 2
+    slope_next = slope - ca.dot(e, ca.SX(chain.H, vH) @ x) + ca.dot(eta, dw)
+    A, violated = ca.SX(chain.A, vA), ca.SX.zeros(n)
+    for r in range(n):
+        a = constant(chain.noise[r]).T
+        value, change = a @ w, a @ dw + A[r, :] @ x
+        excess = ca.fmin(value - low[r], 0) + ca.fmax(value - high[r], 0)
+        if chain.softness[r] == 0:
+            violated[r] = ca.fabs(excess)
+        else:
+            J_next += excess**2 / (2 * chain.softness[r])
+            slope_next += excess * change / chain.softness[r]
+    results = [
+        J_next,
+        slope_next,
+        defects + ca.vertcat(ca.fabs(c + w), violated),
+        ca.fmax(adjoints, ca.fabs(ca.vertcat(eta_next, nu))),
+        ca.fmax(steps, ca.fabs(x)),
+    ]
+    return ca.Function("merit_of_sample", [J, slope, *sums, *stage, *paths, nu], results)

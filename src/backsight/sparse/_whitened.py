@@ -1,0 +1,145 @@
+r"""A whole recording of a linear model with unknown forces as one least-squares problem.
+
+A Kalman filter removes the states: its innovations, divided by their standard deviations, are
+white, and of the forces only their own responses are left in them,
+:math:`S_k^{-1/2} e_k = \sum_j h_{jk} d_j + v_k`. Background and measurement noise may be
+correlated, so that the filter is written for the prediction alone,
+
+.. math::
+    x_{k+1} = A x_k + E d_k + K_k e_k, \quad K_k = (A P_k C' + M) S_k^{-1}, \quad
+    P_{k+1} = A P_k A' + Q - K_k S_k K_k',
+
+and states are found backwards from :math:`r_{k-1} = C' S_k^{-1} e_k + (A - K_k C)' r_k` as
+:math:`x_k + P_k r_{k-1}`, which needs no inverse of P.
+
+Source: De Jong, Penzer, "Diagnosing shocks in time series", 1998, Journal of the American
+Statistical Association 93, doi:10.1080/01621459.1998.10473731.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from backsight.estimators.cs_mhe import Forced
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Whitened:
+    """A Kalman filter over a recording, and what it makes of forces; all scaled.
+
+    Parameters
+    ----------
+    forced : Forced
+    u : (n, nu) array
+        Known inputs.
+    y : (n, ny) array
+        Outputs; 0 where not measured.
+    mask : (n, ny) array
+        1 where measured.
+    P : (n, nx, nx) array
+        Covariance of the prediction.
+    S : (n, ny, ny) array
+        Covariance of the innovation, of all outputs.
+    gain : (n, nx, ny) array
+        K, zero where not measured.
+    root : (n, ny, ny) array
+        What makes an innovation white; its rows and columns are zero where not measured.
+    """
+
+    forced: Forced
+    u: Array
+    y: Array
+    mask: Array
+    P: Array
+    S: Array
+    gain: Array
+    root: Array
+
+    def innovations(self, d: Array) -> Array:
+        """White innovations (n, ny) if the forces were d (n, nf)."""
+        _, e = self._predicted(self.y[:, :, None], self.u[:, :, None], d[:, :, None], start=1.0)
+        return np.einsum("kij,kj->ki", self.root, e[:, :, 0])
+
+    def responses(self) -> Array:
+        """White innovations of a force of one at every place and step, (n, ny, n, nf)."""
+        f, (n, ny) = self.forced, self.y.shape
+        (nx, nf), A, C = f.E.shape, f.system.A, f.system.C
+        found = np.zeros((n, ny, n, nf))
+        x = np.zeros((nx, n * nf))
+        for k in range(n):
+            known, own = slice(0, k * nf), slice(k * nf, (k + 1) * nf)
+            seen = np.hstack([C @ x[:, known], f.F])
+            found[k, :, : k + 1] = (self.root[k] @ seen).reshape(ny, k + 1, nf)
+            x[:, known] = A @ x[:, known] - self.gain[k] @ seen[:, known]
+            x[:, own] = f.E - self.gain[k] @ f.F
+        return found
+
+    def smoothed(self, d: Array) -> tuple[Array, Array]:
+        """States (n, nx) from the whole recording, forces known, and innovations (n, ny)."""
+        x, e = self._predicted(self.y[:, :, None], self.u[:, :, None], d[:, :, None], start=1.0)
+        return self._smoothed(x, e)[:, :, 0], e[:, :, 0]
+
+    def moved(self, d: Array) -> Array:
+        """What forces d (n, nf, c) change in `smoothed`, (n, nx, c)."""
+        c = d.shape[2]
+        nothing = np.zeros((*self.y.shape, c)), np.zeros((*self.u.shape, c))
+        return self._smoothed(*self._predicted(*nothing, d, start=0.0))
+
+    def smoothed_covariance(self) -> Array:
+        """Covariance of `smoothed` where the forces are known, (n, nx, nx)."""
+        A, C = self.forced.system.A, self.forced.system.C
+        found, N = np.empty_like(self.P), np.zeros_like(A)
+        for k in reversed(range(len(self.P))):
+            white, step = self.root[k] @ C, A - self.gain[k] @ C
+            N = white.T @ white + step.T @ N @ step
+            found[k] = self.P[k] - self.P[k] @ N @ self.P[k]
+        return found
+
+    def _predicted(self, y: Array, u: Array, d: Array, *, start: float) -> tuple[Array, Array]:
+        """Predictions (n, nx, c) and innovations (n, ny, c), 0 where not measured."""
+        f, system, nu = self.forced, self.forced.system, self.forced.nu
+        x = start * np.tile(system.s.x0[:, None], (1, y.shape[2]))
+        states, innovations = [], []
+        for k in range(len(y)):
+            x = x + (system.B_next[:, :nu] @ u[k] if k else 0.0)
+            e = y[k] - system.C @ x - system.D[:, :nu] @ u[k] - f.F @ d[k]
+            e = self.mask[k][:, None] * e
+            states.append(x)
+            innovations.append(e)
+            x = system.A @ x + system.B[:, :nu] @ u[k] + f.E @ d[k] + self.gain[k] @ e
+        return np.array(states), np.array(innovations)
+
+    def _smoothed(self, x: Array, e: Array) -> Array:
+        A, C = self.forced.system.A, self.forced.system.C
+        found, r = np.empty_like(x), np.zeros(x.shape[1:])
+        for k in reversed(range(len(x))):
+            white = self.root[k].T @ (self.root[k] @ e[k])
+            r = C.T @ white + (A - self.gain[k] @ C).T @ r
+            found[k] = x[k] + self.P[k] @ r
+        return found
+
+
+def whitened(forced: Forced, u: Array, y: Array, mask: Array) -> Whitened:
+    """Run the Kalman filter over physical data: u (n, nu), y and mask (n, ny)."""
+    system, s = forced.system, forced.system.s
+    A, C = system.A, system.C
+    nx, ny = len(A), len(C)
+    E, F = forced.E * forced.sigma, forced.F * forced.sigma
+    Q, M, R = s.Q + E @ E.T, E @ F.T, s.R + F @ F.T
+    n = len(y)
+    P_all, S_all = np.empty((n, nx, nx)), np.empty((n, ny, ny))
+    gain, root = np.zeros((n, nx, ny)), np.zeros((n, ny, ny))
+    P = s.P0
+    for k in range(n):
+        P_all[k], S_all[k] = P, C @ P @ C.T + R
+        seen = np.flatnonzero(mask[k])
+        square = np.ix_(seen, seen)
+        factor = np.linalg.cholesky(S_all[k][square])
+        own = np.linalg.inv(factor)
+        white = (A @ P @ C[seen].T + M[:, seen]) @ own.T
+        root[k][square], gain[k][:, seen] = own, white @ own
+        P = A @ P @ A.T + Q - white @ white.T
+        P = (P + P.T) / 2
+    su = s.su[: forced.nu]
+    return Whitened(forced, u / su, y / s.sy, mask, P_all, S_all, gain, root)
