@@ -81,14 +81,14 @@ if TYPE_CHECKING:
     from backsight.sparse import Given as Given
     from backsight.sparse import Greedy as Greedy
     from backsight.sparse import Reweighted as Reweighted
+    from backsight.tune._force_path import force_path as force_path
+    from backsight.tune._recovery import Hits as Hits
+    from backsight.tune._recovery import recovery as recovery
     from backsight.tune.calibration import calibrate as calibrate
-    from backsight.tune.force_path import force_path as force_path
     from backsight.tune.lambda_choice import lambda_from_noise as lambda_from_noise
     from backsight.tune.lambda_choice import lambda_from_sensors as lambda_from_sensors
     from backsight.tune.lambda_choice import lambda_from_whiteness as lambda_from_whiteness
     from backsight.tune.placement import place_sensors as place_sensors
-    from backsight.tune.recovery import Hits as Hits
-    from backsight.tune.recovery import recovery as recovery
     from backsight.tune.sparsity import lambda_max as lambda_max
 
     __version__: str
@@ -123,10 +123,10 @@ _NAMES = {
     "solvers.box": "GaussNewton",
     "sparse": "Given Greedy L1 Reweighted",
     "tune.calibration": "calibrate",
-    "tune.force_path": "force_path",
+    "tune._force_path": "force_path",
     "tune.lambda_choice": "lambda_from_noise lambda_from_sensors lambda_from_whiteness",
     "tune.placement": "place_sensors",
-    "tune.recovery": "Hits recovery",
+    "tune._recovery": "Hits recovery",
     "tune.sparsity": "lambda_max",
 }
 _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()}

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import backsight as bs
 import small_problem
-from backsight.analysis.comparison.summary import assess
+from backsight.analysis.comparison._summary import assess
 from backsight.cli import app
 
 

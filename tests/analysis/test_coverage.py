@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from backsight.analysis.consistency.coverage import (
+from backsight.analysis.consistency._coverage import (
     NORMAL,
     coverage,
     innovation_coverage,

@@ -9,7 +9,7 @@ import xarray as xr
 
 import backsight as bs
 from backsight.analysis.comparison import verdicts
-from backsight.analysis.comparison.summary import assess, summary
+from backsight.analysis.comparison._summary import assess, summary
 from backsight.analysis.forces import Hits, forces, hits
 
 DT, N = 1 / 400, 200

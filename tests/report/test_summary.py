@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backsight.analysis.comparison import Final
-from backsight.analysis.comparison.summary import assess, ranked_table, summary, units
+from backsight.analysis.comparison._summary import assess, ranked_table, summary, units
 from backsight.analysis.comparison.verdict import consistency, verdicts
 from backsight.analysis.consistency import log_likelihood, mean_nis
 from backsight.errors import DataError

@@ -10,7 +10,7 @@ from backsight import schema
 from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import HalfSines
 from backsight.run.sparse_forces import prepared
-from backsight.sparse import force_search
+from backsight.sparse import _force_search as force_search
 from estimators import struck
 from oracles import struck_beam
 from oracles.sparse_forces import root, solve

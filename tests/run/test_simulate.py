@@ -102,7 +102,7 @@ def test_the_blocks_do_not_show(monkeypatch):
         "hold": "foh",
     }
     whole = simulate(OSCILLATOR, drive(100), **arguments)
-    monkeypatch.setattr("backsight.run.simulation.simulate.BLOCK", 37)
+    monkeypatch.setattr("backsight.run.simulation._simulate.BLOCK", 37)
     assert whole.identical(simulate(OSCILLATOR, drive(100), **arguments))
 
 

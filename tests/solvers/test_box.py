@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backsight.solvers.box._box import box, dual_active_set
+from backsight.solvers.box import _box as box
+from backsight.solvers.box._box import dual_active_set
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from backsight.algebra.symmetric import vech
 from backsight.errors import TuningError
-from backsight.solvers.box._box import box
+from backsight.solvers.box import _box as box
 from backsight.solvers.box.gauss_newton import GaussNewton, minimise
 
 TIMES = np.linspace(0.0, 2.0, 9)

@@ -2,11 +2,7 @@
 
 import xarray as xr
 
-from backsight.analysis.observability import (
-    Observability,
-    observability,
-    observability_along,
-)
+from backsight.analysis.observability import Observability, observability, observability_along
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ModelError
 from backsight.estimators.uncertainty import Prior

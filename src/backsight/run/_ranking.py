@@ -22,7 +22,7 @@ def ranking(rows: Sequence[Row], outputs: Mapping[str, str]) -> Table:
     Parameters
     ----------
     rows : sequence of Row
-        As `backsight.analysis.comparison.summary.ranked_table` gives them.
+        As `backsight.analysis.comparison._summary.ranked_table` gives them.
     outputs : dict
         Name to unit.
     """

@@ -1,9 +1,9 @@
 """Search for sparse forces over a whole recording, in NumPy."""
 
-from backsight.sparse.force_search import ForceSearch as ForceSearch
-from backsight.sparse.force_search import force_search as force_search
-from backsight.sparse.l1_path import Path as Path
-from backsight.sparse.l1_path import l1_path as l1_path
+from backsight.sparse._force_search import ForceSearch as ForceSearch
+from backsight.sparse._force_search import force_search as force_search
+from backsight.sparse._l1_path import Path as Path
+from backsight.sparse._l1_path import l1_path as l1_path
 from backsight.sparse.regression import Fit as Fit
 from backsight.sparse.regression import refit as refit
 from backsight.sparse.selection import L1 as L1

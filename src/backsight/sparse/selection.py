@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from backsight.errors import DataError, TuningError
 from backsight.sparse._best_subset import best_subset
-from backsight.sparse.force_search import ForceSearch
-from backsight.sparse.l1_path import l1_path
+from backsight.sparse._force_search import ForceSearch
+from backsight.sparse._l1_path import l1_path
 from backsight.sparse.regression import Fit, Indices, inverse, refit
 from backsight.types import Array
 

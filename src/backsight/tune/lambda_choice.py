@@ -10,7 +10,7 @@ from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
 from backsight.sparse import ForceSearch, refit
-from backsight.tune.force_path import unweighted, whole_path
+from backsight.tune._force_path import unweighted, whole_path
 from backsight.types import Array
 
 LEAST = 1e-2

@@ -13,7 +13,7 @@ from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
 from backsight.models.some_outputs import some_outputs
 from backsight.sparse import AbstractSelection
-from backsight.tune.recovery import Hits, recovery
+from backsight.tune._recovery import Hits, recovery
 
 MOST = 100
 """Sets of sensors that are tried one by one; of more, sensors are added one after the other."""

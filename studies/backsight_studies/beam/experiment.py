@@ -69,7 +69,7 @@ class Experiment:
     frequencies : dict
         Mismatch to the three frequencies [Hz].
     locations : xarray.Dataset
-        See `backsight.analysis.observability.force_locations`.
+        See `backsight.analysis.observability._force_locations`.
     zeros : array
         Transmission zeros from the modal forces.
     cases : dict

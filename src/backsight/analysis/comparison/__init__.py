@@ -1,14 +1,14 @@
 """Several results beside each other: errors, summary, verdict."""
 
+from backsight.analysis.comparison._summary import ALIGNED as ALIGNED
+from backsight.analysis.comparison._summary import ALIGNMENT as ALIGNMENT
+from backsight.analysis.comparison._summary import failed as failed
+from backsight.analysis.comparison._summary import ranked_table as ranked_table
+from backsight.analysis.comparison._summary import summary as summary
+from backsight.analysis.comparison._summary import units as units
 from backsight.analysis.comparison.errors import convergence_time as convergence_time
 from backsight.analysis.comparison.errors import rmse as rmse
 from backsight.analysis.comparison.errors import rse as rse
 from backsight.analysis.comparison.row import Final as Final
 from backsight.analysis.comparison.row import Row as Row
-from backsight.analysis.comparison.summary import ALIGNED as ALIGNED
-from backsight.analysis.comparison.summary import ALIGNMENT as ALIGNMENT
-from backsight.analysis.comparison.summary import failed as failed
-from backsight.analysis.comparison.summary import ranked_table as ranked_table
-from backsight.analysis.comparison.summary import summary as summary
-from backsight.analysis.comparison.summary import units as units
 from backsight.analysis.comparison.verdict import verdicts as verdicts

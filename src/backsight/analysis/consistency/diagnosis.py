@@ -2,8 +2,8 @@
 
 import math
 
-from backsight.analysis.consistency.consistency import Consistency
-from backsight.analysis.consistency.noise_factors import NoiseFactors
+from backsight.analysis.consistency._consistency import Consistency
+from backsight.analysis.consistency._noise_factors import NoiseFactors
 from backsight.analysis.consistency.whiteness import Colour
 from backsight.rounding import significant
 

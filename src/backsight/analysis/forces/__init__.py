@@ -1,13 +1,13 @@
 """Estimated forces beside applied ones: impacts, hits, errors."""
 
-from backsight.analysis.forces.force_errors import ForceErrors as ForceErrors
-from backsight.analysis.forces.force_errors import force_errors as force_errors
-from backsight.analysis.forces.force_remarks import REMARKS as REMARKS
-from backsight.analysis.forces.force_remarks import force_remarks as force_remarks
-from backsight.analysis.forces.hits import Hits as Hits
-from backsight.analysis.forces.hits import forces as forces
-from backsight.analysis.forces.hits import hits as hits
-from backsight.analysis.forces.hits import where as where
-from backsight.analysis.forces.impacts import Impact as Impact
-from backsight.analysis.forces.impacts import impacts as impacts
-from backsight.analysis.forces.impacts import matches as matches
+from backsight.analysis.forces._force_errors import ForceErrors as ForceErrors
+from backsight.analysis.forces._force_errors import force_errors as force_errors
+from backsight.analysis.forces._force_remarks import REMARKS as REMARKS
+from backsight.analysis.forces._force_remarks import force_remarks as force_remarks
+from backsight.analysis.forces._hits import Hits as Hits
+from backsight.analysis.forces._hits import forces as forces
+from backsight.analysis.forces._hits import hits as hits
+from backsight.analysis.forces._hits import where as where
+from backsight.analysis.forces._impacts import Impact as Impact
+from backsight.analysis.forces._impacts import impacts as impacts
+from backsight.analysis.forces._impacts import matches as matches

@@ -1,10 +1,10 @@
 """What measurements can show of states, parameters and forces."""
 
-from backsight.analysis.observability.force_locations import force_locations as force_locations
-from backsight.analysis.observability.force_locations import force_zeros as force_zeros
-from backsight.analysis.observability.observability import Observability as Observability
-from backsight.analysis.observability.observability import observability as observability
-from backsight.analysis.observability.observability import (
+from backsight.analysis.observability._force_locations import force_locations as force_locations
+from backsight.analysis.observability._force_locations import force_zeros as force_zeros
+from backsight.analysis.observability._observability import Observability as Observability
+from backsight.analysis.observability._observability import observability as observability
+from backsight.analysis.observability._observability import (
     observability_along as observability_along,
 )
 from backsight.analysis.observability.zeros import independent as independent

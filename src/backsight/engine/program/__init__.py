@@ -1,5 +1,6 @@
 """A recursion as a program of loops and straight-line leaves."""
 
+from backsight.engine.program._walk import walk as walk
 from backsight.engine.program.leaf import Leaf as Leaf
 from backsight.engine.program.leaf import Operation as Operation
 from backsight.engine.program.program import Buffer as Buffer
@@ -13,4 +14,3 @@ from backsight.engine.program.program import Statement as Statement
 from backsight.engine.program.program import Table as Table
 from backsight.engine.program.program import While as While
 from backsight.engine.program.program import flat as flat
-from backsight.engine.program.walk import walk as walk

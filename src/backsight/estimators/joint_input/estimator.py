@@ -10,8 +10,8 @@ import numpy as np
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
-from backsight.estimators.joint_input._step import Forces, covariance0, step
-from backsight.estimators.joint_input._system import forces_of
+from backsight.estimators.joint_input._step import covariance0, step
+from backsight.estimators.joint_input._system import Forces, forces_of
 from backsight.estimators.parts.filtering import carry_inputs, physical
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.uncertainty import Noise, Prior

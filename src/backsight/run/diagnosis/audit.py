@@ -9,8 +9,8 @@ from backsight.analysis.recording import Alignment
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
+from backsight.run.diagnosis._alignment import alignment
 from backsight.run.diagnosis._noise_factors import MOST_STATES, with_noise_factors
-from backsight.run.diagnosis.alignment import alignment
 
 
 def audited(

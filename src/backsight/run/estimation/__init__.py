@@ -1,15 +1,15 @@
 """An estimator over recordings, streams and windows."""
 
-from backsight.run.estimation.estimate import carry_out as carry_out
-from backsight.run.estimation.estimate import check_memory as check_memory
-from backsight.run.estimation.estimate import check_window as check_window
-from backsight.run.estimation.estimate import estimate as estimate
-from backsight.run.estimation.estimate import failure as failure
-from backsight.run.estimation.estimate import ready as ready
+from backsight.run.estimation._estimate import carry_out as carry_out
+from backsight.run.estimation._estimate import check_memory as check_memory
+from backsight.run.estimation._estimate import check_window as check_window
+from backsight.run.estimation._estimate import estimate as estimate
+from backsight.run.estimation._estimate import failure as failure
+from backsight.run.estimation._estimate import ready as ready
+from backsight.run.estimation._match import match as match
+from backsight.run.estimation._match import matched_inputs as matched_inputs
+from backsight.run.estimation._stream import stream as stream
+from backsight.run.estimation._window import window as window
 from backsight.run.estimation.lag import run_on as run_on
 from backsight.run.estimation.many import estimate_many as estimate_many
-from backsight.run.estimation.match import match as match
-from backsight.run.estimation.match import matched_inputs as matched_inputs
 from backsight.run.estimation.result import as_result as as_result
-from backsight.run.estimation.stream import stream as stream
-from backsight.run.estimation.window import window as window

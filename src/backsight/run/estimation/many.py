@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 
 import xarray as xr
 
-from backsight.engine.lanes import run_many
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation.estimate import check_length, check_memory, failure
+from backsight.run.estimation._estimate import check_length, check_memory, failure
+from backsight.run.estimation._match import match
 from backsight.run.estimation.lag import aligned, run_on
-from backsight.run.estimation.match import match
 from backsight.run.estimation.result import as_result
 
 
@@ -58,6 +57,8 @@ def estimate_many(
     EstimationError
         If the estimate of a recording became non-finite; carries the results of all.
     """
+    from backsight.engine.lanes import run_many  # brings the compiler along
+
     if not recordings:
         raise DataError("there is no recording")
     periods = [float(r.attrs["dt"]) for r in recordings]

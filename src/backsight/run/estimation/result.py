@@ -9,7 +9,7 @@ from backsight.analysis.forces import REMARKS, force_remarks
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation.match import weights
+from backsight.run.estimation._match import weights
 from backsight.schema import AGO, RESULT_VARIABLES, SCHEMA_VERSION, SIGMA_FACTOR, Status
 from backsight.types import Array
 

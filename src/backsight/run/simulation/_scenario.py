@@ -22,7 +22,7 @@ Push: TypeAlias = Callable[[Integers, Array], Array]
 
 
 def input_columns(model: Model, u: ArrayLike | Mapping[str, ArrayLike]) -> Array:
-    """Inputs of all samples, (n, nu); errors as in `backsight.run.simulation.simulate.simulate`."""
+    """Inputs of all samples, (n, nu); errors as in `simulate`."""
     names = [s.name for s in model.inputs]
     U = _by_name(u, names) if isinstance(u, Mapping) else numbers(u, "u")
     if U.ndim == 1 and model.nu == 1:

@@ -15,8 +15,8 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError, ModelError
 from backsight.models.model import Model
 from backsight.models.signals import Named, vector
+from backsight.run.simulation._measured import measured
 from backsight.run.simulation._scenario import numbers, parameter_steps
-from backsight.run.simulation.measured import measured
 from backsight.types import Array, ByName
 
 Controller = Callable[[Named, Named], Any]
@@ -57,7 +57,7 @@ def simulate_closed_loop(
     dt : float
         Sampling period [s].
     x0, parameters, changes, sigma_y, seed
-        As in `backsight.run.simulation.simulate.simulate`.
+        As in `backsight.run.simulation._simulate.simulate`.
     substeps : int
         Integration steps per sampling period.
     scheme : str

@@ -6,14 +6,14 @@ import math
 import numpy as np
 import xarray as xr
 
-from backsight.analysis.consistency.coverage import (
+from backsight.analysis.consistency._coverage import (
     MeanNees,
     coverage,
     innovation_coverage,
     mean_nees,
 )
-from backsight.analysis.consistency.nis import mean_nis, measured_channels, nis, nis_band
-from backsight.analysis.consistency.noise_factors import NoiseFactors
+from backsight.analysis.consistency._nis import mean_nis, measured_channels, nis, nis_band
+from backsight.analysis.consistency._noise_factors import NoiseFactors
 from backsight.analysis.consistency.whiteness import Colour, colours
 from backsight.errors import DataError
 from backsight.rounding import significant

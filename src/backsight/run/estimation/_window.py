@@ -8,7 +8,7 @@ from backsight.engine.recursion import Channel
 from backsight.errors import DataError
 from backsight.estimators.mhe import MHE
 from backsight.models.model import Model
-from backsight.run.estimation.match import match
+from backsight.run.estimation._match import match
 
 
 def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1) -> xr.Dataset:

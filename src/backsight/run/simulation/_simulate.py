@@ -14,6 +14,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError
 from backsight.models.model import Model
 from backsight.models.signals import vector
+from backsight.run.simulation._measured import measured
 from backsight.run.simulation._scenario import (
     Disturbance,
     Push,
@@ -22,7 +23,6 @@ from backsight.run.simulation._scenario import (
     input_columns,
     parameter_steps,
 )
-from backsight.run.simulation.measured import measured
 from backsight.types import Array, ByName
 
 SCHEME = "dopri5"

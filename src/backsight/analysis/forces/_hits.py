@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from backsight.analysis.forces.impacts import Impact, impacts
+from backsight.analysis.forces._impacts import Impact, impacts
 from backsight.rounding import plus_minus, significant
 from backsight.schema import AGO
 from backsight.types import Array

@@ -13,8 +13,8 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
+from backsight.run.estimation._match import match
 from backsight.run.estimation.lag import aligned, run_on
-from backsight.run.estimation.match import match
 from backsight.run.estimation.result import as_result
 from backsight.schema import FAILURES, STATUS_TEXT
 from backsight.types import Array
