@@ -100,8 +100,8 @@ def check(
         from backsight.problem import load
         from backsight.problem.seeing import examine
         from backsight.problem.source import recording
-        from backsight.run.diagnosis import certify as certified
         from backsight.run.diagnosis import aligned
+        from backsight.run.diagnosis import certify as certified
 
         read = load(problem)
         chosen = None if certify is None else _estimator(certify, read.estimators)

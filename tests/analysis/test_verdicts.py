@@ -9,7 +9,7 @@ from analysis import believing
 from backsight.analysis.comparison._summary import assess
 from backsight.analysis.comparison.verdict import consistency
 from backsight.analysis.consistency import NoiseFactors, Path, noise_factors
-from backsight.analysis.consistency import _consistency as judge
+from backsight.analysis.consistency import consistency as judge
 from backsight.errors import DataError
 from backsight.run.diagnosis._noise_factors import factors_of
 
