@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from backsight.engine.loops import Loop, iterate, loop_of, scan
+from backsight.errors import EngineError
 
 rng = np.random.default_rng(1)
 X0, M0 = rng.standard_normal((2, 1)), rng.standard_normal((2, 2))
@@ -138,3 +139,9 @@ def test_loops_are_recognised(thaw):
 
 def test_ordinary_functions_are_no_loops():
     assert loop_of(body()) is None
+
+
+def test_function_with_the_name_of_a_loop_is_refused():
+    x = ca.SX.sym("x")
+    with pytest.raises(EngineError, match="has the name of a loop"):
+        loop_of(ca.Function("scan_3_1_0_0_of_f", [x], [x + 1]))
