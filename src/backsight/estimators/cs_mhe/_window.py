@@ -21,7 +21,7 @@ MARGIN = 16
 
 
 @dataclasses.dataclass(frozen=True)
-class Solved:
+class WindowSolution:
     """What the kernel returns.
 
     Parameters
@@ -105,7 +105,7 @@ class Solver:
         P: ca.MX,
         weights: list[ca.MX],
         warm: ca.MX,
-    ) -> Solved:
+    ) -> WindowSolution:
         """Solve a window.
 
         Parameters
@@ -130,7 +130,7 @@ class Solver:
             inputs=[*given, *window, P, *weights, warm],
             outputs=[self.shape] * 3 + [(nx, 3), (nx, 3 * nx), (nf, 3), (6, 1)],
         )
-        return Solved(
+        return WindowSolution(
             alpha,
             extra,
             variance,

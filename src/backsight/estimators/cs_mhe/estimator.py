@@ -10,7 +10,7 @@ import numpy as np
 from backsight.engine.recursion import Recursion
 from backsight.errors import ModelError, TuningError, nearest
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.cs_mhe._step import recursion
+from backsight.estimators.cs_mhe._step import cs_recursion
 from backsight.estimators.cs_mhe._window import NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
@@ -149,7 +149,7 @@ class CompressiveSensingMHE(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        return recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
+        return cs_recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
 
     def forced(self, model: Model, dt: float) -> Forced:
         """Discretise the model with its unknown forces as inputs, and check both.

@@ -10,16 +10,18 @@ import numpy as np
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
-from backsight.estimators.joint_input._step import covariance0, step
+from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
-from backsight.estimators.parts.filtering import carry_inputs, physical
+from backsight.estimators.parts.covariance import Covariance
+from backsight.estimators.parts.filtering import physical
+from backsight.estimators.parts.leaf import called
 from backsight.estimators.parts.linear import linear
+from backsight.estimators.parts.memory import Memory
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
 from backsight.models.unknown_forces import forces_as_inputs
-from backsight.schema import Status
 from backsight.types import Array
 
 UNKNOWN = 1e4
@@ -122,20 +124,29 @@ class JointInput(AbstractEstimator):
 
 
 def _recursion(name: str, found: Forces) -> Recursion:
-    s, labels = found.system.s, found.names
-    sizes = (("u", found.nu), ("y", s.model.ny), ("m", s.model.ny))
-    data = [ca.MX.sym(n, k) for n, k in sizes]
-    memory = [s.x0, covariance0(found), np.zeros(1)]
-    symbol, (x, P, started) = carry_inputs(memory)
-    ahead, (x, vP, v, e, S, flags), forces = step(found, [x, P, started, *data])
-    outputs = physical(s, (Status.CLIPPED, Status.UNOBSERVED))(x, vP, v, e, S, flags)
-    return Recursion(
-        step=ca.Function(name, [symbol, *data], [ca.vertcat(*ahead, 1), *outputs, *forces]),
-        carry0=np.concatenate(memory),
+    s, kept = found.system.s, Covariance(found.system.s.model.nx)
+    sizes = {"u": found.nu, "y": s.model.ny, "m": s.model.ny}
+    data = [ca.MX.sym(n, k) for n, k in sizes.items()]
+    m = Memory(x=s.x0, P=kept.kept(s.P0), started=0)
+    now = called(step(found), m.x, m.P, m.started, *data)
+    estimate = physical(
+        s,
+        x=now["x_post"],
+        P=now["triangle"],
+        u=now["v"],
+        e=now["e"],
+        S=now["spread"],
+        flags=now["flags"],
+    )
+    return m.recursion(
+        name,
+        data,
+        next={"x": now["x_next"], "P": now["P_next"], "started": 1},
+        outputs={**estimate, "d_hat": now["d"], "P_d": now["d_triangle"]},
         channels=(
             *ESTIMATE_CHANNELS,
-            Channel("d_hat", ("force",), labels=labels, ago=0 if found.direct else 1),
-            Channel("P_d", ("force", "force_"), symmetric=True, labels=labels),
+            Channel("d_hat", ("force",), labels=found.names, ago=0 if found.direct else 1),
+            Channel("P_d", ("force", "force_"), symmetric=True, labels=found.names),
         ),
         dt=s.dt,
     )

@@ -17,7 +17,8 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.parts.filtering import Halves, assemble
-from backsight.estimators.parts.gaussian import clip, flow, substep_inputs
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.substeps import clip, flow, substep_inputs
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 
@@ -71,23 +72,29 @@ class UKF(AbstractEstimator):
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
-        return assemble(self.key, s, self.halves(s))
+        points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
+        return assemble(self.key, s, halves(s, self.integrator, points))
 
-    def halves(self, s: Setting) -> Halves:
-        """Measurement update and time update."""
-        n = s.model.nx
-        if not n + self.kappa > 0:
-            raise TuningError(f"kappa is {self.kappa}; it must be above -{n} for {n} states")
-        w = weights(n, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
-        start = cholesky_semidefinite(ca.SX(ca.DM(s.P0)))
-        return Halves(
-            spread0=np.append(np.asarray(ca.evalf(vech(start))), 0.0),
-            innovation=_innovation(s, w),
-            correct=_correct(s, w),
-            predict=_predict(s, w, self.integrator),
-            covariance=_covariance(n),
-            ramp=self.integrator.hold == "foh",
-        )
+
+def points_of(s: Setting, *, alpha: float, beta: float, kappa: float) -> Weights:
+    """Spread and weights of the sigma points for a model; raises `TuningError`, see `UKF`."""
+    n = s.model.nx
+    if not n + kappa > 0:
+        raise TuningError(f"kappa is {kappa}; it must be above -{n} for {n} states")
+    return weights(n, alpha=alpha, beta=beta, kappa=kappa)
+
+
+def halves(s: Setting, integrator: Integrator, w: Weights) -> Halves:
+    """Measurement update and time update, see `UKF`."""
+    start = cholesky_semidefinite(ca.SX(ca.DM(s.P0)))
+    return Halves(
+        spread0=np.append(np.asarray(ca.evalf(vech(start))), 0.0),
+        innovation=_innovation(s, w),
+        correct=_correct(s, w),
+        predict=_predict(s, w, integrator),
+        covariance=_covariance(s.model.nx),
+        ramp=integrator.hold == "foh",
+    )
 
 
 def _symbols(s: Setting) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -139,7 +146,8 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     x_post = clip(s, free)
     clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, held)
     L_next = ca.if_else(definite, vech(ca.densify(L_post)), spread[:-1])
-    flags = ca.vertcat(clipped, 0, 0, ca.fmax(1 - definite, spread[-1]))
+    failed = ca.fmax(1 - definite, spread[-1])
+    flags = Flags(clipped=clipped, not_positive_definite=failed).vector()
     after = ca.vertcat(L_next, 0)
     return ca.Function("correct", [x, spread, u, y, mask], [x_post, after, flags])
 

@@ -5,12 +5,9 @@ import casadi as ca
 from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.dense import add_product, transpose
 from backsight.estimators.base import Setting
-from backsight.estimators.parts.gaussian import clip
-from backsight.schema import Status
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.substeps import clip
 from backsight.solvers.limits import limited
-
-RAISED = (Status.CLIPPED, Status.INFEASIBLE, Status.ITERATION_LIMIT)
-"""Meaning of the flags of `impose`."""
 
 ROUNDING = 1e-10
 """Share of a variance below which the active limits leave nothing of it."""
@@ -22,7 +19,7 @@ def impose(s: Setting, n: int, N: int) -> ca.Function:
     c, M and Psi are mean and covariance of the n (N + 1) limited quantities and their covariance
     with x, ``before`` the sides of the rows in the window one sample ago. P (lower triangle)
     becomes the covariance with the active limits as exact measurements. ``conflict`` (n,) is 1 for
-    limits that contradict each other; x and P are then not changed. The flags are `RAISED`.
+    limits that contradict each other; x and P are then not changed.
     """
     nx, total = s.model.nx, n * (N + 1)
     x, vP = ca.MX.sym("x", nx), ca.MX.sym("P", nx * (nx + 1) // 2)
@@ -53,7 +50,8 @@ def _finish(s: Setting, n: int, N: int) -> ca.Function:
     active = ca.if_else(stuck, 0, side)
     of_window = ca.reshape(conflict, n, N + 1)
     named = ca.vertcat(*(ca.mmax(of_window[i, :]) for i in range(n)))
-    flags = ca.vertcat(ca.mmax(active[n * N :] ** 2), stuck, go)
+    clipped = ca.mmax(active[n * N :] ** 2)
+    flags = Flags(clipped=clipped, infeasible=stuck, iteration_limit=go).vector()
     return ca.Function(
         "finish",
         [x, moved, vP, seen, side, conflict, stuck, go],

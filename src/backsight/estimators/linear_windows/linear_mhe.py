@@ -11,24 +11,21 @@ from backsight.engine.loops import iterate, scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
-from backsight.estimators.linear_windows._impose import RAISED, impose
+from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman.kf import predict_linear
+from backsight.estimators.linear_windows._impose import impose
 from backsight.estimators.linear_windows._window_filter import window_filter
 from backsight.estimators.linear_windows.stacked import Gains, gains, in_units, product
 from backsight.estimators.linear_windows.window_limits import limit_gains, window_limits
-from backsight.estimators.parts import gaussian
-from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, packed, physical
+from backsight.estimators.parts.covariance import Covariance, packed
+from backsight.estimators.parts.filtering import choose, data_inputs, physical
+from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.limits import Limit, Rows, bounds, rows_of
-from backsight.estimators.parts.linear import (
-    Linear,
-    linear,
-    predict_packed,
-    require_observable,
-    without_bounds,
-)
-from backsight.estimators.parts.window import advance, as_columns, empty_window
+from backsight.estimators.parts.linear import Linear, linear, require_observable, without_bounds
+from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.window import moved_on, no_window
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-from backsight.schema import Status
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,44 +110,51 @@ class LinearMHE(AbstractEstimator):
         n = len(rows.names)
         data = data_inputs(s)
         u, y, mask = s.enter()(*data)
-        memory = {
-            "x_start": s.x0,
-            "P_start": packed(s.P0),
-            "x_last": s.x0,
-            "P_last": packed(s.P0),
-            **empty_window(s, N + 1),
-            "present": np.zeros(N + 1),
-            "active": np.zeros(n * (N + 1)),
-        }
-        symbol, (x_start, P_start, x_last, P_last, *windows, before) = carry_inputs(
-            list(memory.values())
+        kept = Covariance(s.model.nx)
+        m = Memory(
+            x_start=s.x0,
+            P_start=kept.kept(s.P0),
+            x_last=s.x0,
+            P_last=kept.kept(s.P0),
+            **no_window(s, N + 1),
+            present=np.zeros((1, N + 1)),
+            active=np.zeros(n * (N + 1)),
         )
-        U, Y, M, present = as_columns(windows, N + 1)
 
-        time_update, free = predict_packed(system), without_bounds(s)
-        last = [x_last, P_last]
-        prior = choose(present[N], time_update.call([*last, U[:, N], u]), last)
-        e, S = gaussian.innovation(s)(*prior, u, y, mask)
-        corrected = gaussian.correct(free)(x_start, P_start, U[:, 0], Y[:, 0], M[:, 0])[:2]
-        moved = time_update.call([*corrected, U[:, 0], U[:, 1]])
-        x_start, P_start = choose(present[0], moved, [x_start, P_start])
-        U, Y, M, present = advance((U, Y, M, present), (u, y, mask, 1))
+        time_update, free = predict_linear(system), without_bounds(s)
+        last = [m.x_last, m.P_last]
+        prior = choose(m.present[N], time_update.call([*last, m.U[:, N], u]), last)
+        e, S = ekf.innovation(s)(*prior, u, y, mask)
+        leaving = [m.U[:, 0], m.Y[:, 0], m.M[:, 0]]
+        corrected = ekf.correct(free)(m.x_start, m.P_start, *leaving)[:2]
+        moved = time_update.call([*corrected, m.U[:, 0], m.U[:, 1]])
+        x_start, P_start = choose(m.present[0], moved, [m.x_start, m.P_start])
+        U, Y, M, present = moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))
 
-        window = (U, Y, M, present)
-        lacking, x, P, *quantities = _solve(system, rows, N, self.arrival, x_start, P_start, window)
-        flags, channels, named, active = [lacking], ESTIMATE_CHANNELS, [], before
+        window, start = (U, Y, M, present), (x_start, kept.triangle()(P_start))
+        lacking, x, P, *quantities = _solve(system, rows, N, self.arrival, *start, window)
+        flags, channels, named, active = Flags(unobserved=lacking), ESTIMATE_CHANNELS, {}, m.active
         if n:
             limits = bounds(system, rows, N)(*window)
-            x, P, active, conflict, raised = impose(s, n, N)(x, P, *quantities, *limits, before)
-            flags.append(raised)
-            named = [conflict]
+            x, P, active, conflict, raised = impose(s, n, N)(x, P, *quantities, *limits, m.active)
+            flags = dataclasses.replace(Flags.of(raised), unobserved=lacking)
+            named = {"infeasible": conflict}
             channels += (Channel("infeasible", ("limit",), labels=rows.names),)
-        carry = [x_start, P_start, x, P, *map(ca.vec, window), active]
-        meaning = (Status.UNOBSERVED, *(RAISED if n else ()))
-        outputs = physical(s, meaning)(x, P, u, e, S, ca.vertcat(*flags))
-        return Recursion(
-            step=ca.Function(self.key, [symbol, *data], [ca.vertcat(*carry), *outputs, *named]),
-            carry0=np.concatenate(list(memory.values())),
+        return m.recursion(
+            self.key,
+            data,
+            next={
+                "x_start": x_start,
+                "P_start": P_start,
+                "x_last": x,
+                "P_last": kept.of_triangle()(P),
+                "U": U,
+                "Y": Y,
+                "M": M,
+                "present": present,
+                "active": active,
+            },
+            outputs={**physical(s, x=x, P=P, u=u, e=e, S=S, flags=flags.vector()), **named},
             channels=channels,
             dt=dt,
         )

@@ -11,19 +11,11 @@ from numpy.typing import NDArray
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.kalman.kf import fixed_gain_halves
 from backsight.estimators.linear_windows._sliding import Sliding, sliding_window
 from backsight.estimators.linear_windows.stacked import gains
-from backsight.estimators.parts.filtering import Halves, assemble
-from backsight.estimators.parts.fixed_gain import correct_with
-from backsight.estimators.parts.linear import (
-    Linear,
-    covariance0,
-    innovation,
-    linear,
-    predict,
-    require_observable,
-    stored_covariance,
-)
+from backsight.estimators.parts.filtering import assemble
+from backsight.estimators.parts.linear import Linear, linear, require_observable
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.types import Array
@@ -148,15 +140,8 @@ class RecursiveMHE(AbstractEstimator):
                 stacklevel=2,
             )
         if self.alpha == 0:
-            halves = Halves(
-                spread0=covariance0(system),
-                innovation=innovation(system),
-                correct=correct_with(system, _gain_in(system, self.N, self.every)),
-                predict=predict(system),
-                covariance=stored_covariance(system),
-                ramp=system.ramp,
-            )
-            return assemble(self.key, system.s, halves)
+            gain = _gain_in(system, self.N, self.every)
+            return assemble(self.key, system.s, fixed_gain_halves(system, gain))
         if system.s.Q.any():
             raise TuningError(
                 "with alpha > 0 the recursive form has no process noise; give none, or use "

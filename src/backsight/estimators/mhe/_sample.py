@@ -10,31 +10,23 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
+from backsight.estimators.kalman import ekf
 from backsight.estimators.mhe._limits import Limits
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.mhe.arrival import Arrival, Leaving
-from backsight.estimators.parts import gaussian, large
 from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, physical
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.substeps import clip
 from backsight.estimators.parts.window import (
-    advance,
     as_columns,
     empty_queue,
     empty_window,
+    moved_on,
     queued,
 )
-from backsight.schema import Status
 from backsight.solvers.box import GaussNewton
 from backsight.solvers.trajectory import Chain, iterated, smoothed
 from backsight.types import Array
-
-RAISED = (
-    Status.CLIPPED,
-    Status.ITERATION_LIMIT,
-    Status.STEP_REJECTED,
-    Status.NOT_POSITIVE_DEFINITE,
-    Status.INFEASIBLE,
-)
-"""Meaning of the flags of `_verdict`."""
 
 SMALL = 1e-10
 """Residuals below this are rounding errors and are put out as this."""
@@ -145,9 +137,8 @@ def solved(parts: Parts) -> Solved:
     x_start, spread, x_last, P_last, *stored, late = kept
     U, Y, M, present, X, side = as_columns(stored, N + 1)
     called, moved = present[N], present[0]
-    U, Y, M, present = advance((U, Y, M, present), (u, y, mask, 1))
-    kind = large if chain.dense else gaussian
-    ahead = kind.predict(parts.inside, parts.integrator, "discrete")
+    U, Y, M, present = moved_on((U, Y, M, present), (u, y, mask, 1))
+    ahead = ekf.predict(parts.inside, parts.integrator, "discrete")
     prior = choose(called, ahead.call([x_last, P_last, U[:, N - 1], u]), [x_last, P_last])
     guess = ca.horzcat(X[:, 1:], within(s)(prior[0]))
     solver = iterated(
@@ -173,7 +164,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
     """The estimate of a sample, and the memory for the next one."""
     s, chain, N = parts.s, parts.chain, parts.chain.N
     w = solved(parts)
-    e, S = (large if chain.dense else gaussian).innovation(s)(*w.prior, *w.data)
+    e, S = ekf.innovation(s)(*w.prior, *w.data)
     (e, S), late = queued(w.late, [e, S], parts.lag)
     end = N - parts.lag
     P = chain.triangle()(smoothed(chain, parts.lag)(*w.problem) if parts.lag else w.P_end)
@@ -187,7 +178,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
     carry0 = np.concatenate(list(memory0(parts).values()))
     names, flags = _verdict(chain)(w.side[:, end], w.conflict, w.limit, w.unfinished, w.rejected, P)
     outputs = [
-        *physical(s, RAISED)(within(s)(w.X[:, end]), P, w.U[:, end], e, S, flags),
+        *physical(s, x=within(s)(w.X[:, end]), P=P, u=w.U[:, end], e=e, S=S, flags=flags).values(),
         w.iterations, w.passes, ca.fmax(w.residual, SMALL),
     ]  # fmt: skip
     channels = (*ESTIMATE_CHANNELS, *(Channel(k) for k in ("iterations", "passes", "kkt")))
@@ -217,7 +208,7 @@ def _leaving(w: Solved, chain: Chain) -> Leaving:
 def within(s: Setting) -> ca.Function:
     """A state set to its bounds."""
     x = ca.SX.sym("x", s.model.nx)
-    return ca.Function("within", [x], [gaussian.clip(s, x)])
+    return ca.Function("within", [x], [clip(s, x)])
 
 
 def _unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:
@@ -231,17 +222,18 @@ def _unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:
 
 
 def _verdict(chain: Chain) -> ca.Function:
-    """Limits that contradict each other, and the flags of `RAISED`."""
+    """Limits that contradict each other, and flags."""
     n = chain.n
     side, conflict = ca.SX.sym("side", n), ca.SX.sym("conflict", n, chain.N + 1)
     limit, unfinished, rejected = (ca.SX.sym(k) for k in ("limit", "unfinished", "rejected"))
     P = ca.SX.sym("P", chain.nx * (chain.nx + 1) // 2)
     named = ca.vertcat(ca.SX(0, 1), *(ca.mmax(conflict[r, :]) for r in range(n)))
-    flags = ca.vertcat(
-        ca.mmax(ca.fabs(side)) if n else 0,
-        ca.fmax(limit, unfinished),
-        rejected,
-        ca.mmin(ca.diag(unvech(P))) < 0,
-        ca.mmax(named) if n else 0,
+    flags = Flags(
+        clipped=ca.mmax(ca.fabs(side)) if n else 0,
+        iteration_limit=ca.fmax(limit, unfinished),
+        step_rejected=rejected,
+        not_positive_definite=ca.mmin(ca.diag(unvech(P))) < 0,
+        infeasible=ca.mmax(named) if n else 0,
     )
-    return ca.Function("verdict", [side, conflict, limit, unfinished, rejected, P], [named, flags])
+    inputs = [side, conflict, limit, unfinished, rejected, P]
+    return ca.Function("verdict", inputs, [named, flags.vector()])

@@ -10,7 +10,7 @@ from backsight.engine.dense import add_product, transpose
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
 from backsight.estimators.mhe._limits import Limits
-from backsight.estimators.parts.gaussian import flow, substep_inputs
+from backsight.estimators.parts.substeps import flow, substep_inputs
 from backsight.models.affine import moving_states
 from backsight.solvers.trajectory import Chain
 from backsight.types import Array

@@ -11,9 +11,9 @@ from backsight.algebra.symmetric import unvech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import TuningError
 from backsight.estimators.base import Setting
-from backsight.estimators.kalman import UKF, ekf
+from backsight.estimators.kalman import ekf, ukf
 from backsight.estimators.parts.filtering import Halves
-from backsight.estimators.uncertainty import Noise, Prior, covariance
+from backsight.estimators.uncertainty import covariance
 from backsight.solvers.trajectory import Chain, transit, update
 from backsight.types import Array
 
@@ -189,10 +189,8 @@ class UKFArrival(AbstractArrival):
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        points = UKF(
-            Noise(sigma_y=1.0), Prior(1.0), to.integrator, self.alpha, self.beta, self.kappa
-        )
-        halves = points.halves(to.s)
+        points = ukf.points_of(to.s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
+        halves = ukf.halves(to.s, to.integrator, points)
         return _filter(halves, _whole(to.chain, halves.covariance))
 
 

@@ -101,12 +101,12 @@ def adapt(
     *,
     upper: float,
     dt: float,
-    memory: list[ca.MX],
+    memory: dict[str, ca.MX],
     last: tuple[ca.MX, ca.MX, ca.MX],
     data: tuple[ca.MX, ca.MX, ca.MX],
     estimate: tuple[ca.MX, ca.MX, ca.MX],
-) -> tuple[list[ca.MX], ca.MX]:
-    """Memory of the gain after this sample, and lambda of the next one.
+) -> dict[str, ca.MX]:
+    """Memory of the gain after this sample, with lambda of the next one.
 
     Every evaluation needs the response from the estimates one window ago. The responses of all
     coming evaluations are therefore under way at the same time, each a step further with every
@@ -118,8 +118,8 @@ def adapt(
         The integrator's `hold` is that of the input.
     upper, dt : float
         lambda_max [1/s] and sampling period [s].
-    memory : list of MX
-        As from `start`, one symbol for each entry.
+    memory : dict
+        As from `gain_start`, one symbol for each part.
     last, data : tuple of MX
         u, y, mask of the last sample and of this one.
     estimate : tuple of MX
@@ -127,16 +127,24 @@ def adapt(
     """
     x, theta, lam = estimate
     stride, count = gain.lengths(dt)
-    S, evaluated, elapsed, X, T, areas = memory
-    columns = [ca.reshape(v, rows, count) for v, rows in ((X, form.n), (areas, 1), (T, form.p))]
+    columns = [memory["X"], memory["areas"], memory["T"]]
     ends = [end for pair in zip(last, data, strict=True) for end in pair]
     step = prediction_error(form, integrator, dt)
     _, (X, areas) = scan(step, count, carry=[], xs=columns, constants=ends)
-    due, elapsed = _clock(stride)(elapsed)
-    state = [due, S, evaluated, ca.vec(X), T, ca.vec(areas)]
-    _, *after = iterate(_turn(form, gain, count), 1, carry=state, constants=[x, theta])
-    S, evaluated, X, T, areas = after
-    return [S, evaluated, elapsed, X, T, areas], gain_step(gain, upper, dt)(lam, S)
+    due, elapsed = _clock(stride)(memory["elapsed"])
+    state = {
+        "S": memory["S"],
+        "evaluated": memory["evaluated"],
+        "X": ca.vec(X),
+        "T": ca.vec(memory["T"]),
+        "areas": ca.vec(areas),
+    }
+    turn = _turn(form, gain, count)
+    _, *turned = iterate(turn, 1, carry=[due, *state.values()], constants=[x, theta])
+    after = dict(zip(state, turned, strict=True))
+    lam_next = gain_step(gain, upper, dt)(lam, after["S"])
+    shaped = {name: ca.reshape(after[name], *memory[name].shape) for name in state}
+    return {**shaped, "elapsed": elapsed, "lam": lam_next}
 
 
 def _turn(form: AffineForm, gain: AdaptiveGain, count: int) -> ca.Function:
@@ -178,14 +186,14 @@ def prediction_error(form: AffineForm, integrator: Integrator, dt: float) -> ca.
     )
 
 
-def start(gain: AdaptiveGain, dt: float, *, x0: Array, theta0: Array) -> dict[str, Array]:
+def gain_start(gain: AdaptiveGain, dt: float, *, x0: Array, theta0: Array) -> dict[str, Array]:
     """Memory of the adaptive gain before the first sample."""
     _, count = gain.lengths(dt)
     return {
         "S": np.ones(1),
         "evaluated": np.zeros(1),
         "elapsed": np.zeros(1),
-        "X": np.tile(x0, count),
-        "T": np.tile(theta0, count),
-        "areas": np.zeros(count),
+        "X": np.tile(x0[:, None], count),
+        "T": np.tile(theta0[:, None], count),
+        "areas": np.zeros((1, count)),
     }

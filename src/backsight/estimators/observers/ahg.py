@@ -12,10 +12,10 @@ from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.observers._excitation import Excitation
 from backsight.estimators.observers._recursion import Plan, assemble_observer
-from backsight.estimators.observers._states import States, bounds
+from backsight.estimators.observers._states import States, state_bounds
 from backsight.estimators.observers.adaptive_gain import AdaptiveGain
 from backsight.estimators.observers.formulas import (
-    Gains,
+    ObserverGains,
     Spread,
     check_gain,
     check_step,
@@ -112,8 +112,8 @@ class AHG(AbstractEstimator):
         T = np.eye(model.nx)
         T[form.n :, form.n :] = J
         plan = Plan(
-            states=States(form, theta0, *bounds(model)),
-            gains=Gains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
+            states=States(form, theta0, *state_bounds(model)),
+            gains=ObserverGains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
             lam=self.lam,
             integrator=self.integrator,
             interpolation=self.interpolation,

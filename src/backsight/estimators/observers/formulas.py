@@ -18,7 +18,7 @@ from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Gains:
+class ObserverGains:
     """Tuning of the observer.
 
     Parameters
@@ -93,7 +93,7 @@ def check_step(lam: float, k0: Array, integrator: Integrator, dt: float) -> None
         )
 
 
-def observer_rhs(form: AffineForm, gains: Gains) -> ca.Function:
+def observer_rhs(form: AffineForm, gains: ObserverGains) -> ca.Function:
     """Right-hand side of eq. 10 (eq. 5 without parameters).
 
     ``(x, theta, Upsilon, y, u, lam, on) -> (dx, dtheta, dUpsilon)``; with ``on = 0`` nothing was
@@ -147,7 +147,7 @@ class Spread:
 
 def observer_step(
     form: AffineForm,
-    gains: Gains,
+    gains: ObserverGains,
     integrator: Integrator,
     spread: Spread,
     *,

@@ -11,9 +11,9 @@ from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.observers._excitation import Excitation
 from backsight.estimators.observers._recursion import Plan, assemble_observer
-from backsight.estimators.observers._states import States, bounds
+from backsight.estimators.observers._states import States, state_bounds
 from backsight.estimators.observers.formulas import (
-    Gains,
+    ObserverGains,
     Spread,
     check_gain,
     check_step,
@@ -79,10 +79,10 @@ class HGO(AbstractEstimator):
         form = affine_form(_chain(model, n, x0[n:]))
         k0 = gain_vector(self.poles, form.n)
         check_step(self.lam, k0, self.integrator, dt)
-        lower, upper = bounds(model)
+        lower, upper = state_bounds(model)
         plan = Plan(
             states=States(form, np.zeros(0), lower, upper),
-            gains=Gains(k0, np.zeros((0, 0))),
+            gains=ObserverGains(k0, np.zeros((0, 0))),
             lam=self.lam,
             integrator=self.integrator,
             interpolation=self.interpolation,
