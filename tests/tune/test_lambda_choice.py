@@ -7,8 +7,7 @@ import pytest
 import backsight as bs
 from backsight.errors import DataError, TuningError
 from backsight.models.some_outputs import some_outputs
-from backsight.report.figures import save
-from backsight.report.force_path import force_path_figure
+from backsight.plot import force_path_figure, save
 from oracles import struck_beam
 from tune.struck_beam_recordings import estimator, recording
 
