@@ -33,7 +33,7 @@ class Plan:
     integrator : Integrator
         `hold` is that of the input.
     interpolation : str
-        Of the measurement, one of `INTERPOLATIONS`.
+        Of the measurement, see `Interpolation`.
     dt, R : float
         Sampling period [s] and variance of the measurement.
     x0, constants : arrays
