@@ -7,7 +7,8 @@ numbers; `Description` checks every field against it and tells all that is wrong
 
 from backsight.description._arguments import checked
 from backsight.description._base import Description, Sound
-from backsight.description._html import page_of, preformatted
+from backsight.description._fits import fault
+from backsight.description._html import equations, page_of, preformatted
 from backsight.description._ranges import (
     Called,
     Count,
@@ -43,6 +44,8 @@ __all__ = [
     "Whole",
     "checked",
     "described",
+    "equations",
+    "fault",
     "page_of",
     "plain",
     "preformatted",

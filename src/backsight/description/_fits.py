@@ -2,7 +2,6 @@
 
 import collections.abc
 import dataclasses
-import inspect
 import numbers
 import types
 import typing
@@ -52,7 +51,8 @@ def _fault(hint: Any, value: object, called: Called, within: Range | None) -> Fa
     if origin is Annotated:
         return _annotated(args, value, called, within)
     if hint == ArrayLike:
-        return _array(value, called, within)
+        # Without a range it is data, whose readers say which sample is wrong.
+        return _array(value, called, within) if within else None
     if is_union(hint):
         return _union(args, value, called, within)
     if origin is Literal:
@@ -221,9 +221,3 @@ def _mapping(hint: Any, value: object, called: Called, within: Range | None) -> 
 
 def _range(hint: Any, within: Range | None) -> Range | None:
     return next((e for e in typing.get_args(hint)[1:] if isinstance(e, Range)), within)
-
-
-def signature_hints(function: Any) -> dict[str, Any]:
-    """Annotations of the arguments of a function that has one of each."""
-    hints = typing.get_type_hints(function, include_extras=True)
-    return {n: hints[n] for n in inspect.signature(function).parameters if n in hints}

@@ -50,14 +50,14 @@ def described(hint: Any, within: Range | None = None) -> str:
     if hint is None or hint is types.NoneType:
         return "None"
     named = {bool: "True or False", str: "text", collections.abc.Callable: "a function"}
-    origin = typing.get_origin(hint) or hint
+    origin, args = typing.get_origin(hint) or hint, typing.get_args(hint)
     if origin in named:
         return named[origin]
     if origin is np.ndarray:
         return "an array"
-    if isinstance(origin, type) and issubclass(origin, Mapping):
+    if args and isinstance(origin, type) and issubclass(origin, Mapping):
         return "a dict by name"
-    if isinstance(origin, type) and issubclass(origin, Sequence):
+    if args and isinstance(origin, type) and issubclass(origin, Sequence):
         return f"a sequence of {many(typing.get_args(hint))}"
     name = origin.__name__ if isinstance(origin, type) else str(origin)
     article = "an" if name[0] in "AEIOULMN" and (name.isupper() or name[0] in "AEIOU") else "a"

@@ -9,8 +9,7 @@ import xarray as xr
 
 from backsight import schema
 from backsight.analysis.forces import ForceErrors, force_errors
-from backsight.description import Count, Description, NonNegative, Sound, Whole
-from backsight.errors import TuningError
+from backsight.description import Count, Description, NonNegative, Positive, Sound, Whole, checked
 from backsight.estimators.cs_mhe import CompressiveSensingMHE, Forced
 from backsight.models.model import Model
 from backsight.run.estimation import estimate_many
@@ -83,16 +82,17 @@ class Hits(Description):
         return force_errors(found, true, least=least, steps=self.steps, places=self.places)
 
 
+@checked()
 def recovery(
     estimator: CompressiveSensingMHE,
     model: Model,
     hits: Hits,
     *,
-    dt: float,
+    dt: Positive,
     truth: Model | None = None,
     selection: AbstractSelection | None = None,
-    runs: int = 50,
-    seed: int = 0,
+    runs: Count = 50,
+    seed: Whole = 0,
 ) -> xr.Dataset:
     r"""Try how surely sparse forces are found by the sensors of a model.
 
@@ -135,8 +135,6 @@ def recovery(
     Wilson, "Probable inference, the law of succession, and statistical inference", 1927,
     doi:10.1080/01621459.1927.10502953.
     """
-    if runs < 1:
-        raise TuningError(f"runs is {runs}; it takes one or more")
     system = estimator.forced(model if truth is None else truth, dt)
     rng = np.random.default_rng(seed)
     true = [hits.draw(rng, len(estimator.forces)) for _ in range(runs)]

@@ -87,12 +87,12 @@ class EKF(AbstractEstimator):
         return assemble(self.key, s, halves(s, self.integrator, self.covariance))
 
 
-def halves(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+def halves(s: Setting, integrator: Integrator, covariance: Covariance) -> Halves:
     """Measurement update and time update, see `EKF`."""
     return (_large if s.model.nx > UNROLL else _small)(s, integrator, covariance)
 
 
-def _small(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+def _small(s: Setting, integrator: Integrator, covariance: Covariance) -> Halves:
     P = ca.SX.sym("P", len(packed(s.P0)))
     return Halves(
         spread0=packed(s.P0),
@@ -104,7 +104,7 @@ def _small(s: Setting, integrator: Integrator, covariance: str) -> Halves:
     )
 
 
-def _large(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+def _large(s: Setting, integrator: Integrator, covariance: Covariance) -> Halves:
     return Halves(
         spread0=s.P0.ravel(),
         innovation=large.innovation(s),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from backsight.algebra.symmetric import unvech, vech
-from backsight.discrete.runge_kutta import TABLEAUS, Integrator
+from backsight.discrete.runge_kutta import TABLEAUS, Integrator, Scheme
 from backsight.errors import TuningError
 from backsight.models.affine import AffineForm
 from backsight.types import Array
@@ -58,7 +58,7 @@ def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
     return np.real(polynomial[1:]).astype(float)
 
 
-def amplification(scheme: str, z: ArrayLike) -> Array:
+def amplification(scheme: Scheme, z: ArrayLike) -> Array:
     """Largest factor by which a Runge-Kutta step multiplies exp(z t) over t = 1, per z."""
     tableau = TABLEAUS[scheme]
     stages = len(tableau.b)
