@@ -2,10 +2,21 @@
 
 import difflib
 from collections.abc import Iterable
+from typing import Self
 
 
 class BacksightError(Exception):
     """Base of all errors that a user can mend; the command line shows them in one line."""
+
+    bare: str | None = None
+    """The message without what it is about, for those who name that themselves."""
+
+    @classmethod
+    def about(cls, what: str, message: str) -> Self:
+        """Make an error whose message begins with what it is about."""
+        error = cls(f"{what}: {message}")
+        error.bare = message
+        return error
 
 
 class ModelError(BacksightError):

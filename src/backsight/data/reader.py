@@ -16,6 +16,7 @@ from backsight.data._containers import read_hdf5, read_mat, read_netcdf, read_np
 from backsight.data._text import read_text
 from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.recording import Group, assemble, time_axis
+from backsight.description import Whole, checked
 from backsight.errors import DataError, nearest
 from backsight.schema import SIGMA_FACTOR
 from backsight.types import Array
@@ -47,6 +48,7 @@ UNREADABLE = (
 """What the readers raise on files that are cut off or of another kind."""
 
 
+@checked(DataError, only=("skip_lines",))
 def read(
     path: str | os.PathLike[str],
     *,
@@ -58,7 +60,7 @@ def read(
     start: float | None = None,
     stop: float | None = None,
     resample: float | None = None,
-    skip_lines: int = 0,
+    skip_lines: Whole = 0,
     sigma_factor: Mapping[str, ColumnLike] | None = None,
 ) -> xr.Dataset:
     r"""Read a recording and check it.

@@ -3,10 +3,12 @@
 import os
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
+from backsight.description import checked
 from backsight.engine import vm
 from backsight.engine.c99 import Precision
 from backsight.engine.c99 import source as c99
@@ -36,6 +38,7 @@ TOLERANCE = {"double": 1e-10, "float": 1e-2}
 """Largest deviation from Python, relative to the largest value of the output."""
 
 
+@checked(EngineError)
 def export_c(
     estimator: AbstractEstimator,
     model: Model,
@@ -43,7 +46,7 @@ def export_c(
     out: str | os.PathLike[str],
     *,
     name: str = "estimator",
-    precision: str = "double",
+    precision: Literal["double", "float"] = "double",
 ) -> Path:
     """Write ``name.c``, ``name.h``, a self-test, a Makefile and a README.
 

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from backsight.description import words
 from backsight.estimators import ESTIMATORS
 from backsight.problem._settings import fields_of, parts_of, required
 
@@ -29,7 +30,9 @@ def _line(field: dataclasses.Field[Any]) -> str:
     if field.default is None:
         example = "".join(_toml(part()) for part in parts_of(field.type)[:1] if _complete(part))
         return f"# {field.name} = {example or '...'}  # not used if not given"
-    return f"{field.name} = {_toml(field.default)}"
+    others = [f'"{word}"' for word in words(field.type) if word != field.default]
+    also = f"  # or {', '.join(others)}" if others else ""
+    return f"{field.name} = {_toml(field.default)}{also}"
 
 
 def _complete(part: type) -> bool:

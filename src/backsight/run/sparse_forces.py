@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import xarray as xr
 
+from backsight.description import checked
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
@@ -15,6 +16,7 @@ from backsight.sparse import AbstractSelection, Fit, ForceSearch, Greedy, force_
 from backsight.types import Array
 
 
+@checked()
 def sparse_forces(
     estimator: CompressiveSensingMHE,
     model: Model,

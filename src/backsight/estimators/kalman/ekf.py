@@ -1,18 +1,20 @@
 """Extended Kalman filter, discrete or continuous-discrete."""
 
 import dataclasses
-from typing import ClassVar
+from collections.abc import Iterator
+from typing import ClassVar, Literal
 
 import casadi as ca
 
+from backsight.description import Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import UNROLL
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
 from backsight.estimators.parts import gaussian, large
 from backsight.estimators.parts.filtering import Halves, assemble, packed
+from backsight.estimators.parts.gaussian import Covariance
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 
@@ -65,16 +67,17 @@ class EKF(AbstractEstimator):
     noise: Noise
     prior: Prior
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
-    covariance: str = "transition"
-    measurement: str = "sampled"
+    covariance: Covariance = "transition"
+    measurement: Literal["sampled", "continuous"] = "sampled"
 
-    def __post_init__(self) -> None:
-        if self.measurement not in ("sampled", "continuous"):
-            raise TuningError(
-                f"unknown measurement '{self.measurement}': use 'sampled' or 'continuous'"
-            )
-        if self.measurement == "continuous" and self.covariance != "transition":
-            raise TuningError("measurement='continuous' goes with covariance='transition' only")
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if (
+            sound("measurement", "covariance")
+            and self.measurement == "continuous"
+            and self.covariance != "transition"
+        ):
+            yield "measurement='continuous' goes with covariance='transition' only"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
@@ -84,12 +87,12 @@ class EKF(AbstractEstimator):
         return assemble(self.key, s, halves(s, self.integrator, self.covariance))
 
 
-def halves(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+def halves(s: Setting, integrator: Integrator, covariance: Covariance) -> Halves:
     """Measurement update and time update, see `EKF`."""
     return (_large if s.model.nx > UNROLL else _small)(s, integrator, covariance)
 
 
-def _small(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+def _small(s: Setting, integrator: Integrator, covariance: Covariance) -> Halves:
     P = ca.SX.sym("P", len(packed(s.P0)))
     return Halves(
         spread0=packed(s.P0),
@@ -101,7 +104,7 @@ def _small(s: Setting, integrator: Integrator, covariance: str) -> Halves:
     )
 
 
-def _large(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+def _large(s: Setting, integrator: Integrator, covariance: Covariance) -> Halves:
     return Halves(
         spread0=s.P0.ravel(),
         innovation=large.innovation(s),

@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -66,7 +67,7 @@ class KalmanFilter(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    hold: str = "zoh"
+    hold: Hold = "zoh"
     steady_state: bool = False
 
     def compile(self, model: Model, dt: float) -> Recursion:

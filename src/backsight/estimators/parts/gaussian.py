@@ -5,6 +5,7 @@ for vibration dynamics with plant uncertainties in nanopositioning system estima
 """
 
 from collections.abc import Callable
+from typing import Literal, TypeAlias, get_args
 
 import casadi as ca
 import numpy as np
@@ -15,7 +16,6 @@ from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.update import gain, joseph, masked, measured, noise_of
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
-from backsight.errors import TuningError, nearest
 from backsight.estimators.base import Setting
 from backsight.schema import Status
 
@@ -27,7 +27,10 @@ FLAGS = (
 )
 """Meaning of the flags (each 0 or 1) that functions of estimators hand on."""
 
-COVARIANCES = ("transition", "ode", "discrete")
+Covariance: TypeAlias = Literal["transition", "ode", "discrete"]
+"""Ways to carry a covariance over a sampling period, see `predict`."""
+
+COVARIANCES: tuple[Covariance, ...] = get_args(Covariance)
 """How the covariance goes from sample to sample, see `predict`."""
 
 
@@ -83,7 +86,7 @@ def clip(s: Setting, x: ca.SX) -> ca.SX:
     return bounds.clip(x, s.lower, s.upper)
 
 
-def predict(s: Setting, integrator: Integrator, covariance: str) -> ca.Function:
+def predict(s: Setting, integrator: Integrator, covariance: Covariance) -> ca.Function:
     r"""Time update over one sampling period: ``(x, P, u, u_next) -> (x, P)``.
 
     ``transition``
@@ -97,8 +100,6 @@ def predict(s: Setting, integrator: Integrator, covariance: str) -> ca.Function:
         :math:`P \leftarrow F P F' + Q_d` with the Jacobian F of the whole period and
         :math:`Q_d = Q\,\Delta t`. The only choice for discrete-time models.
     """
-    if covariance not in COVARIANCES:
-        raise TuningError(f"unknown covariance '{covariance}': {nearest(covariance, COVARIANCES)}")
     nx, nu = s.model.nx, s.model.nu
     x, vP = ca.MX.sym("x", nx), ca.MX.sym("P", nx * (nx + 1) // 2)
     u, u_next = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu)
