@@ -8,6 +8,10 @@ class BacksightError(Exception):
     """Base of all errors that a user can mend; the command line shows them in one line."""
 
 
+class BacksightWarning(UserWarning):
+    """What a user should know and may want to mend; the command line shows it in one line."""
+
+
 class ModelError(BacksightError):
     """A model is described wrongly: names, sizes, equations."""
 
