@@ -1,6 +1,7 @@
 """Exceptions of the package: one family for everything a user can mend."""
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
 
 
@@ -50,6 +51,19 @@ class EstimationError(BacksightError):
     def __init__(self, message: str, results: object) -> None:
         super().__init__(message)
         self.results = results
+
+
+def printable(text: str) -> str:
+    r"""Return a text in which every character is shown and none does anything.
+
+    Control characters and those that turn the direction of writing, which would steer a terminal
+    or show another text than is there, become their escapes (``\x1b``); line ends and tabs stay.
+    """
+    return "".join(c if c in "\n\t" or _is_shown(c) else ascii(c)[1:-1] for c in text)
+
+
+def _is_shown(character: str) -> bool:
+    return unicodedata.category(character) not in ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 MOST_NAMES = 12

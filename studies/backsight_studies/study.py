@@ -40,9 +40,10 @@ class Study:
     title : str
         One line.
     run : callable
-        ``(out, *, seeds, recordings, progress) -> Findings``: writes everything into the folder
-        `out`. `seeds` are those of the simulated recordings, `recordings` paths of more of them,
-        `progress` is told what is being done and the share of the work that is done, 0 to 1.
+        ``(out, *, seeds, recordings, progress, force) -> Findings``: writes everything into the
+        folder `out`, in which it replaces files of others only with `force`. `seeds` are those of
+        the simulated recordings, `recordings` paths of more of them, `progress` is told what is
+        being done and the share of the work that is done, 0 to 1.
     seeds : int
         How many of them there are on the command line if it does not say.
     """

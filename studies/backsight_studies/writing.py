@@ -32,7 +32,11 @@ class Written:
 
 
 def publish(
-    out: str | os.PathLike[str], title: str, *, work: Callable[[Path], Written]
+    out: str | os.PathLike[str],
+    title: str,
+    *,
+    work: Callable[[Path], Written],
+    force: bool = False,
 ) -> Findings:
     """Carry a study out and write its page and ``checks.json`` beside what it wrote itself.
 
@@ -43,13 +47,16 @@ def publish(
     title : str
     work : callable
         Carries the study out; given a folder, writes tables and figures there.
+    force : bool
+        Replace files in the folder that are not from an earlier run.
 
     Raises
     ------
     OutputError
-        If the folder cannot be written.
+        If the folder cannot be written, or there is anything in it but the results of an earlier
+        run.
     """
-    with whole(out) as folder:
+    with whole(out, force=force) as folder:
         written = work(folder)
         write_checks(folder / "checks.json", written.checks)
         write_whole(folder / PAGE, written.page.encode())

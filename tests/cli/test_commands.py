@@ -95,7 +95,8 @@ def test_studies_are_those_of_the_table(backsight):
 def test_a_study_is_run_with_its_seeds_and_recordings(backsight, tmp_path, monkeypatch):
     asked = {}
 
-    def run(out, *, seeds, recordings, progress):
+    def run(out, *, seeds, recordings, progress, force):
+        assert not force
         progress("at work", 0.5)
         asked.update(out=out, seeds=list(seeds), recordings=list(recordings))
         return Findings(page=out / "index.html", checks=(), summary="all is well")
@@ -126,3 +127,39 @@ def test_export_makes_a_name_in_c_of_the_estimators(backsight, tmp_path):
     code, _, told = backsight("export", path, "-e", "my EKF-b", "-o", tmp_path / "c")
     assert (code, told) == (0, "")
     assert (tmp_path / "c" / "my_ekf_b.h").exists()
+
+
+def test_files_of_others_are_not_replaced_without_force(backsight, tmp_path):
+    path = small_problem.write(tmp_path)
+    mine = ("summary.json", "report.html", "README.md", "Makefile")
+    for name in mine:
+        (tmp_path / name).write_text("mine")
+    calls = {
+        "report.html": ("run", path, "-o", tmp_path),
+        "README.md": ("export", path, "-e", "EKF", "-o", tmp_path),
+        "Makefile": ("study", "run", "lecture", "-o", tmp_path),
+    }
+    for name, arguments in calls.items():
+        code, printed, told = backsight(*arguments)
+        assert (code, printed, told.count("\n")) == (2, "", 1)
+        assert name in told
+        assert "--force" in told
+    assert {(tmp_path / name).read_text() for name in mine} == {"mine"}
+    for again in (["--force"], []):
+        assert backsight(*calls["report.html"], *again)[0] == 0
+        assert backsight(*calls["README.md"], *again)[0] == 0
+    assert "mine" not in {(tmp_path / name).read_text() for name in mine}
+
+
+def test_a_terminal_is_not_steered_and_a_message_is_short(backsight, tmp_path):
+    text = small_problem.TEXT.replace("title =", "titel =", 1) + "".join(
+        f"zz{k} = 1\n" for k in range(10_000)
+    )
+    code, _, told = backsight("run", small_problem.write(tmp_path, text), "-o", tmp_path / "out")
+    assert code == 2
+    assert len(told) <= 2000
+    assert told.count("\n") == 1
+    text = small_problem.changed("[estimate]", '[estimate."\\u001b[2J\\u202e"]\n[estimate]')
+    code, _, told = backsight("run", small_problem.write(tmp_path, text), "-o", tmp_path / "out")
+    assert code == 2
+    assert told.rstrip("\n").isprintable()

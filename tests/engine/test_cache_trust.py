@@ -14,7 +14,6 @@ import pytest
 
 from backsight.engine import _cache as cache
 from backsight.engine import _private as private
-from backsight.engine import native
 from backsight.errors import BacksightWarning
 from engine.test_cache import estimate, folder, forget
 
@@ -129,8 +128,18 @@ def test_a_file_does_not_pass_for_another_one(folder):
 
 @pytest.mark.parametrize(
     "body",
-    [b"x" * 500, b"", b"\n", b"[[], []]\n", b"[[1.5], []]\ncode", b"[[-1], []]\ncode"]
-    + [b'{"a": 1}\ncode', b"[1, 2]\ncode", b"[" * 100_000 + b"\ncode", b"\xff\xfe\ncode"],
+    [
+        b"x" * 500,
+        b"",
+        b"\n",
+        b"[[], []]\n",
+        b"[[1.5], []]\ncode",
+        b"[[-1], []]\ncode",
+        b'{"a": 1}\ncode',
+        b"[1, 2]\ncode",
+        b"[" * 100_000 + b"\ncode",
+        b"\xff\xfe\ncode",
+    ],
 )
 def test_what_is_kept_but_no_program_is_compiled_again(folder, body):
     first = estimate()

@@ -54,10 +54,12 @@ def key() -> bytes:
 def _place() -> Path:
     """Where programs keep what belongs to one user on one computer."""
     if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local", "backsight")
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Application Support" / "backsight"
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state", "backsight")
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Application Support"
+    else:
+        base = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(base) / "backsight"
 
 
 def _read(path: Path) -> bytes | None:

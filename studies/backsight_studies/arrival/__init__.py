@@ -23,6 +23,7 @@ def run(
     seeds: Sequence[int] = tuple(range(SEEDS)),
     recordings: Sequence[str | os.PathLike[str]] = (),
     progress: Progress = lambda _what, _share: None,
+    force: bool = False,
 ) -> Findings:
     """Carry out the study and write its page, tables, figures and ``checks.json``.
 
@@ -36,6 +37,8 @@ def run(
         Must be empty: measured machines are found by the variable ``BACKSIGHT_DATA``.
     progress : callable
         Told what is being done and the share of the work that is done.
+    force : bool
+        Replace files in the folder that are not from an earlier run.
 
     Returns
     -------
@@ -58,7 +61,7 @@ def run(
         figures = draw(experiment, folder)
         return Written(found, build(experiment, found, figures), short(experiment, found))
 
-    return publish(out, TITLE, work=work)
+    return publish(out, TITLE, work=work, force=force)
 
 
 STUDY = Study("arrival", TITLE, run, seeds=SEEDS)

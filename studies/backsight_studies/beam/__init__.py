@@ -20,6 +20,7 @@ def run(
     seeds: Sequence[int] = (0, 1, 2),
     recordings: Sequence[str | os.PathLike[str]] = (),
     progress: Progress = lambda _what, _share: None,
+    force: bool = False,
 ) -> Findings:
     """Carry out the study and write its page, tables, figures and ``checks.json``.
 
@@ -33,6 +34,8 @@ def run(
         Must be empty: this study knows its beam and simulates it.
     progress : callable
         Told what is being done and the share of the work that is done.
+    force : bool
+        Replace files in the folder that are not from an earlier run.
 
     Returns
     -------
@@ -56,7 +59,7 @@ def run(
         progress("", 1.0)
         return Written(found, page, short(experiment, claims, found))
 
-    return publish(out, TITLE, work=work)
+    return publish(out, TITLE, work=work, force=force)
 
 
 STUDY = Study("beam", TITLE, run)

@@ -22,6 +22,7 @@ def run(
     seeds: Sequence[int] = range(RECORDINGS),
     recordings: Sequence[str | os.PathLike[str]] = (),
     progress: Progress = lambda _what, _share: None,
+    force: bool = False,
 ) -> Findings:
     """Carry out the study and write its page, tables, figures and ``checks.json``.
 
@@ -35,6 +36,8 @@ def run(
         Must be empty: the measured ones of the paper are not published.
     progress : callable
         Told what is being done and the share of the work that is done.
+    force : bool
+        Replace files in the folder that are not from an earlier run.
 
     Returns
     -------
@@ -58,7 +61,7 @@ def run(
         progress("", 1.0)
         return Written(found, page, short(experiment, claims, found))
 
-    return publish(out, TITLE, work=work)
+    return publish(out, TITLE, work=work, force=force)
 
 
 def _sheet(e: Experiment) -> tuple[list[str], list[list[object]]]:

@@ -21,6 +21,7 @@ def run(
     seeds: Sequence[int] = range(SCENARIOS),
     recordings: Sequence[str | os.PathLike[str]] = (),
     progress: Progress = lambda _what, _share: None,
+    force: bool = False,
 ) -> Findings:
     """Carry out the study and write its page, tables, figures and ``checks.json``.
 
@@ -37,6 +38,8 @@ def run(
         Must be empty: this study knows its beam and simulates it.
     progress : callable
         Told what is being done and the share of the work that is done.
+    force : bool
+        Replace files in the folder that are not from an earlier run.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def run(
         progress("", 1.0)
         return Written(found, page, short(experiment, found))
 
-    return publish(out, TITLE, work=work)
+    return publish(out, TITLE, work=work, force=force)
 
 
 def _sheet(e: Experiment) -> tuple[list[str], list[list[object]]]:

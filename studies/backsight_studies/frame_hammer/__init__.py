@@ -19,6 +19,7 @@ def run(
     seeds: Sequence[int] = (0, 1, 2),
     recordings: Sequence[str | os.PathLike[str]] = (),
     progress: Progress = lambda _what, _share: None,
+    force: bool = False,
 ) -> Findings:
     """Carry out the study and write its page, tables, figures and ``checks.json``.
 
@@ -33,6 +34,8 @@ def run(
         are taken from the folder that the environment variable BACKSIGHT_DATA names.
     progress : callable
         Told what is being done and the share of the work that is done.
+    force : bool
+        Replace files in the folder that are not from an earlier run.
 
     Returns
     -------
@@ -53,7 +56,7 @@ def run(
         figures = draw(experiment, folder)
         return Written(found, build(experiment, found, figures), short(experiment, found))
 
-    return publish(out, TITLE, work=work)
+    return publish(out, TITLE, work=work, force=force)
 
 
 STUDY = Study("frame_hammer", TITLE, run)

@@ -19,6 +19,7 @@ def run(
     seeds: Sequence[int] = (0,),
     recordings: Sequence[str | os.PathLike[str]] = (),
     progress: Callable[[str, float], None] = lambda _what, _share: None,
+    force: bool = False,
 ) -> Findings:
     """Carry out the study and write its page, figures and ``checks.json``.
 
@@ -32,6 +33,8 @@ def run(
         Must be empty: the study is about simulated plants.
     progress : callable
         Told what is being done and the share of the work that is done.
+    force : bool
+        Replace files in the folder that are not from an earlier run.
 
     Raises
     ------
@@ -54,7 +57,7 @@ def run(
         progress("", 1.0)
         return Written(found, page, short(experiment, found))
 
-    return publish(out, TITLE, work=work)
+    return publish(out, TITLE, work=work, force=force)
 
 
 STUDY = Study("lecture", TITLE, run)

@@ -20,6 +20,7 @@ def run(
     seeds: Sequence[int] = (0, 1, 2),
     recordings: Sequence[str | os.PathLike[str]] = (),
     progress: Progress = lambda _what, _share: None,
+    force: bool = False,
 ) -> Findings:
     """Carry out the study and write its page, tables, figures and ``checks.json``.
 
@@ -33,6 +34,8 @@ def run(
         Files in the form of `plant.read_recording`, judged in the same way.
     progress : callable
         Told what is being done and the share of the work that is done.
+    force : bool
+        Replace files in the folder that are not from an earlier run.
 
     Returns
     -------
@@ -54,7 +57,7 @@ def run(
         page = build(experiment, verdicts, found, draw(experiment, folder))
         return Written(found, page, short(experiment, verdicts, found))
 
-    return publish(out, TITLE, work=work)
+    return publish(out, TITLE, work=work, force=force)
 
 
 STUDY = Study("nanopositioner", TITLE, run)

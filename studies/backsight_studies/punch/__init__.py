@@ -21,6 +21,7 @@ def run(
     seeds: Sequence[int] = (0, 1, 2, 3, 4),
     recordings: Sequence[str | os.PathLike[str]] = (),
     progress: Progress = lambda _what, _share: None,
+    force: bool = False,
 ) -> Findings:
     """Carry out the study and write its page, tables, figures and ``checks.json``.
 
@@ -34,6 +35,8 @@ def run(
         Must be empty: this study knows its plant and simulates it.
     progress : callable
         Told what is being done and the share of the work that is done.
+    force : bool
+        Replace files in the folder that are not from an earlier run.
 
     Returns
     -------
@@ -57,7 +60,7 @@ def run(
         figures = draw(experiment, folder)
         return Written(found, build(experiment, claims, found, figures), short(claims, found))
 
-    return publish(out, TITLE, work=work)
+    return publish(out, TITLE, work=work, force=force)
 
 
 STUDY = Study("punch", TITLE, run)
