@@ -17,7 +17,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from backsight.errors import BacksightError, BacksightWarning, ProblemError, nearest, printable
+from backsight.errors import (
+    BacksightError,
+    BacksightWarning,
+    ProblemError,
+    nearest,
+    printable,
+    shortened,
+)
 
 if TYPE_CHECKING:
     from backsight.estimators.base import AbstractEstimator
@@ -30,9 +37,6 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results."
 Force = Annotated[
     bool, typer.Option("--force", help="Replace files in the folder that are not from here.")
 ]
-
-LONGEST = 1900
-"""Characters of a message at most."""
 
 WIDEST = 120
 """Columns of a table at most, however wide the terminal is."""
@@ -225,9 +229,7 @@ def _warn(sentence: str) -> None:
 
 def _tell(message: str) -> None:
     """Say something in one line that is not too long to be read."""
-    line = printable(" ".join(message.split()))
-    cut = f"{line[:LONGEST]}… ({len(line)} characters)" if len(line) > LONGEST else line
-    typer.echo(f"backsight: {cut}", err=True)
+    typer.echo(f"backsight: {shortened(printable(' '.join(message.split())))}", err=True)
 
 
 def _show(otherwise: Callable[..., None], message: Warning, category: type, *place: object) -> None:

@@ -6,7 +6,13 @@ from collections.abc import Iterable
 
 
 class BacksightError(Exception):
-    """Base of all errors that a user can mend; the command line shows them in one line."""
+    """Base of all errors that a user can mend; the command line shows them in one line.
+
+    Of a message that would fill pages, as when thousands of keys are wrong, the beginning is kept.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(shortened(message))
 
 
 class BacksightWarning(UserWarning):
@@ -51,6 +57,17 @@ class EstimationError(BacksightError):
     def __init__(self, message: str, results: object) -> None:
         super().__init__(message)
         self.results = results
+
+
+LONGEST = 1900
+"""Characters of a message at most."""
+
+
+def shortened(message: str) -> str:
+    """Cut a message that nobody would read to the end, and say so."""
+    if len(message) <= LONGEST:
+        return message
+    return f"{message[:LONGEST]}… (cut: {len(message)} characters)"
 
 
 def printable(text: str) -> str:
