@@ -1,12 +1,23 @@
 """Exceptions of the package: one family for everything a user can mend."""
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
 from typing import Self
 
 
 class BacksightError(Exception):
-    """Base of all errors that a user can mend; the command line shows them in one line."""
+    """Base of all errors that a user can mend; the command line shows them in one line.
+
+    Of a message that would fill pages, as when thousands of keys are wrong, the beginning is kept.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(shortened(message))
+
+
+class BacksightWarning(UserWarning):
+    """What a user should know and may want to mend; the command line shows it in one line."""
 
     bare: str | None = None
     """The message without what it is about, for those who name that themselves."""
@@ -57,6 +68,30 @@ class EstimationError(BacksightError):
     def __init__(self, message: str, results: object) -> None:
         super().__init__(message)
         self.results = results
+
+
+LONGEST = 1900
+"""Characters of a message at most."""
+
+
+def shortened(message: str) -> str:
+    """Cut a message that nobody would read to the end, and say so."""
+    if len(message) <= LONGEST:
+        return message
+    return f"{message[:LONGEST]}… (cut: {len(message)} characters)"
+
+
+def printable(text: str) -> str:
+    r"""Return a text in which every character is shown and none does anything.
+
+    Control characters and those that turn the direction of writing, which would steer a terminal
+    or show another text than is there, become their escapes (``\x1b``); line ends and tabs stay.
+    """
+    return "".join(c if c in "\n\t" or _is_shown(c) else ascii(c)[1:-1] for c in text)
+
+
+def _is_shown(character: str) -> bool:
+    return unicodedata.category(character) not in ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 MOST_NAMES = 12

@@ -99,6 +99,7 @@ class Study(Generic[E]):
         seeds: Sequence[int] | None = None,
         recordings: Recordings = (),
         progress: Progress = lambda _what, _share: None,
+        force: bool = False,
     ) -> Findings:
         """Carry out the study and write its page, tables, figures and ``checks.json``.
 
@@ -116,6 +117,8 @@ class Study(Generic[E]):
             Further measured ones, in the form that the study reads; most studies take none.
         progress : callable
             Told what is being done and the share of the work that is done, 0 to 1.
+        force : bool
+            Replace files in the folder that are not from an earlier run.
 
         Returns
         -------
@@ -127,12 +130,13 @@ class Study(Generic[E]):
             If a seed is negative or there is none where one is needed, or a recording cannot be
             read, is not of this system, or is given to a study that takes none.
         OutputError
-            If the folder cannot be written; found before the work begins.
+            If the folder cannot be written, or holds files of other origin that would be
+            replaced; found before the work begins.
         """
         chosen = tuple(dict.fromkeys(range(self.seeds) if seeds is None else seeds))
         if any(seed < 0 for seed in chosen):
             raise _wrong(chosen)
-        with whole(out) as folder:
+        with whole(out, force=force) as folder:
             written = self.write(self.carry_out(chosen, recordings, progress), folder)
             write_checks(folder / "checks.json", written.checks)
             write_whole(folder / PAGE, written.page.encode())

@@ -1,18 +1,17 @@
 """Read a recording from a file."""
 
-import csv
+import contextlib
 import os
-import struct
-import zipfile
-import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
 
 from backsight.data import _checks as checks
 from backsight.data._containers import read_hdf5, read_mat, read_netcdf, read_npz
+from backsight.data._room import check_room
 from backsight.data._text import read_text
 from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.recording import Group, assemble, time_axis
@@ -24,7 +23,9 @@ from backsight.types import Array
 TEXT = (".csv", ".tsv", ".txt")
 """Extensions of text files."""
 
-CONTAINERS: Mapping[str, Callable[[Path, Sequence[str]], dict[str, Array]]] = {
+Reader: TypeAlias = Callable[[Path, Sequence[str], Collection[str]], dict[str, Array]]
+
+CONTAINERS: Mapping[str, Reader] = {
     ".mat": read_mat,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
@@ -32,20 +33,6 @@ CONTAINERS: Mapping[str, Callable[[Path, Sequence[str]], dict[str, Array]]] = {
     ".npz": read_npz,
 }
 """Extension to reader of the files that hold named arrays."""
-
-UNREADABLE = (
-    OSError,
-    ValueError,
-    TypeError,
-    LookupError,
-    EOFError,
-    RuntimeError,
-    csv.Error,
-    struct.error,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""What the readers raise on files that are cut off or of another kind."""
 
 
 @checked(DataError, only=("skip_lines",))
@@ -62,6 +49,7 @@ def read(
     resample: float | None = None,
     skip_lines: Whole = 0,
     sigma_factor: Mapping[str, ColumnLike] | None = None,
+    outside: Collection[str] = (),
 ) -> xr.Dataset:
     r"""Read a recording and check it.
 
@@ -91,6 +79,10 @@ def read(
         Outputs whose samples have a noise of their own, as `outputs`: the column holds its standard
         deviation by the `sigma_y` of the estimator, or, with ``Column(name, factor=1 / sigma_y)``,
         the standard deviation itself. An empty cell is "not measured".
+    outside : collection of str
+        Other files from which an HDF5, NetCDF or MAT file may take measurements (external storage,
+        external links, virtual datasets), by the names that it has for them. The file must be
+        trusted then: it could name any file of the computer.
 
     Returns
     -------
@@ -100,7 +92,8 @@ def read(
     Raises
     ------
     DataError
-        If the file or a column is missing or cannot be read, the recording is empty, its time is
+        If the file or a column is missing or cannot be read, does not fit into memory, or takes
+        measurements from other files or needs other programs to be read; the recording is empty, its time is
         not regular, an input is not known at every sample, an output is infinite, or a factor of
         the noise is not positive or belongs to no output.
 
@@ -132,7 +125,7 @@ def read(
     if not signals[0] and not signals[1]:
         raise DataError(f"{path}: name at least one column as input or output")
     chosen = [c for group in signals for c in group.values()] + ([clock] if clock else [])
-    raw = _load(path, list(dict.fromkeys(c.name for c in chosen)), skip_lines)
+    raw = _load(path, list(dict.fromkeys(c.name for c in chosen)), skip_lines, outside)
 
     where = str(path)
     n = checks.check_lengths({name: len(values) for name, values in raw.items()}, where)
@@ -153,33 +146,51 @@ def read(
     )
 
 
-def _load(path: Path, wanted: Sequence[str], skip_lines: int) -> dict[str, Array]:
+def _load(
+    path: Path, wanted: Sequence[str], skip_lines: int, outside: Collection[str]
+) -> dict[str, Array]:
     kind = path.suffix.lower()
     known = [*TEXT, *CONTAINERS]
-    if not path.exists():
-        raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
-    if path.is_dir():
-        raise DataError(f"'{path}' is a folder; give a file")
+    _check_file(path, known)
     if kind not in known:
         raise DataError(f"{path}: files of the kind '{kind}' are not read: {nearest(kind, known)}")
     if skip_lines and kind not in TEXT:
         raise DataError(f"{path}: skip_lines is for text files, not for '{kind}'")
     try:
         if kind in TEXT:
+            check_room(path.stat().st_size, "the file")
             return read_text(path, wanted, skip_lines)
-        return CONTAINERS[kind](path, wanted)
+        return CONTAINERS[kind](path, wanted, outside)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    except UNREADABLE as error:
+    except MemoryError:
+        raise DataError(f"{path} does not fit into memory; cut the recording") from None
+    # Readers that others wrote may raise anything on files that are damaged or made to harm.
+    except Exception as error:
         reason = str(error).partition("\n")[0]
         raise DataError(f"{path} cannot be read as a '{kind}' file: {reason}") from error
+
+
+def _check_file(path: Path, known: Sequence[str]) -> None:
+    """Raise `DataError` unless there is a file, which ends; a device or a pipe may not."""
+    try:
+        if not path.exists():
+            raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
+        if path.is_dir():
+            raise DataError(f"'{path}' is a folder; give a file")
+        if not path.is_file():
+            raise DataError(f"'{path}' is a device or a pipe; give a file")
+    except OSError as error:
+        raise DataError(f"cannot read '{path}': {error.strerror or error}") from None
 
 
 def _neighbour(path: Path, known: Sequence[str]) -> str:
     if not path.parent.is_dir():
         return f": there is no folder '{path.parent}'"
-    names = [p.name for p in path.parent.iterdir() if p.suffix.lower() in known]
-    return f": {nearest(path.name, names)}" if names else ""
+    with contextlib.suppress(OSError):  # a folder that may be entered but not listed
+        names = [p.name for p in path.parent.iterdir() if p.suffix.lower() in known]
+        return f": {nearest(path.name, names)}" if names else ""
+    return ""
 
 
 def _selected(time: Array, start: float | None, stop: float | None, where: str) -> slice:

@@ -47,6 +47,7 @@ def export_c(
     *,
     name: str = "estimator",
     precision: Literal["double", "float"] = "double",
+    force: bool = False,
 ) -> Path:
     """Write ``name.c``, ``name.h``, a self-test, a Makefile and a README.
 
@@ -67,6 +68,8 @@ def export_c(
     precision : {"double", "float"}
         Type of all numbers. In ``float`` an estimator with a wide range of covariances may lose
         accuracy; the self-test says how much.
+    force : bool
+        Replace files of the same names in the folder that are not from an earlier export.
 
     Returns
     -------
@@ -80,7 +83,8 @@ def export_c(
     DataError
         If the recording does not fit the model or the self-test would not be finite.
     OutputError
-        If the folder cannot be written.
+        If the folder cannot be written, or holds files of the same names that are not from an
+        earlier export.
     """
     if not (name.isidentifier() and name.isascii()):
         raise EngineError(f"'{name}' is no name in C: use letters, digits and underscores")
@@ -102,15 +106,15 @@ def export_c(
     vectors = _vectors(recursion, data)
     passes = [s.limit for s in flat(program.body) if isinstance(s, While)]
     kernels = sources.files(source.kernels) if source.kernels else []
-    with whole(out) as folder:
-        files = {
-            f"{name}.h": source.header,
-            f"{name}.c": source.code,
-            f"{name}_selftest.c": selftest(vectors, name, kind, TOLERANCE[precision]),
-            "Makefile": _makefile(name, [f.name for f in kernels]),
-            **{f.name: f.read_text(encoding="utf-8") for f in kernels},
-            "README.md": _readme(source, name, kind, passes, recursion, model),
-        }
+    files = {
+        f"{name}.h": source.header,
+        f"{name}.c": source.code,
+        f"{name}_selftest.c": selftest(vectors, name, kind, TOLERANCE[precision]),
+        "Makefile": _makefile(name, [f.name for f in kernels]),
+        **{f.name: f.read_text(encoding="utf-8") for f in kernels},
+        "README.md": _readme(source, name, kind, passes, recursion, model),
+    }
+    with whole(out, names=files, force=force) as folder:
         for file, text in files.items():
             (folder / file).write_text(text, encoding="utf-8")
     return Path(out)

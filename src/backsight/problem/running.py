@@ -28,6 +28,7 @@ def execute(
     *,
     progress: Callable[[str, int, int], None],
     tell: Callable[[str], None] = lambda _: None,
+    force: bool = False,
 ) -> Comparison:
     """Run all estimators of a problem over its recording and write the results.
 
@@ -46,6 +47,8 @@ def execute(
         Told the estimator at work, the samples done, and the number of samples.
     tell : callable
         Told, before the first estimator starts, which states cannot be seen, a sentence at a time.
+    force : bool
+        Replace files of these names in the folder that are not from an earlier run.
 
     Returns
     -------
@@ -55,11 +58,13 @@ def execute(
     Raises
     ------
     OutputError
-        If the folder cannot be written.
+        If the folder cannot be written, or holds files of these names that are not from an earlier
+        run.
     ProblemError, DataError
         If the recording cannot be read or does not fit the model.
     """
-    with whole(out) as folder:
+    names = [ESTIMATES, SUMMARY, *([PAGE] if problem.report else [])]
+    with whole(out, names=names, force=force) as folder:
         data = recording(problem)
         samples = data.sizes["time"]
         _rehearse(problem, data)
