@@ -12,15 +12,11 @@ class BacksightError(Exception):
     Of a message that would fill pages, as when thousands of keys are wrong, the beginning is kept.
     """
 
-    def __init__(self, message: str = "") -> None:
-        super().__init__(shortened(message))
-
-
-class BacksightWarning(UserWarning):
-    """What a user should know and may want to mend; the command line shows it in one line."""
-
     bare: str | None = None
     """The message without what it is about, for those who name that themselves."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(shortened(message))
 
     @classmethod
     def about(cls, what: str, message: str) -> Self:
@@ -28,6 +24,10 @@ class BacksightWarning(UserWarning):
         error = cls(f"{what}: {message}")
         error.bare = message
         return error
+
+
+class BacksightWarning(UserWarning):
+    """What a user should know and may want to mend; the command line shows it in one line."""
 
 
 class ModelError(BacksightError):

@@ -6,6 +6,7 @@ import sys
 
 import backsight as bs
 import small_problem
+from backsight.output import MARKER
 from backsight_studies import STUDIES
 from backsight_studies.study import Study, Written
 
@@ -113,7 +114,12 @@ def test_a_study_is_run_with_its_seeds_and_recordings(backsight, tmp_path, monke
     assert asked == {"seeds": [0, 1, 2], "recordings": [extra]}
     assert "all is well" in printed
     assert f"Page: {tmp_path / 'study.html'}" in printed
-    assert {p.name for p in tmp_path.iterdir()} == {"study.html", "checks.json", "table.csv"}
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "study.html",
+        "checks.json",
+        "table.csv",
+        MARKER,
+    }
     assert backsight("study", "run", "own", "-o", tmp_path)[0] == 0
     assert asked["seeds"] == [0, 1, 2, 3]
 

@@ -18,7 +18,7 @@ _SMALL = 1 << 26  # bytes; so much may come of nothing
 def check_room(claimed: int, what: str) -> None:
     """Raise `DataError` if so many bytes of measurements would not fit into memory."""
     needed, available = COPIES * claimed, _available()
-    if needed > available:
+    if needed > max(available, _SMALL):
         raise DataError(
             f"{what} claims {_size(claimed)}, for which {_size(needed)} of memory are needed, but "
             f"only {_size(available)} are free; cut the recording"
