@@ -94,8 +94,8 @@ def read(
     DataError
         If the file or a column is missing or cannot be read, does not fit into memory, or takes
         measurements from other files or needs other programs to be read; the recording is empty,
-        its time is not regular, an input is not known at every sample, an output is infinite, or a factor of
-        the noise is not positive or belongs to no output.
+        its time is not regular, an input is not known at every sample, an output is infinite, or a
+        factor of the noise is not positive or belongs to no output.
 
     Examples
     --------
