@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from backsight.estimators import EKF as EKF
     from backsight.estimators import ESTIMATORS as ESTIMATORS
     from backsight.estimators import HGO as HGO
+    from backsight.estimators import IEKF as IEKF
     from backsight.estimators import MHE as MHE
     from backsight.estimators import MHO as MHO
     from backsight.estimators import UKF as UKF
@@ -101,8 +102,8 @@ _NAMES = {
     "data.increments": "increments",
     "discrete.runge_kutta": "Integrator",
     "estimators": (
-        "AHG CompressiveSensingMHE EKF ESTIMATORS HGO JointInput KalmanFilter Limit LinearMHE "
-        "Luenberger MHE MHO Noise Prior RecursiveMHE UKF"
+        "AHG CompressiveSensingMHE EKF ESTIMATORS HGO IEKF JointInput KalmanFilter Limit "
+        "LinearMHE Luenberger MHE MHO Noise Prior RecursiveMHE UKF"
     ),
     "estimators.cs_mhe": "Atoms Carryover HalfSines Impulses",
     "estimators.mhe": "ConstantArrival EKFArrival NoArrival SmoothedArrival UKFArrival",

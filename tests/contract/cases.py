@@ -19,6 +19,7 @@ from backsight.estimators import (
     AHG,
     EKF,
     HGO,
+    IEKF,
     MHE,
     MHO,
     UKF,
@@ -74,6 +75,7 @@ def linear(build: Build, *, outputs: tuple[str, ...] = ("position", "speed")) ->
 
 CASES: dict[str, Case] = {
     "ekf": Case(lambda on, integrator: EKF(on.noise, on.prior, integrator=integrator)),
+    "iekf": Case(lambda on, integrator: IEKF(on.noise, on.prior, integrator=integrator)),
     # The observer uses the measurements of its window in the filters and in the cost, but counts
     # them once in P. With alpha = 1 its mean NIS is 3 to 5 % too high for that reason; with
     # alpha = 0.1 the effect is below the width of the chi-square band used here.

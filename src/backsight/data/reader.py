@@ -5,25 +5,31 @@ import os
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
 
 from backsight.data import _checks as checks
 from backsight.data._containers import read_hdf5, read_mat, read_netcdf, read_npz
+from backsight.data._pick import pick
 from backsight.data._text import read_text
 from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.recording import Group, assemble, time_axis
 from backsight.errors import DataError, nearest
+from backsight.plugins import Extended
 from backsight.schema import SIGMA_FACTOR
 from backsight.types import Array
 
 TEXT = (".csv", ".tsv", ".txt")
 """Extensions of text files."""
 
-CONTAINERS: Mapping[str, Callable[[Path, Sequence[str]], dict[str, Array]]] = {
+Reader: TypeAlias = Callable[[Path, Sequence[str]], Mapping[str, Array]]
+"""``(path, names of the wanted columns) -> {name: values}``, time first."""
+
+CONTAINERS: Mapping[str, Reader] = {
     ".mat": read_mat,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
@@ -31,6 +37,31 @@ CONTAINERS: Mapping[str, Callable[[Path, Sequence[str]], dict[str, Array]]] = {
     ".npz": read_npz,
 }
 """Extension to reader of the files that hold named arrays."""
+
+
+def _adopted(key: str, found: object) -> Reader:
+    """Somebody else's reader, which may return more columns than are wanted, and lists."""
+    if not callable(found):
+        raise DataError(f"it must be a function (path, wanted) -> columns by name, not {found!r}")
+
+    def reader(path: Path, wanted: Sequence[str]) -> Mapping[str, Array]:
+        columns = found(path, wanted)
+        if not isinstance(columns, Mapping):
+            raise DataError(f"the reader of '{key}' files returned no columns by name")
+        return pick({name: np.asarray(values) for name, values in columns.items()}, wanted)
+
+    return reader
+
+
+READERS = Extended(
+    "backsight.readers",
+    "reader",
+    # Text is told apart because lines can be skipped in it.
+    {**dict.fromkeys(TEXT, lambda path, wanted: read_text(path, wanted, 0)), **CONTAINERS},
+    _adopted,
+    prefix=".",
+)
+"""Extension to reader: ours, and those of installed extensions (``rl2`` reads ``.rl2``)."""
 
 UNREADABLE = (
     OSError,
@@ -67,7 +98,8 @@ def read(
     ----------
     path : path
         Text (``.csv``, ``.tsv``, ``.txt``; first line or last comment names the columns), MATLAB
-        (``.mat``), HDF5 (``.h5``, ``.hdf5``), NetCDF (``.nc``) or NumPy (``.npz``).
+        (``.mat``), HDF5 (``.h5``, ``.hdf5``), NetCDF (``.nc``), NumPy (``.npz``), or what an
+        installed extension reads.
     inputs, outputs : dict
         Name of the signal in the model to the column: its name, a `Column` with unit and factor,
         or a mapping with the fields of one. ``group/name`` reads from a structure or group,
@@ -101,6 +133,8 @@ def read(
         If the file or a column is missing or cannot be read, the recording is empty, its time is
         not regular, an input is not known at every sample, an output is infinite, or a factor of
         the noise is not positive or belongs to no output.
+    PluginError
+        If the reader of an extension is broken.
 
     Examples
     --------
@@ -151,29 +185,29 @@ def read(
     )
 
 
-def _load(path: Path, wanted: Sequence[str], skip_lines: int) -> dict[str, Array]:
+def _load(path: Path, wanted: Sequence[str], skip_lines: int) -> Mapping[str, Array]:
     kind = path.suffix.lower()
-    known = [*TEXT, *CONTAINERS]
     if not path.exists():
-        raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
+        raise DataError(f"there is no file '{path}'{_neighbour(path, READERS)}")
     if path.is_dir():
         raise DataError(f"'{path}' is a folder; give a file")
-    if kind not in known:
-        raise DataError(f"{path}: files of the kind '{kind}' are not read: {nearest(kind, known)}")
+    if kind not in READERS:
+        hint = nearest(kind, READERS)
+        raise DataError(f"{path}: files of the kind '{kind}' are not read: {hint}")
     if skip_lines and kind not in TEXT:
         raise DataError(f"{path}: skip_lines is for text files, not for '{kind}'")
-    try:
-        if kind in TEXT:
-            return read_text(path, wanted, skip_lines)
-        return CONTAINERS[kind](path, wanted)
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from None
-    except UNREADABLE as error:
-        reason = str(error).partition("\n")[0]
-        raise DataError(f"{path} cannot be read as a '{kind}' file: {reason}") from error
+    reader = READERS[kind]
+    with READERS.blamed(kind):
+        try:
+            return read_text(path, wanted, skip_lines) if kind in TEXT else reader(path, wanted)
+        except DataError as error:
+            raise DataError(f"{path}: {error}") from None
+        except UNREADABLE as error:
+            reason = str(error).partition("\n")[0]
+            raise DataError(f"{path} cannot be read as a '{kind}' file: {reason}") from error
 
 
-def _neighbour(path: Path, known: Sequence[str]) -> str:
+def _neighbour(path: Path, known: Collection[str]) -> str:
     if not path.parent.is_dir():
         return f": there is no folder '{path.parent}'"
     names = [p.name for p in path.parent.iterdir() if p.suffix.lower() in known]
