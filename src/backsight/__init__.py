@@ -136,8 +136,8 @@ _HOMES = {name: home for home, names in _NAMES.items() for name in names.split()
 def __getattr__(name: str) -> object:
     if name == "__version__":
         found: object = importlib.import_module("importlib.metadata").version(__name__)
-    elif name == "errors":
-        found = importlib.import_module(f"{__name__}.errors")
+    elif name in ("errors", "extend", "testing"):
+        found = importlib.import_module(f"{__name__}.{name}")
     elif name in _HOMES:
         found = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
     else:
