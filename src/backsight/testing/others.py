@@ -32,7 +32,7 @@ def check_model(model: Model) -> None:
         values = np.asarray(ca.Function("at", [x, u], [ca.densify(expression)])(*at)).ravel()
         wrong = [s.name for s, v in zip(signals, values, strict=True) if not np.isfinite(v)]
         require(not wrong, f"{what} {', '.join(wrong)} is not finite at the model's values")
-    seen = np.asarray(ca.DM(ca.jacobian(output, x).sparsity(), 1)).any(axis=1)
+    seen = np.asarray(ca.sum2(ca.DM(ca.jacobian(output, x).sparsity(), 1))).ravel() > 0
     blind = [s.name for s, any_ in zip(model.outputs, seen, strict=True) if not any_]
     require(not blind, f"the output {', '.join(blind)} depends on no state")
 
