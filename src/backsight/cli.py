@@ -72,9 +72,12 @@ def run(
     """
     with _told():
         from backsight.problem import execute, load
+        from backsight.problem.methods import refusals
         from backsight.problem.running import ESTIMATES, PAGE
         from backsight.run.estimation import failure
 
+        for sentence in refusals():
+            _warn(sentence)
         read = load(problem)
         with _bar() as advance:
             results = execute(
@@ -173,16 +176,17 @@ def methods() -> None:
     """List the estimators with the settings that a problem file may give them."""
     from backsight.problem.methods import methods as listed
 
-    _print(listed())
+    _print(listed(tell=_warn))
 
 
 @study.command("list")
 def study_list() -> None:
     """List the studies."""
-    from backsight_studies import STUDIES
+    with _told():
+        from backsight.studies import studies
 
-    for name, entry in STUDIES.items():
-        _print(f"{name}: {entry.title}")
+        for name, entry in studies(tell=_warn).items():
+            _print(f"{name}: {entry.title}")
 
 
 @study.command("run")
@@ -200,11 +204,12 @@ def study_run(
 ) -> None:
     """Run a study: figures, tables, a page to read, and checks.json."""
     with _told():
-        from backsight_studies import STUDIES
+        from backsight.studies import studies
 
-        if name not in STUDIES:
-            raise ProblemError(f"there is no study '{name}', {nearest(name, STUDIES)}")
-        entry = STUDIES[name]
+        known = studies(tell=_warn)
+        if name not in known:
+            raise ProblemError(f"there is no study '{name}', {nearest(name, known)}")
+        entry = known[name]
         count = entry.seeds if seeds is None else seeds
         with _bar() as advance:
             findings = entry.run(

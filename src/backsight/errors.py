@@ -54,6 +54,10 @@ class EngineError(BacksightError):
     """A recursion cannot be turned into machine code or C."""
 
 
+class PluginError(BacksightError):
+    """An installed extension is broken, or brings something under a name that is taken."""
+
+
 class EstimationError(BacksightError):
     """An estimator failed on a recording; ``results`` holds everything up to there.
 

@@ -27,7 +27,7 @@ def test_methods_are_those_of_the_table(backsight):
     code, printed, _ = backsight("methods")
     assert code == 0
     assert [line for line in printed.splitlines() if line.startswith("kind = ")] == [
-        f'kind = "{key}"' for key in sorted(bs.ESTIMATORS)
+        f'kind = "{key}"' for key in sorted(bs.extend.ESTIMATORS)
     ]
 
 

@@ -11,19 +11,22 @@ import xarray as xr
 
 from backsight.data import _checks as checks
 from backsight.data._containers import read_hdf5, read_mat, read_netcdf, read_npz
+from backsight.data._pick import pick
 from backsight.data._room import check_room
 from backsight.data._text import read_text
 from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.recording import Group, assemble, time_axis
 from backsight.description import Whole, checked
-from backsight.errors import DataError, nearest
+from backsight.errors import DataError, PluginError, nearest
+from backsight.plugins import Extended
 from backsight.schema import SIGMA_FACTOR
 from backsight.types import Array
 
 TEXT = (".csv", ".tsv", ".txt")
 """Extensions of text files."""
 
-Reader: TypeAlias = Callable[[Path, Sequence[str], Collection[str]], dict[str, Array]]
+Reader: TypeAlias = Callable[[Path, Sequence[str], Collection[str]], Mapping[str, Array]]
+"""``(path, names of the wanted columns, outside) -> {name: values}``, time first."""
 
 CONTAINERS: Mapping[str, Reader] = {
     ".mat": read_mat,
@@ -33,6 +36,39 @@ CONTAINERS: Mapping[str, Reader] = {
     ".npz": read_npz,
 }
 """Extension to reader of the files that hold named arrays."""
+
+
+ExtensionReader: TypeAlias = Callable[[Path, Sequence[str]], Mapping[str, Array]]
+"""``(path, names of the wanted columns) -> {name: values}``, what an extension brings."""
+
+
+def _text(path: Path, wanted: Sequence[str], _outside: Collection[str]) -> Mapping[str, Array]:
+    return read_text(path, wanted, 0)
+
+
+def _adopted(key: str, found: object) -> Reader:
+    """Somebody else's reader, which may return more columns than are wanted, and lists."""
+    if not callable(found):
+        raise DataError(f"it must be a function (path, wanted) -> columns by name, not {found!r}")
+
+    def reader(path: Path, wanted: Sequence[str], _outside: Collection[str]) -> Mapping[str, Array]:
+        columns = found(path, wanted)
+        if not isinstance(columns, Mapping):
+            raise DataError(f"the reader of '{key}' files returned no columns by name")
+        return pick({name: np.asarray(values) for name, values in columns.items()}, wanted)
+
+    return reader
+
+
+READERS = Extended(
+    "backsight.readers",
+    "reader",
+    # Text is told apart because lines can be skipped in it.
+    {**dict.fromkeys(TEXT, _text), **CONTAINERS},
+    _adopted,
+    prefix=".",
+)
+"""Extension to reader: ours, and those of installed extensions (``rl2`` reads ``.rl2``)."""
 
 
 @checked(DataError, only=("skip_lines",))
@@ -57,7 +93,8 @@ def read(
     ----------
     path : path
         Text (``.csv``, ``.tsv``, ``.txt``; first line or last comment names the columns), MATLAB
-        (``.mat``), HDF5 (``.h5``, ``.hdf5``), NetCDF (``.nc``) or NumPy (``.npz``).
+        (``.mat``), HDF5 (``.h5``, ``.hdf5``), NetCDF (``.nc``), NumPy (``.npz``), or what an
+        installed extension reads.
     inputs, outputs : dict
         Name of the signal in the model to the column: its name, a `Column` with unit and factor,
         or a mapping with the fields of one. ``group/name`` reads from a structure or group,
@@ -96,6 +133,8 @@ def read(
         measurements from other files or needs other programs to be read; the recording is empty,
         its time is not regular, an input is not known at every sample, an output is infinite, or a
         factor of the noise is not positive or belongs to no output.
+    PluginError
+        If the reader of an extension is broken.
 
     Examples
     --------
@@ -148,19 +187,23 @@ def read(
 
 def _load(
     path: Path, wanted: Sequence[str], skip_lines: int, outside: Collection[str]
-) -> dict[str, Array]:
+) -> Mapping[str, Array]:
     kind = path.suffix.lower()
-    known = [*TEXT, *CONTAINERS]
-    _check_file(path, known)
-    if kind not in known:
-        raise DataError(f"{path}: files of the kind '{kind}' are not read: {nearest(kind, known)}")
+    _check_file(path, READERS)
+    if kind not in READERS:
+        hint = nearest(kind, READERS)
+        raise DataError(f"{path}: files of the kind '{kind}' are not read: {hint}")
     if skip_lines and kind not in TEXT:
         raise DataError(f"{path}: skip_lines is for text files, not for '{kind}'")
+    reader = READERS[kind]
     try:
         if kind in TEXT:
             check_room(path.stat().st_size, "the file")
             return read_text(path, wanted, skip_lines)
-        return CONTAINERS[kind](path, wanted, outside)
+        with READERS.blamed(kind):
+            return reader(path, wanted, outside)
+    except PluginError:
+        raise
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
     except MemoryError:
@@ -171,7 +214,7 @@ def _load(
         raise DataError(f"{path} cannot be read as a '{kind}' file: {reason}") from error
 
 
-def _check_file(path: Path, known: Sequence[str]) -> None:
+def _check_file(path: Path, known: Collection[str]) -> None:
     """Raise `DataError` unless there is a file, which ends; a device or a pipe may not."""
     try:
         if not path.exists():
@@ -184,7 +227,7 @@ def _check_file(path: Path, known: Sequence[str]) -> None:
         raise DataError(f"cannot read '{path}': {error.strerror or error}") from None
 
 
-def _neighbour(path: Path, known: Sequence[str]) -> str:
+def _neighbour(path: Path, known: Collection[str]) -> str:
     if not path.parent.is_dir():
         return f": there is no folder '{path.parent}'"
     with contextlib.suppress(OSError):  # a folder that may be entered but not listed

@@ -9,6 +9,7 @@ from pathlib import Path
 import xarray as xr
 
 from backsight.analysis.comparison import ALIGNMENT, summary
+from backsight.estimators import ALL_ESTIMATORS
 from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
 from backsight.problem._checking import at
@@ -89,7 +90,7 @@ def _rehearse(problem: Problem, data: xr.Dataset) -> None:
     with at("model"):
         check_sampling(problem.model, float(data.attrs["dt"]))
     for name, estimator in problem.estimators.items():
-        with at(f"estimators.{name}"):
+        with at(f"estimators.{name}"), ALL_ESTIMATORS.blamed(estimator.key):
             check_window(estimator, data.sizes["time"])
             estimator.compile(problem.model, float(data.attrs["dt"]))
 

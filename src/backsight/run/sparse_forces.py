@@ -61,7 +61,8 @@ def sparse_forces(
 
     Examples
     --------
-    >>> found = bs.sparse_forces(method, beam, recording, selection=bs.Greedy())  # doctest: +SKIP
+    >>> greedy = bs.forces.Greedy()
+    >>> found = bs.forces.sparse_forces(method, beam, recording, selection=greedy)  # doctest: +SKIP
     """
     started = time.perf_counter()
     search = prepared(estimator, model, recording)
