@@ -4,18 +4,27 @@ Commands import what they need when they run, so that help and version come at o
 """
 
 import contextlib
+import functools
 import io
 import re
 import shutil
 import sys
 import textwrap
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from backsight.errors import BacksightError, ProblemError, nearest
+from backsight.errors import (
+    BacksightError,
+    BacksightWarning,
+    ProblemError,
+    nearest,
+    printable,
+    shortened,
+)
 
 if TYPE_CHECKING:
     from backsight.estimators.base import AbstractEstimator
@@ -25,6 +34,9 @@ study = typer.Typer(no_args_is_help=True, help="Reproduce a paper or work on a r
 app.add_typer(study, name="study")
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace files in the folder that are not from here.")
+]
 
 WIDEST = 120
 """Columns of a table at most, however wide the terminal is."""
@@ -50,6 +62,7 @@ def main(
 def run(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     out: Out,
+    force: Force = False,
 ) -> None:
     """Run the estimators of a problem file over its recording and compare them.
 
@@ -59,22 +72,29 @@ def run(
     """
     with _told():
         from backsight.problem import execute, load
+        from backsight.problem.methods import refusals
         from backsight.problem.running import ESTIMATES, PAGE
         from backsight.run.estimation import failure
 
+        for sentence in refusals():
+            _warn(sentence)
         read = load(problem)
         with _bar() as advance:
             results = execute(
-                read, out, progress=lambda name, k, n: advance(name, k / n), tell=_warn
+                read,
+                out,
+                progress=lambda name, k, n: advance(name, k / n),
+                tell=_warn,
+                force=force,
             )
-        typer.echo(f"{read.title}\n\n{results.table(read.reference, width=_width())}\n")
+        _print(f"{read.title}\n\n{results.table(read.reference, width=_width())}\n")
         for sentence in results.verdicts(read.reference):
-            typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
-        typer.echo(f"\nReport: {out / PAGE}" if read.report else f"\nEstimates: {out / ESTIMATES}")
+            _print(textwrap.fill(sentence, _width(), subsequent_indent="  "))
+        _print(f"\nReport: {out / PAGE}" if read.report else f"\nEstimates: {out / ESTIMATES}")
     failures = {name: failure(result) for name, result in results.items()}
     for name, reason in failures.items():
         if reason:
-            typer.echo(f"backsight: {name}: {reason}", err=True)
+            _tell(f"{name}: {reason}")
     if any(failures.values()):
         raise typer.Exit(1)
 
@@ -108,14 +128,14 @@ def check(
         data = recording(read)
         found = examine(read, data)
         timing = aligned(read.estimators, read.model, data)
-        typer.echo(f"{read.title}\n\n{read.model}\n")
+        _print(f"{read.title}\n\n{read.model}\n")
         for sentence in [*found.lines(), *(timing.lines() if timing else [])]:
-            typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
+            _print(textwrap.fill(sentence, _width(), subsequent_indent="  "))
         certificate = None if chosen is None else certified(chosen, read.model, data)
         if certificate is not None:
-            typer.echo(f"\n{certificate.table()}\n")
+            _print(f"\n{certificate.table()}\n")
             for sentence in certificate.lines():
-                typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
+                _print(textwrap.fill(sentence, _width(), subsequent_indent="  "))
     fine = found.detectable and (timing is None or timing.sound)
     if not (fine and (certificate is None or certificate.holds)):
         raise typer.Exit(1)
@@ -130,6 +150,7 @@ def export(
         str | None, typer.Option(help="Prefix in C [from the estimator's name].")
     ] = None,
     precision: Annotated[str, typer.Option(help="double or float.")] = "double",
+    force: Force = False,
 ) -> None:
     """Write an estimator as C99 for a controller, with a self-test from the recording."""
     with _told():
@@ -145,8 +166,9 @@ def export(
             out,
             name=name or _prefix(estimator),
             precision=precision,
+            force=force,
         )
-        typer.echo(f"Code: {out}\nTest: make -C {out} test")
+        _print(f"Code: {out}\nTest: make -C {out} test")
 
 
 @app.command()
@@ -154,16 +176,17 @@ def methods() -> None:
     """List the estimators with the settings that a problem file may give them."""
     from backsight.problem.methods import methods as listed
 
-    typer.echo(listed())
+    _print(listed(tell=_warn))
 
 
 @study.command("list")
 def study_list() -> None:
     """List the studies."""
-    from backsight_studies import STUDIES
+    with _told():
+        from backsight.studies import studies
 
-    for name, entry in STUDIES.items():
-        typer.echo(f"{name}: {entry.title}")
+        for name, entry in studies(tell=_warn).items():
+            _print(f"{name}: {entry.title}")
 
 
 @study.command("run")
@@ -177,20 +200,26 @@ def study_run(
     recording: Annotated[
         list[Path] | None, typer.Option(help="Further recording; may be given several times.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Run a study: figures, tables, a page to read, and checks.json."""
     with _told():
-        from backsight_studies import STUDIES
+        from backsight.studies import studies
 
-        if name not in STUDIES:
-            raise ProblemError(f"there is no study '{name}', {nearest(name, STUDIES)}")
-        entry = STUDIES[name]
+        known = studies(tell=_warn)
+        if name not in known:
+            raise ProblemError(f"there is no study '{name}', {nearest(name, known)}")
+        entry = known[name]
         count = entry.seeds if seeds is None else seeds
         with _bar() as advance:
             findings = entry.run(
-                out, seeds=range(count), recordings=recording or [], progress=advance
+                out,
+                seeds=range(count),
+                recordings=recording or [],
+                progress=advance,
+                force=force,
             )
-        typer.echo(f"{findings}\n\nPage: {findings.page}")
+        _print(f"{findings}\n\nPage: {findings.page}")
 
 
 def _estimator(name: str, known: Mapping[str, "AbstractEstimator"]) -> "AbstractEstimator":
@@ -200,16 +229,39 @@ def _estimator(name: str, known: Mapping[str, "AbstractEstimator"]) -> "Abstract
 
 
 def _warn(sentence: str) -> None:
-    typer.echo(f"backsight: warning: {sentence}", err=True)
+    _tell(f"warning: {sentence}")
+
+
+def _tell(message: str) -> None:
+    """Say something in one line that is not too long to be read."""
+    typer.echo(f"backsight: {shortened(printable(' '.join(message.split())))}", err=True)
+
+
+def _show(otherwise: Callable[..., None], message: Warning, category: type, *place: object) -> None:
+    """Show a warning of the package as the command line does, any other as Python does."""
+    if issubclass(category, BacksightWarning):
+        _warn(str(message))
+    else:
+        otherwise(message, category, *place)
+
+
+def _print(text: str) -> None:
+    """Print text with names, titles and units from a file; they cannot steer a terminal."""
+    typer.echo(printable(text))
 
 
 @contextlib.contextmanager
 def _told() -> Iterator[None]:
     """Say in one line what the user can mend."""
     try:
-        yield
-    except BacksightError as error:
-        typer.echo(f"backsight: {' '.join(str(error).split())}", err=True)
+        with warnings.catch_warnings():
+            warnings.showwarning = functools.partial(_show, warnings.showwarning)
+            yield
+    except (BacksightError, BacksightWarning) as error:  # a warning if Python is told to raise it
+        _tell(str(error))
+        raise typer.Exit(2) from None
+    except MemoryError:
+        _tell("there is not enough memory; process the recording in parts")
         raise typer.Exit(2) from None
     except KeyboardInterrupt:
         typer.echo("backsight: interrupted, nothing is written", err=True)

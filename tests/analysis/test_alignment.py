@@ -1,6 +1,5 @@
 """Delays, wrong units and wrong signs of recordings, and none where there are none."""
 
-import dataclasses
 import os
 import re
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from analysis.noiseless import Noiseless
 from backsight.analysis.recording import decide, ratio
 from backsight.errors import TuningError
 from backsight.estimators import KalmanFilter, Noise, Prior
@@ -132,7 +132,7 @@ def test_models_without_input_have_nothing_to_align(stage):
 
 
 def test_estimator_without_noise_cannot_judge(stage):
-    unknown = dataclasses.replace(ekf().estimator, noise=None)
+    unknown = Noiseless()
     with pytest.raises(TuningError, match="no noise and prior"):
         alignment(unknown, joint_model(), stage)
     assert aligned({"none": unknown, "EKF": ekf().estimator}, joint_model(), stage) is not None

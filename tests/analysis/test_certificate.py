@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from analysis.noiseless import Noiseless
 from backsight.analysis.certificate.linear_gaussian import (
     LinearGaussian,
     draw,
@@ -173,6 +174,6 @@ def test_point_may_be_given(oscillator):
 def test_estimator_without_noise_is_refused(oscillator):
     model, recording = oscillator
     with pytest.raises(TuningError, match="no noise and prior"):
-        certify(EKF(None, UNSURE), model, recording)
+        certify(Noiseless(), model, recording)
     with pytest.raises(DataError, match="no output"):
         certify(EKF(NOISY, UNSURE), model, recording.assign_coords(output=["other"]))

@@ -13,12 +13,17 @@ from engine.examples import data_for, location
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty folder for compiled programs, and nothing kept in memory."""
-    place = tmp_path / "programs"
-    monkeypatch.setenv("BACKSIGHT_CACHE", str(place))
+    """Where compiled programs will be, and nothing kept in memory."""
+    monkeypatch.setenv("BACKSIGHT_CACHE", str(tmp_path / "programs"))
+    forget()
+    yield tmp_path / "programs" / cache.OWN
+    forget()
+
+
+def forget() -> None:
     native._compiled.cache_clear()
-    yield place
-    native._compiled.cache_clear()
+    cache._key.cache_clear()
+    cache._say.cache_clear()
 
 
 def estimate() -> np.ndarray:

@@ -165,5 +165,8 @@ def test_wrong_limits():
         Limit("x", {"a": 1.0}, 2, 1)
     with pytest.raises(TuningError, match=r"unknown of 'states'.*state"):
         Limit("x", {"a": 1.0}, of="states")
+    for weights in ({}, {"a": 0.0}):
+        with pytest.raises(TuningError, match="'none' has no weight"):
+            Limit("none", weights, 0.0)
     with pytest.raises(TuningError, match=r"limit 'x' names 'q'"):
         LinearMHE(Noise(R=R), Prior(1.0), limits=(Limit("x", {"q": 1.0}),)).compile(model(), DT)

@@ -266,11 +266,9 @@ def test_feedthrough_and_ramped_inputs():
         ({"soft": {"v": 1.0}}, "there is no limit 'v'"),
         ({"soft": {"q": 0.0}}, "the weight of 'q' is 0.0"),
         ({"limits": (Limit("q", {"v": 1.0}, 0.0),)}, "'q' is used twice"),
-        ({"limits": (Limit("none", {}, 0.0),)}, "'none' has no weight"),
         ({"arrival": "ekf"}, "the arrival cost is 'ekf'"),
         ({"arrival": NoArrival, "N": 3}, "the arrival cost is"),
         ({"optimiser": GaussNewton(cost_tolerance=1e-3)}, "ends by `tolerance`"),
-        ({"noise": Noise(R=[[0.0]])}, "R is not positive definite"),
         ({"prior": Prior(sigma_x0=1.0, x0={"q": 2.0})}, "'q' starts at 2, outside"),
     ],
 )

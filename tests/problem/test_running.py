@@ -54,6 +54,7 @@ def test_parameters_are_found_and_summed_up(out):
 def test_the_report_is_written_unless_it_is_not_wanted(out, tmp_path):
     folder, _, _ = out
     assert sorted(p.name for p in folder.iterdir()) == [
+        ".backsight.json",
         "estimates.nc",
         "report.html",
         "summary.json",
@@ -63,7 +64,11 @@ def test_the_report_is_written_unless_it_is_not_wanted(out, tmp_path):
     assert "sigma_y = { y = 1e-4 }" in page
     problem = load(small_problem.write(tmp_path, small_problem.TEXT + "[output]\nreport = false\n"))
     execute(problem, tmp_path / "out", progress=lambda *_: None)
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["estimates.nc", "summary.json"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        ".backsight.json",
+        "estimates.nc",
+        "summary.json",
+    ]
 
 
 def test_progress_ends_with_all_samples(out):

@@ -9,8 +9,9 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
+from backsight.description import words
 from backsight.engine.recursion import Recursion
 from backsight.errors import EngineError, nearest
 from backsight.types import Array
@@ -18,7 +19,7 @@ from backsight.types import Array
 if TYPE_CHECKING:
     from backsight.engine import native, vm
 
-ENGINES = ("native", "vm")
+Engine: TypeAlias = Annotated[Literal["native", "vm"], EngineError]
 """``native``: machine code by LLVM. ``vm``: CasADi's virtual machine. Their results agree."""
 
 SHORT = 1000
@@ -37,8 +38,8 @@ def choose(engine: str | None, samples: int) -> str:
     """
     if engine is None:
         return "vm" if samples < SHORT else "native"
-    if engine not in ENGINES:
-        raise EngineError(f"there is no engine '{engine}': {nearest(engine, ENGINES)}")
+    if engine not in words(Engine):
+        raise EngineError(f"there is no engine '{engine}': {nearest(engine, words(Engine))}")
     return engine
 
 

@@ -177,16 +177,31 @@ def _compiled(step: ca.Function, lanes: int) -> Compiled:
     key = json.dumps([step.serialize(), lanes, _versions(), machine.processor()])
     name = f"{step.name()}_{hashlib.sha256(key.encode()).hexdigest()[:32]}"
     kept = cache.read(name)
-    if kept is None:
+    parts = None if kept is None else _unpacked(kept)
+    if parts is None:
         program = walk(step)
         given = [buffer.size for buffer in llvm.given(program, Width(lanes))]
-        code = machine.assemble(llvm.write(program, Width(lanes)))
-        kept = json.dumps([given, program.kernels]).encode() + b"\n" + code
-        cache.keep(name, kept)
-    head, _, code = kept.partition(b"\n")
-    given, kernels = json.loads(head)
+        parts = given, list(program.kernels), machine.assemble(llvm.write(program, Width(lanes)))
+        cache.keep(name, json.dumps(parts[:2]).encode() + b"\n" + parts[2])
+    given, kernels, code = parts
     symbols = {symbol(kernel): library.address(kernel) for kernel in kernels}
     return Compiled(machine.load(code, symbols), tuple(given), lanes)
+
+
+def _unpacked(kept: bytes) -> tuple[list[int], list[str], bytes] | None:
+    """Sizes of buffers, kernels and machine code; None if it is anything else."""
+    head, _, code = kept.partition(b"\n")
+    try:
+        match json.loads(head):
+            case [list() as given, list() as kernels] if (
+                all(type(g) is int and g >= 0 for g in given)
+                and all(isinstance(k, str) for k in kernels)
+                and code
+            ):
+                return given, kernels, code
+    except (ValueError, RecursionError):
+        pass
+    return None
 
 
 @functools.cache

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech, vech
+from backsight.description import Description
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.uncertainty import Noise, Prior
@@ -18,7 +19,7 @@ from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractEstimator(abc.ABC):
+class AbstractEstimator(Description, abc.ABC):
     """A method with its settings; knows no model and no data."""
 
     key: ClassVar[str]

@@ -1,7 +1,6 @@
 """Moving horizon observer: nonlinear least squares over a window, between two Kalman filters."""
 
 import dataclasses
-import numbers
 from typing import ClassVar
 
 import casadi as ca
@@ -9,12 +8,12 @@ import numpy as np
 
 from backsight.algebra.factor import solve_spd
 from backsight.algebra.update import masked
+from backsight.description import Horizon, NonNegative
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting, setting
-from backsight.estimators.kalman.ekf import correct, innovation, predict
+from backsight.estimators.kalman.ekf import Propagation, correct, innovation, predict
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
@@ -81,17 +80,11 @@ class MHO(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    N: int = 15
-    alpha: float = 1.0
+    N: Horizon = 15
+    alpha: NonNegative = 1.0
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
-    covariance: str = "transition"
+    covariance: Propagation = "transition"
     optimiser: GaussNewton | QuasiNewton = dataclasses.field(default_factory=GaussNewton)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.N, numbers.Integral) or self.N < 1:
-            raise TuningError(f"the horizon N is {self.N}; it must be a whole number from 1 on")
-        if not (np.isfinite(self.alpha) and self.alpha >= 0):
-            raise TuningError(f"alpha is {self.alpha}; it must be 0 or positive")
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

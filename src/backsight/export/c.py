@@ -3,10 +3,12 @@
 import os
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
+from backsight.description import checked
 from backsight.engine import vm
 from backsight.engine.c99 import Precision
 from backsight.engine.c99 import source as c99
@@ -36,6 +38,7 @@ TOLERANCE = {"double": 1e-10, "float": 1e-2}
 """Largest deviation from Python, relative to the largest value of the output."""
 
 
+@checked(EngineError)
 def export_c(
     estimator: AbstractEstimator,
     model: Model,
@@ -43,7 +46,8 @@ def export_c(
     out: str | os.PathLike[str],
     *,
     name: str = "estimator",
-    precision: str = "double",
+    precision: Literal["double", "float"] = "double",
+    force: bool = False,
 ) -> Path:
     """Write ``name.c``, ``name.h``, a self-test, a Makefile and a README.
 
@@ -64,6 +68,8 @@ def export_c(
     precision : {"double", "float"}
         Type of all numbers. In ``float`` an estimator with a wide range of covariances may lose
         accuracy; the self-test says how much.
+    force : bool
+        Replace files of the same names in the folder that are not from an earlier export.
 
     Returns
     -------
@@ -77,7 +83,8 @@ def export_c(
     DataError
         If the recording does not fit the model or the self-test would not be finite.
     OutputError
-        If the folder cannot be written.
+        If the folder cannot be written, or holds files of the same names that are not from an
+        earlier export.
     """
     if not (name.isidentifier() and name.isascii()):
         raise EngineError(f"'{name}' is no name in C: use letters, digits and underscores")
@@ -99,15 +106,15 @@ def export_c(
     vectors = _vectors(recursion, data)
     passes = [s.limit for s in flat(program.body) if isinstance(s, While)]
     kernels = sources.files(source.kernels) if source.kernels else []
-    with whole(out) as folder:
-        files = {
-            f"{name}.h": source.header,
-            f"{name}.c": source.code,
-            f"{name}_selftest.c": selftest(vectors, name, kind, TOLERANCE[precision]),
-            "Makefile": _makefile(name, [f.name for f in kernels]),
-            **{f.name: f.read_text(encoding="utf-8") for f in kernels},
-            "README.md": _readme(source, name, kind, passes, recursion, model),
-        }
+    files = {
+        f"{name}.h": source.header,
+        f"{name}.c": source.code,
+        f"{name}_selftest.c": selftest(vectors, name, kind, TOLERANCE[precision]),
+        "Makefile": _makefile(name, [f.name for f in kernels]),
+        **{f.name: f.read_text(encoding="utf-8") for f in kernels},
+        "README.md": _readme(source, name, kind, passes, recursion, model),
+    }
+    with whole(out, names=files, force=force) as folder:
         for file, text in files.items():
             (folder / file).write_text(text, encoding="utf-8")
     return Path(out)

@@ -5,10 +5,11 @@ import dataclasses
 import types
 import typing
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from backsight.description import plain
 from backsight.errors import ProblemError, nearest
 from backsight.problem._checking import at, shown
 from backsight.types import Array
@@ -71,16 +72,19 @@ def required(field: dataclasses.Field[Any]) -> bool:
 
 def parts_of(annotation: Any) -> list[type]:
     """Return the dataclasses that a field may hold."""
-    options = typing.get_args(annotation) if _is_union(annotation) else [annotation]
+    annotation = plain(annotation)
+    options = map(plain, typing.get_args(annotation) if _is_union(annotation) else [annotation])
     return [o for o in options if isinstance(o, type) and dataclasses.is_dataclass(o)]
 
 
 def _value(annotation: Any, given: object, where: str) -> object:
+    annotation = plain(annotation)
     parts = parts_of(annotation)
     if parts and isinstance(given, Mapping):
         return _part(parts, given, where)
     if _is_union(annotation):
-        options = [o for o in typing.get_args(annotation) if o not in (*parts, types.NoneType)]
+        options = [plain(o) for o in typing.get_args(annotation)]
+        options = [o for o in options if o not in (*parts, types.NoneType)]
         lists = [o for o in options if typing.get_origin(o)]
         return _first_that_fits(
             lists if isinstance(given, list) and lists else options, given, where
@@ -88,6 +92,9 @@ def _value(annotation: Any, given: object, where: str) -> object:
     if parts:
         raise ProblemError(f"{where}: must be a table, not {shown(given)}")
     origin = typing.get_origin(annotation)
+    if origin is Literal:
+        # Which words are known is the description's own to say.
+        return _single(str, given, where)
     if origin is np.ndarray:
         return _array(given, where)
     if origin is tuple and isinstance(given, Sequence) and not isinstance(given, str):

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ProblemError, nearest
-from backsight.estimators import ESTIMATORS
+from backsight.estimators import ALL_ESTIMATORS
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem._checking import checked
+from backsight.problem._checking import at, checked
 from backsight.problem._joint import check_known, joint_model
 from backsight.problem._settings import built, fields_of
 from backsight.problem._tables import EstimatorTable, ProblemTable
@@ -81,10 +81,11 @@ def _estimator(
     where = f"estimators.{name}"
     if not _GROUP.fullmatch(name):
         raise ProblemError(f"{where}: use letters, digits, blanks and . + - _ in the name")
-    if entry.kind not in ESTIMATORS:
-        hint = nearest(entry.kind, ESTIMATORS)
+    if entry.kind not in ALL_ESTIMATORS:
+        hint = nearest(entry.kind, ALL_ESTIMATORS)
         raise ProblemError(f"{where}.kind: unknown kind '{entry.kind}', {hint}")
-    kind = ESTIMATORS[entry.kind]
+    with at(f"{where}.kind"):
+        kind = ALL_ESTIMATORS[entry.kind]
     takes_integrator = "integrator" in (f.name for f in fields_of(kind))
     common = {"integrator": table.integrator} if table.integrator and takes_integrator else {}
     unknowns = {**table.estimate, **table.disturbances}

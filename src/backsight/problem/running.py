@@ -9,6 +9,7 @@ from pathlib import Path
 import xarray as xr
 
 from backsight.analysis.comparison import ALIGNMENT, summary
+from backsight.estimators import ALL_ESTIMATORS
 from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
 from backsight.problem._checking import at
@@ -28,6 +29,7 @@ def execute(
     *,
     progress: Callable[[str, int, int], None],
     tell: Callable[[str], None] = lambda _: None,
+    force: bool = False,
 ) -> Comparison:
     """Run all estimators of a problem over its recording and write the results.
 
@@ -46,6 +48,8 @@ def execute(
         Told the estimator at work, the samples done, and the number of samples.
     tell : callable
         Told, before the first estimator starts, which states cannot be seen, a sentence at a time.
+    force : bool
+        Replace files of these names in the folder that are not from an earlier run.
 
     Returns
     -------
@@ -55,11 +59,13 @@ def execute(
     Raises
     ------
     OutputError
-        If the folder cannot be written.
+        If the folder cannot be written, or holds files of these names that are not from an earlier
+        run.
     ProblemError, DataError
         If the recording cannot be read or does not fit the model.
     """
-    with whole(out) as folder:
+    names = [ESTIMATES, SUMMARY, *([PAGE] if problem.report else [])]
+    with whole(out, names=names, force=force) as folder:
         data = recording(problem)
         samples = data.sizes["time"]
         _rehearse(problem, data)
@@ -84,7 +90,7 @@ def _rehearse(problem: Problem, data: xr.Dataset) -> None:
     with at("model"):
         check_sampling(problem.model, float(data.attrs["dt"]))
     for name, estimator in problem.estimators.items():
-        with at(f"estimators.{name}"):
+        with at(f"estimators.{name}"), ALL_ESTIMATORS.blamed(estimator.key):
             check_window(estimator, data.sizes["time"])
             estimator.compile(problem.model, float(data.attrs["dt"]))
 

@@ -25,8 +25,8 @@ from backsight.report._plots import (
 )
 from backsight.report._series import Plot, Series, series, signals
 from backsight.report._theme import TEMPLATE
-from backsight.report._thin import POINTS, interval_length
 from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
+from backsight.report.thin import POINTS, interval_length
 from backsight.rounding import whole
 
 

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 import xarray as xr
 
 from backsight.analysis.comparison import ranked_table, units, verdicts
+from backsight.description import checked
+from backsight.engine.execute import Engine
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
@@ -60,12 +62,13 @@ class Comparison(Mapping[str, xr.Dataset]):
         return verdicts(ranked_table(self.results, reference))
 
 
+@checked()
 def compare(
     estimators: Mapping[str, AbstractEstimator],
     model: Model,
     recording: xr.Dataset,
     *,
-    engine: str | None = None,
+    engine: Engine | None = None,
     throw: bool = True,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Comparison:

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import xarray as xr
 
+from backsight.description import checked
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
@@ -15,6 +16,7 @@ from backsight.sparse import AbstractSelection, Fit, ForceSearch, Greedy, force_
 from backsight.types import Array
 
 
+@checked()
 def sparse_forces(
     estimator: CompressiveSensingMHE,
     model: Model,
@@ -59,7 +61,8 @@ def sparse_forces(
 
     Examples
     --------
-    >>> found = bs.sparse_forces(method, beam, recording, selection=bs.Greedy())  # doctest: +SKIP
+    >>> greedy = bs.forces.Greedy()
+    >>> found = bs.forces.sparse_forces(method, beam, recording, selection=greedy)  # doctest: +SKIP
     """
     started = time.perf_counter()
     search = prepared(estimator, model, recording)

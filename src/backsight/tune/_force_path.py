@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import xarray as xr
 
+from backsight.description import Level, checked
 from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -16,12 +17,13 @@ ANY = 1.0
 """A weight for estimators whose own is not used."""
 
 
+@checked()
 def force_path(
     estimator: CompressiveSensingMHE,
     model: Model,
     recording: xr.Dataset,
     *,
-    least: float = 0.01,
+    least: Level = 0.01,
 ) -> xr.Dataset:
     r"""Forces for all weights of the l1 norm, over a whole recording.
 

@@ -1,7 +1,7 @@
 """How surely a set of sensors finds sparse forces: by Monte Carlo."""
 
 import dataclasses
-import math
+from collections.abc import Iterator
 
 import numpy as np
 import scipy
@@ -9,7 +9,7 @@ import xarray as xr
 
 from backsight import schema
 from backsight.analysis.forces import ForceErrors, force_errors
-from backsight.errors import TuningError
+from backsight.description import Count, Description, NonNegative, Positive, Sound, Whole, checked
 from backsight.estimators.cs_mhe import CompressiveSensingMHE, Forced
 from backsight.models.model import Model
 from backsight.run.estimation import estimate_many
@@ -19,7 +19,7 @@ from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Hits:
+class Hits(Description):
     """Random hits at random places.
 
     Parameters
@@ -40,25 +40,23 @@ class Hits:
         How far off a hit may be found, see `force_errors`.
     """
 
-    samples: int
-    number: int = 4
+    samples: Count
+    number: Whole = 4
     sizes: tuple[float, float] = (3.0, 12.0)
-    spacing: int = 4
-    margin: int = 5
-    least: float | None = None
-    steps: int = 0
-    places: int = 0
+    spacing: Count = 4
+    margin: Whole = 5
+    least: NonNegative | None = None
+    steps: Whole = 0
+    places: Whole = 0
 
-    def __post_init__(self) -> None:
-        if not (self.number >= 1 and self.spacing >= 1 and self.margin >= 0):
-            raise TuningError(
-                f"number = {self.number}, spacing = {self.spacing}, margin = {self.margin}: "
-                "give a hit or more, at least one sample apart, and no negative margin"
-            )
-        if not 0 < self.sizes[0] <= self.sizes[1] < math.inf:
-            raise TuningError(f"sizes is {self.sizes}; give the smallest and the largest magnitude")
-        if self.room < 1:
-            raise TuningError(
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("number") and not self.number:
+            yield "number = 0: give a hit or more"
+        if sound("sizes") and not 0 < self.sizes[0] <= self.sizes[1]:
+            yield f"sizes is {self.sizes}; give the smallest and the largest magnitude"
+        if sound("samples", "number", "spacing", "margin") and self.room < 1:
+            yield (
                 f"{self.number} hits {self.spacing} samples apart do not fit into {self.samples} "
                 f"samples with a margin of {self.margin}"
             )
@@ -84,16 +82,17 @@ class Hits:
         return force_errors(found, true, least=least, steps=self.steps, places=self.places)
 
 
+@checked()
 def recovery(
     estimator: CompressiveSensingMHE,
     model: Model,
     hits: Hits,
     *,
-    dt: float,
+    dt: Positive,
     truth: Model | None = None,
     selection: AbstractSelection | None = None,
-    runs: int = 50,
-    seed: int = 0,
+    runs: Count = 50,
+    seed: Whole = 0,
 ) -> xr.Dataset:
     r"""Try how surely sparse forces are found by the sensors of a model.
 
@@ -136,8 +135,6 @@ def recovery(
     Wilson, "Probable inference, the law of succession, and statistical inference", 1927,
     doi:10.1080/01621459.1927.10502953.
     """
-    if runs < 1:
-        raise TuningError(f"runs is {runs}; it takes one or more")
     system = estimator.forced(model if truth is None else truth, dt)
     rng = np.random.default_rng(seed)
     true = [hits.draw(rng, len(estimator.forces)) for _ in range(runs)]

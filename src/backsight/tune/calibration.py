@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.description import checked
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -85,6 +86,7 @@ class Calibration:
         return "\n".join(rows)
 
 
+@checked()
 def calibrate(
     model_of: ModelOf,
     recording: xr.Dataset,

@@ -9,6 +9,8 @@ import xarray as xr
 from scipy.linalg import expm
 from scipy.signal import dlsim
 
+from backsight.description import Positive, checked
+from backsight.discrete.runge_kutta import Hold
 from backsight.errors import DataError, TuningError
 from backsight.estimators.observers import gain_vector
 from backsight.models.affine import AffineForm, affine_form
@@ -23,15 +25,16 @@ POINTS = 500
 """Samples of the motion at which the model is linearised."""
 
 
+@checked()
 def propose_gamma(
     model: Model,
     motion: xr.Dataset,
     *,
-    lam: float,
-    rate: float = 10.0,
+    lam: Positive,
+    rate: Positive = 10.0,
     poles: complex | tuple[complex, ...] = -1.0,
-    hold: str = "zoh",
-    period: float | None = None,
+    hold: Hold = "zoh",
+    period: Positive | None = None,
     diagonal: bool = False,
 ) -> Array:
     r"""Gamma with which the errors of all combinations of parameters decay at one rate.
@@ -78,14 +81,9 @@ def propose_gamma(
     DataError
         If the motion lacks a signal or is too short.
     """
-    for name, value in (("lam", lam), ("rate", rate)):
-        if not (np.isfinite(value) and value > 0):
-            raise TuningError(f"{name} is {value}; it must be positive")
     form = affine_form(model)
     theta = _nominal(model, form)
     x, u = trajectory(model, motion, form)
-    if hold not in ("zoh", "foh"):
-        raise TuningError(f"unknown hold '{hold}': use 'zoh' (held) or 'foh' (ramp)")
     psi = form.psi.map(len(x) - 1)
     ahead = u[:-1] if hold == "zoh" else u[1:]
     begins = np.asarray(psi(x[:-1].T, u[:-1].T)).T * theta

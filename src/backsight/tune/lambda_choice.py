@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.description import Count, Level, Whole, checked
 from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -39,6 +40,7 @@ class LambdaChoice:
     reached: bool
 
 
+@checked()
 def lambda_from_noise(
     estimator: CompressiveSensingMHE,
     model: Model,
@@ -46,7 +48,7 @@ def lambda_from_noise(
     *,
     false_alarm: float = 0.05,
     draws: int = 400,
-    seed: int = 0,
+    seed: Whole = 0,
 ) -> float:
     r"""Weight at which noise alone seldom makes a force.
 
@@ -86,12 +88,13 @@ def lambda_from_noise(
     return 2 * float(np.quantile(reach.max(axis=1), 1 - false_alarm))
 
 
+@checked()
 def lambda_from_whiteness(
     estimator: CompressiveSensingMHE,
     model: Model,
     recording: xr.Dataset,
     *,
-    level: float = 0.95,
+    level: Level = 0.95,
 ) -> LambdaChoice:
     """Weight whose forces leave nothing but noise at the least expense.
 
@@ -168,12 +171,13 @@ def _colour(search: ForceSearch, residual: Array) -> float:
     )
 
 
+@checked()
 def lambda_from_sensors(
     estimator: CompressiveSensingMHE,
     model: Model,
     recording: xr.Dataset,
     *,
-    points: int = 30,
+    points: Count = 30,
 ) -> LambdaChoice:
     """Largest weight with which the other sensors predict each sensor as well as with any.
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import xarray as xr
 
+from backsight.description import Count, Positive, Whole, checked
 from backsight.errors import TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -19,17 +20,18 @@ MOST = 100
 """Sets of sensors that are tried one by one; of more, sensors are added one after the other."""
 
 
+@checked()
 def place_sensors(
     estimator: CompressiveSensingMHE,
     model: Model,
     hits: Hits,
     *,
-    dt: float,
-    count: int,
+    dt: Positive,
+    count: Count,
     selection: AbstractSelection | None = None,
-    runs: int = 20,
-    seed: int = 0,
-    most: int = MOST,
+    runs: Count = 20,
+    seed: Whole = 0,
+    most: Whole = MOST,
     progress: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
     """Choose sensors by how surely they find random hits, see `recovery`.

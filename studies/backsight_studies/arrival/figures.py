@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from backsight.report.figures import band, figure, label, line, save, truth
+from backsight.plot import band, figure, label, line, save, truth
 from backsight.types import Array
 from backsight_studies.arrival.evaluate import BAND
 from backsight_studies.arrival.expected import NOMINAL, nonlinear

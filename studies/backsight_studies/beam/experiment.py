@@ -1,7 +1,7 @@
 """Everything that the study computes."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -28,8 +28,7 @@ from backsight_studies.beam.tuning import (
 )
 from backsight_studies.beam.walks import PLACES, best_walk, joint
 from backsight_studies.beam.windows import Windows, program
-
-Progress = Callable[[str, float], None]
+from backsight_studies.study import Progress
 
 NOISES = (0.0, 1e-6, 1e-5)
 """Standard deviations of the sensors [m]."""

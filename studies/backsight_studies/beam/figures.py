@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from backsight.report.figures import band, figure, label, legend, line, save, truth
+from backsight.plot import band, figure, label, legend, line, save, truth
 from backsight.report.palette import BLACK, BLUE, ORANGE, VERMILLION
 from backsight.types import Array
 from backsight_studies.beam.claims import TABLE_3, WORST, noise_name

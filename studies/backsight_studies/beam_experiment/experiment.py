@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from backsight_studies.beam.tuning import (
 )
 from backsight_studies.beam.windows import Windows, program
 from backsight_studies.beam_experiment.plant import FREQUENCIES, NODE, reference, struck
+from backsight_studies.study import Progress
 
 EXACT = "no model error"
 BEAMS = {**FREQUENCIES, EXACT: tuple(float(f) for f in frequencies(THICKNESS[0.0]))}
@@ -44,8 +45,6 @@ WEIGHTS = {
 
 STEPS = (17, 18)
 """Steps in whose middle the reference is not zero."""
-
-Progress = Callable[[str, float], None]
 
 
 @dataclasses.dataclass(frozen=True)

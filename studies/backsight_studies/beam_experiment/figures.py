@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from backsight.report.figures import figure, label, legend, line, save, truth
+from backsight.plot import figure, label, legend, line, save, truth
 from backsight.report.palette import BLACK
 from backsight_studies.beam.evaluate import by_window, counts, kept
 from backsight_studies.beam.figures import at_nodes

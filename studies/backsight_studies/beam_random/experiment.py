@@ -27,13 +27,12 @@ from backsight_studies.beam_random.scenarios import (
     scenario,
     whole,
 )
+from backsight_studies.study import Progress
 
 SPAN, POINTS = 0.16, 9
 """Common scales of the frequencies that a calibration tries."""
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-Progress = Callable[[str, float], None]
 
 
 @dataclasses.dataclass(frozen=True)

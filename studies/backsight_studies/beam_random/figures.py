@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from backsight.report.figures import figure, label, save
+from backsight.plot import figure, label, save
 from backsight.report.palette import ON_LIGHT
 from backsight_studies.beam.plant import THICKNESS
 from backsight_studies.beam_random.experiment import Experiment

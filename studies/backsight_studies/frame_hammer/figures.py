@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from backsight.report.figures import figure, label, legend, line, save
+from backsight.plot import figure, label, legend, line, save
 from backsight.report.palette import ON_LIGHT
 from backsight_studies.frame_hammer.experiment import Case, Experiment
 from backsight_studies.frame_hammer.follow import ADVANCE, LOOK, SAMPLES, Piece

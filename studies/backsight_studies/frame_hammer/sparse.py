@@ -116,5 +116,5 @@ def _estimator(axis: Axis, lam: float) -> bs.CompressiveSensingMHE:
         lam=lam,
         N=HORIZON,
         sigma_force=SIGMA_FORCE,
-        dictionary=bs.HalfSines(PULSES),
+        dictionary=bs.forces.HalfSines(PULSES),
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from backsight.report.figures import figure, label, legend, line, save, truth
+from backsight.plot import figure, label, legend, line, save, truth
 from backsight_studies.lecture.experiment import ALPHAS, BATCH, RECURSIVE, Experiment
 from backsight_studies.lecture.plants import DT, FORCE
 

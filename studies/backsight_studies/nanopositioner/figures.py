@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from backsight.report.figures import figure, label, line, save, truth
+from backsight.plot import figure, label, line, save, truth
 from backsight.types import Array
 from backsight_studies.nanopositioner.evaluate import (
     BAND,

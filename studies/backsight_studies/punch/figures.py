@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from backsight.report.figures import figure, label, line, save, truth
+from backsight.plot import figure, label, line, save, truth
 from backsight.types import Array
 from backsight_studies.panels import axes_by_row, finished
 from backsight_studies.punch.experiment import Experiment

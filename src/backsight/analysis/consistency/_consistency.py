@@ -15,6 +15,7 @@ from backsight.analysis.consistency._coverage import (
 from backsight.analysis.consistency._nis import mean_nis, measured_channels, nis, nis_band
 from backsight.analysis.consistency._noise_factors import NoiseFactors
 from backsight.analysis.consistency.whiteness import Colour, colours
+from backsight.description import checked
 from backsight.errors import DataError
 from backsight.rounding import significant
 from backsight.schema import check_result
@@ -107,6 +108,7 @@ class Consistency:
         return "\n".join(lines)
 
 
+@checked(DataError)
 def consistency(result: xr.Dataset) -> Consistency:
     """Judge how a result agrees with its own covariances; see `Consistency`.
 

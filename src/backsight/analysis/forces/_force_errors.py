@@ -6,6 +6,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from backsight.description import checked
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -55,6 +56,7 @@ class ForceErrors:
         return not self.missed and not self.false_alarms
 
 
+@checked(DataError)
 def force_errors(
     found: ArrayLike, true: ArrayLike, *, least: float = 0.0, steps: int = 0, places: int = 0
 ) -> ForceErrors:

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from backsight.description import checked
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -37,6 +38,7 @@ class Impact:
     end: float
 
 
+@checked(DataError)
 def impacts(result: xr.Dataset, *, gap: int = 1, ghost: float = 0.0) -> list[Impact]:
     """Join the forces of neighbouring steps into hits.
 

@@ -2,9 +2,11 @@
 
 import dataclasses
 import math
+from typing import Annotated, ClassVar, Literal
 
+from backsight.description import Called, Description
 from backsight.engine.program import Leaf, Operation
-from backsight.errors import EngineError
+from backsight.errors import BacksightError, EngineError
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARE = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
@@ -18,7 +20,7 @@ FUNCTIONS = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Precision:
+class Precision(Description):
     """Type of all numbers.
 
     Parameters
@@ -26,11 +28,9 @@ class Precision:
     name : {"double", "float"}
     """
 
-    name: str
+    refusal: ClassVar[type[BacksightError]] = EngineError
 
-    def __post_init__(self) -> None:
-        if self.name not in ("double", "float"):
-            raise EngineError(f"unknown precision '{self.name}': use 'double' or 'float'")
+    name: Annotated[Literal["double", "float"], Called("precision")]
 
     @property
     def bytes(self) -> int:

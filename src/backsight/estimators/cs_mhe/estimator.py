@@ -1,12 +1,21 @@
 """Compressive-sensing moving horizon estimation: states and sparse unknown forces."""
 
 import dataclasses
-import math
-import numbers
-from typing import ClassVar
+from collections.abc import Iterator
+from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from backsight.description import (
+    Distinct,
+    Horizon,
+    NonNegative,
+    PositiveOrInfinite,
+    Range,
+    Sound,
+    Whole,
+)
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import ModelError, TuningError, nearest
 from backsight.estimators.base import AbstractEstimator
@@ -23,8 +32,9 @@ from backsight.models.signals import vector
 from backsight.models.unknown_forces import forces_as_inputs
 from backsight.types import Array, ByName
 
-ARRIVALS = ("none", "constant", "filtered", "smoothed")
-CORRECTIONS = ("none", "amplitude", "energy")
+Arrival: TypeAlias = Literal["none", "constant", "filtered", "smoothed"]
+Correction: TypeAlias = Literal["none", "amplitude", "energy"]
+ARRIVALS, CORRECTIONS = get_args(Arrival), get_args(Correction)
 
 STEPS_PER_ATOM = 4
 """The active set may take so many steps for every atom that can be active, and some more."""
@@ -108,39 +118,33 @@ class CompressiveSensingMHE(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    forces: tuple[str, ...]
-    lam: float
-    N: int = 10
-    sigma_force: ByName = 0.0
+    forces: Annotated[tuple[str, ...], Distinct()]
+    lam: PositiveOrInfinite
+    N: Horizon = 10
+    sigma_force: Annotated[ByName, Range("not be negative", 0.0)] = 0.0
     dictionary: Impulses | HalfSines | Atoms = dataclasses.field(default_factory=Impulses)
-    nonnegative: tuple[str, ...] = ()
-    nonpositive: tuple[str, ...] = ()
-    arrival: str = "filtered"
+    nonnegative: Annotated[tuple[str, ...], Distinct()] = ()
+    nonpositive: Annotated[tuple[str, ...], Distinct()] = ()
+    arrival: Arrival = "filtered"
     carryover: Carryover | None = None
-    threshold: float = 0.0
-    correction: str = "none"
-    lag: int | None = None
-    hold: str = "zoh"
+    threshold: NonNegative = 0.0
+    correction: Correction = "none"
+    lag: Whole | None = None
+    hold: Hold = "zoh"
 
-    def __post_init__(self) -> None:
-        problems = []
-        if not isinstance(self.N, numbers.Integral) or self.N < 1:
-            problems.append(f"the horizon N is {self.N}; it must be a whole number from 1 on")
-        elif self.lag is not None and self.lag not in range(self.N + 1):
-            problems.append(f"lag is {self.lag}; it must be a whole number from 0 to N = {self.N}")
-        if not self.lam > 0:
-            problems.append(f"lam is {self.lam}; it must be positive")
-        if not (self.threshold >= 0 and math.isfinite(self.threshold)):
-            problems.append(f"threshold is {self.threshold}; it must not be negative")
-        if self.arrival not in ARRIVALS:
-            problems.append(f"unknown arrival '{self.arrival}': {nearest(self.arrival, ARRIVALS)}")
-        if self.correction not in CORRECTIONS:
-            hint = nearest(self.correction, CORRECTIONS)
-            problems.append(f"unknown correction '{self.correction}': {hint}")
-        if problems:
-            raise TuningError("; ".join(problems))
-        for name in ("forces", "nonnegative", "nonpositive"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("lag", "N") and self.lag is not None and self.lag > self.N:
+            yield f"lag is {self.lag}; it must be a whole number from 0 to N = {self.N}"
+        if not sound("forces", "nonnegative", "nonpositive"):
+            return
+        if not self.forces:
+            yield "forces: no unknown force is named"
+        for name in dict.fromkeys((*self.nonnegative, *self.nonpositive)):
+            if name not in self.forces:
+                yield f"'{name}' is none of the forces: {nearest(name, self.forces)}"
+            elif name in self.nonnegative and name in self.nonpositive:
+                yield f"the force '{name}' is nonnegative and nonpositive: it is zero"
 
     @property
     def delay(self) -> int:

@@ -1,12 +1,14 @@
 """Joint estimation of states and forces of which nothing is known (Gillijns and De Moor)."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Called, Distinct, Range, Sound
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
@@ -87,12 +89,16 @@ class JointInput(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    forces: tuple[str, ...]
-    hold: str = "zoh"
-    sigma_forces: Mapping[str, float] | float | None = None
+    forces: Annotated[tuple[str, ...], Distinct(), Called("forces")]
+    hold: Hold = "zoh"
+    sigma_forces: Annotated[
+        Mapping[str, float] | float | None, Range("be positive", 0.0, above=True)
+    ] = None
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "forces", tuple(self.forces))
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("forces") and not self.forces:
+            yield "forces: no unknown force is named"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

@@ -1,17 +1,19 @@
 """Extended Kalman filter, discrete or continuous-discrete."""
 
 import dataclasses
-from typing import ClassVar
+from collections.abc import Iterator
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 import casadi as ca
 
 from backsight.algebra.factor import smallest_pivot
 from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.update import masked, measured, noise_of
+from backsight.description import Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError, nearest
+from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
 from backsight.estimators.parts.covariance import (
@@ -30,7 +32,10 @@ from backsight.estimators.parts.substeps import clip, flow, substep_inputs
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 
-COVARIANCES = ("transition", "ode", "discrete")
+Propagation: TypeAlias = Literal["transition", "ode", "discrete"]
+"""Ways to carry a covariance over a sampling period, see `predict`."""
+
+COVARIANCES: tuple[Propagation, ...] = get_args(Propagation)
 """How the covariance goes from sample to sample, see `predict`."""
 
 
@@ -82,16 +87,17 @@ class EKF(AbstractEstimator):
     noise: Noise
     prior: Prior
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
-    covariance: str = "transition"
-    measurement: str = "sampled"
+    covariance: Propagation = "transition"
+    measurement: Literal["sampled", "continuous"] = "sampled"
 
-    def __post_init__(self) -> None:
-        if self.measurement not in ("sampled", "continuous"):
-            raise TuningError(
-                f"unknown measurement '{self.measurement}': use 'sampled' or 'continuous'"
-            )
-        if self.measurement == "continuous" and self.covariance != "transition":
-            raise TuningError("measurement='continuous' goes with covariance='transition' only")
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if (
+            sound("measurement", "covariance")
+            and self.measurement == "continuous"
+            and self.covariance != "transition"
+        ):
+            yield "measurement='continuous' goes with covariance='transition' only"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
@@ -103,7 +109,7 @@ class EKF(AbstractEstimator):
         return assemble_continuous(self.key, s, parts, transition=step, integrator=self.integrator)
 
 
-def halves(s: Setting, integrator: Integrator, covariance: str) -> Halves:
+def halves(s: Setting, integrator: Integrator, covariance: Propagation) -> Halves:
     """Measurement update and time update, see `EKF`."""
     kept = Covariance(s.model.nx)
     return Halves(
@@ -141,27 +147,30 @@ def correct(s: Setting, *, check: bool = False) -> ca.Function:
     P positive by itself.
     """
 
+    def formula(x: Term, P: Term, u: Term, y: Term, mask: Term) -> Results:
+        x_post, P_post, flags = updated(s, x, P, u, y, mask)
+        if check:
+            indefinite = ca.if_else(smallest_pivot(P) < -1e-10, 1, 0)
+            known = ca.fmin(flags.not_positive_definite + indefinite, 1)
+            flags = dataclasses.replace(flags, not_positive_definite=known)
+        return {"x_post": x_post, "P_post": P_post, "flags": flags.vector()}
+
+    return half("correct", s, formula)
+
+
+def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple[Term, Term, Flags]:
+    """State, covariance (nx, nx) and flags after a measurement, in the formula of a `half`."""
+
     def seen(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_prior = s.model.output(x, u)
         H, e, R = masked(ca.jacobian(y_prior, x), y - y_prior, ca.SX(s.R), mask)  # eq. 20
         return {"e": e, "H": H, "noise": R}
 
-    residual = leaf("residual", notation(s), seen)
-    settle = settled(s)
-
-    def formula(x: Term, P: Term, u: Term, y: Term, mask: Term) -> Results:
-        e, H, R = residual(x, u, y, mask)
-        K, S = gain(P, H, R)  # eq. 17
-        P_post = joseph(P, K, H, R)  # eq. 19
-        x_post, flags = settle(x + K @ e, ca.diag(P_post), ca.diag(S))  # eq. 18
-        if check:
-            indefinite = ca.if_else(smallest_pivot(P) < -1e-10, 1, 0)
-            raised = Flags.of(flags)
-            known = ca.fmin(raised.not_positive_definite + indefinite, 1)
-            flags = dataclasses.replace(raised, not_positive_definite=known).vector()
-        return {"x_post": x_post, "P_post": P_post, "flags": flags}
-
-    return half("correct", s, formula)
+    e, H, R = leaf("residual", notation(s), seen)(x, u, y, mask)
+    K, S = gain(P, H, R)  # eq. 17
+    P_post = joseph(P, K, H, R)  # eq. 19
+    x_post, flags = settled(s)(x + K @ e, ca.diag(P_post), ca.diag(S))  # eq. 18
+    return x_post, P_post, Flags.of(flags)
 
 
 def settled(s: Setting) -> ca.Function:
@@ -177,7 +186,7 @@ def settled(s: Setting) -> ca.Function:
     return leaf("settled", {**notation(s), "variance": s.model.nx}, formula)
 
 
-def predict(s: Setting, integrator: Integrator, covariance: str) -> ca.Function:
+def predict(s: Setting, integrator: Integrator, covariance: Propagation) -> ca.Function:
     r"""Time update over one sampling period, eq. 13-16: ``(x, P, u, u_next) -> (x, P)``.
 
     ``transition``
@@ -191,8 +200,6 @@ def predict(s: Setting, integrator: Integrator, covariance: str) -> ca.Function:
         :math:`P \leftarrow F P F' + Q_d` with the Jacobian F of the whole period and
         :math:`Q_d = Q\,\Delta t`. The only choice for discrete-time models.
     """
-    if covariance not in COVARIANCES:
-        raise TuningError(f"unknown covariance '{covariance}': {nearest(covariance, COVARIANCES)}")
     kept = Covariance(s.model.nx)
     if kept.whole and covariance == "ode":
         raise TuningError(

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import scipy
 
-from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -62,7 +62,7 @@ class KalmanFilter(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    hold: str = "zoh"
+    hold: Hold = "zoh"
     steady_state: bool = False
 
     def compile(self, model: Model, dt: float) -> Recursion:

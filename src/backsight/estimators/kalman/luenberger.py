@@ -3,7 +3,8 @@
 import dataclasses
 import warnings
 from collections import Counter
-from typing import Any, ClassVar
+from collections.abc import Iterator
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -11,8 +12,10 @@ import scipy
 from numpy.typing import NDArray
 
 from backsight.algebra.update import measured, noise_of
+from backsight.description import Sound
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError, nearest
+from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
 from backsight.estimators.kalman.kf import fixed_gain_halves
 from backsight.estimators.parts.covariance import packed
@@ -26,7 +29,7 @@ from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.types import Array
 
-FORMS = ("filtering", "prediction")
+Form: TypeAlias = Literal["filtering", "prediction"]
 """Whether the estimate uses the measurement of its own sample."""
 
 
@@ -48,7 +51,7 @@ class Observer:
     gain: Array
     eigenvalues: NDArray[np.complex128]
     dt: float
-    form: str
+    form: Form
 
     def __str__(self) -> str:
         gain = np.array2string(self.gain, precision=6, prefix="  gain ")
@@ -104,22 +107,20 @@ class Luenberger(AbstractEstimator):
     noise: Noise
     prior: Prior
     poles: tuple[complex, ...]
-    form: str = "filtering"
-    hold: str = "zoh"
+    form: Form = "filtering"
+    hold: Hold = "zoh"
 
-    def __post_init__(self) -> None:
-        if self.form not in FORMS:
-            raise TuningError(f"unknown form '{self.form}': {nearest(self.form, FORMS)}")
-        object.__setattr__(self, "poles", tuple(complex(p) for p in self.poles))
-        outside = [p for p in self.poles if not abs(p) < 1]
-        if outside:
-            raise TuningError(
-                f"pole {_shown(outside[0])} is not inside the unit circle; the error would grow"
-            )
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if not sound("poles"):
+            return
+        for pole in self.poles:
+            if not abs(pole) < 1:
+                yield f"pole {_shown(pole)} is not inside the unit circle; the error would grow"
         count = Counter(self.poles)
         alone = [p for p in self.poles if p.imag and count[p] != count[p.conjugate()]]
         if alone:
-            raise TuningError(
+            yield (
                 f"pole {_shown(alone[0])} has no conjugate partner; add "
                 f"{_shown(alone[0].conjugate())}"
             )

@@ -11,6 +11,7 @@ from backsight.algebra.sigma import Weights, factor, sigma_points, weights
 from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked, measured, noise_of
+from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
@@ -61,13 +62,9 @@ class UKF(AbstractEstimator):
     noise: Noise
     prior: Prior
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
-    alpha: float = 1.0
+    alpha: Positive = 1.0
     beta: float = 2.0
     kappa: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.alpha > 0:
-            raise TuningError(f"alpha is {self.alpha}; the spread of sigma points must be positive")
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

@@ -1,15 +1,16 @@
 """Moving horizon estimation for linear models: least squares over a window."""
 
 import dataclasses
-import numbers
+from collections.abc import Iterator
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Horizon, Share, Sound
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.loops import iterate, scan
 from backsight.engine.recursion import Channel, Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.kf import predict_linear
@@ -20,7 +21,7 @@ from backsight.estimators.linear_windows.window_limits import limit_gains, windo
 from backsight.estimators.parts.covariance import Covariance, packed
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.limits import Limit, Rows, bounds, rows_of
+from backsight.estimators.parts.limits import Limit, Rows, bounds, names_used_twice, rows_of
 from backsight.estimators.parts.linear import Linear, linear, require_observable, without_bounds
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.window import moved_on, no_window
@@ -83,16 +84,15 @@ class LinearMHE(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    N: int = 20
-    arrival: float = 0.0
-    hold: str = "zoh"
+    N: Horizon = 20
+    arrival: Share = 0.0
+    hold: Hold = "zoh"
     limits: tuple[Limit, ...] = ()
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.N, numbers.Integral) or self.N < 1:
-            raise TuningError(f"the horizon N is {self.N}; it must be a whole number from 1 on")
-        if not 0 <= self.arrival <= 1:
-            raise TuningError(f"the weight arrival is {self.arrival}; it must be from 0 to 1")
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("limits"):
+            yield from names_used_twice(self.limits)
 
     def gains(self, model: Model, dt: float) -> Gains:
         """Gains of a full window without arrival cost, physical units, see `Gains`."""

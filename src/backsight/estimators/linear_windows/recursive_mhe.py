@@ -1,13 +1,15 @@
 """The least-squares window as an observer: one sample in, one sample out of the sum."""
 
 import dataclasses
-import numbers
 import warnings
+from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backsight.description import Count, Horizon, Share, Sound, Whole
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -77,27 +79,24 @@ class RecursiveMHE(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    N: int = 20
-    alpha: float = 0.0
-    every: int = 1
-    reinitialise: int = 0
-    hold: str = "zoh"
+    N: Horizon = 20
+    alpha: Share = 0.0
+    every: Count = 1
+    reinitialise: Whole = 0
+    hold: Hold = "zoh"
 
-    def __post_init__(self) -> None:
-        for name, lowest in (("N", 1), ("every", 1), ("reinitialise", 0)):
-            value = getattr(self, name)
-            if not isinstance(value, numbers.Integral) or value < lowest:
-                raise TuningError(f"{name} is {value}; it must be a whole number from {lowest} on")
-        if not 0 <= self.alpha <= 1:
-            raise TuningError(f"alpha is {self.alpha}; it must be from 0 to 1")
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if not sound("N", "every"):
+            return
         if self.every > self.N:
-            raise TuningError(
+            yield (
                 f"every = {self.every} is more than the horizon N = {self.N}: the window would "
                 "hold one sample; lengthen it"
             )
-        if self.N % self.every:
+        elif self.N % self.every:
             below = self.N - self.N % self.every
-            raise TuningError(
+            yield (
                 f"N = {self.N} is no multiple of every = {self.every}; use {below} or "
                 f"{below + self.every}"
             )

@@ -65,7 +65,7 @@ def limits_of(s: Setting, Q: Array, limits: Sequence[Limit], soft: Mapping[str, 
     Raises
     ------
     TuningError
-        If a name is unknown or a weight is not positive.
+        If a name is unknown.
     """
     model = s.model
     boxes = [
@@ -97,11 +97,9 @@ def _check(names: tuple[str, ...], soft: Mapping[str, float]) -> None:
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise TuningError(f"limits need different names, but '{twice[0]}' is used twice")
-    for name, weight in soft.items():
+    for name in soft:
         if name not in names:
             raise TuningError(f"soft: there is no limit '{name}': {nearest(name, names)}")
-        if not (np.isfinite(weight) and weight > 0):
-            raise TuningError(f"soft: the weight of '{name}' is {weight}; it must be positive")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,8 +123,6 @@ def _row(s: Setting, Q: Array, limit: Limit, weight: float) -> _Row:
     except ModelError as error:
         raise TuningError(str(error)) from None
     w = w * (s.sy if residual else s.sx)
-    if not w.any():
-        raise TuningError(f"limit '{limit.name}' has no weight that is not zero")
     spread = float(np.sqrt(w @ Q @ w)) if limit.of == "noise" else 0.0
     unit = spread or float(np.abs(w).max())
     lower, upper = limit.lower / unit, limit.upper / unit

@@ -5,13 +5,14 @@ estimation: a comparison to extended and unscented Kalman filter".
 """
 
 import dataclasses
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
 from backsight.algebra.factor import solve_spd
 from backsight.algebra.symmetric import unvech, vech
-from backsight.errors import TuningError
+from backsight.description import Called, Description, Positive
 from backsight.estimators.parts.leaf import Results, leaf
 from backsight.models.affine import AffineForm
 from backsight.types import Array
@@ -21,7 +22,7 @@ BLOCKS = 20
 
 
 @dataclasses.dataclass(frozen=True)
-class Excitation:
+class Excitation(Description):
     r"""Persistency of excitation per parameter.
 
     With the sensitivity :math:`s = \lambda^{-n} \Upsilon_1 \, \partial\theta/\partial p` of the
@@ -35,11 +36,7 @@ class Excitation:
         T [s]; one period of the motion or more.
     """
 
-    window: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not self.window > 0:
-            raise TuningError(f"the window of the excitation is {self.window} s; it must be > 0")
+    window: Annotated[Positive, Called("the window of the excitation", "s")] = 0.5
 
     def block(self, dt: float) -> int:
         """Samples per block."""

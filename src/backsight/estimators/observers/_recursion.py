@@ -13,7 +13,13 @@ from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.observers._excitation import Excitation, excitation, excitation_start
 from backsight.estimators.observers._states import States
 from backsight.estimators.observers.adaptive_gain import AdaptiveGain, adapt, gain_start
-from backsight.estimators.observers.formulas import ObserverGains, Spread, free_step, observer_step
+from backsight.estimators.observers.formulas import (
+    Interpolation,
+    ObserverGains,
+    Spread,
+    free_step,
+    observer_step,
+)
 from backsight.estimators.parts.covariance import packed
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.flags import Flags
@@ -35,8 +41,8 @@ class Plan:
         Gain, lambda_max if it adapts [1/s].
     integrator : Integrator
         `hold` is that of the input.
-    interpolation : str
-        Of the measurement, one of `INTERPOLATIONS`.
+    interpolation : {"model", "linear", "hold"}
+        Of the measurement, see `Interpolation`.
     dt, R : float
         Sampling period [s] and variance of the measurement.
     x0, constants : arrays
@@ -51,7 +57,7 @@ class Plan:
     gains: ObserverGains
     lam: float
     integrator: Integrator
-    interpolation: str
+    interpolation: Interpolation
     dt: float
     R: float
     x0: Array

@@ -6,19 +6,21 @@ adaptive high-gain observer for nonlinear systems", Automatica 46 (2010), 1483-1
 """
 
 import dataclasses
+from collections.abc import Iterator
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Description, Positive, Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate, scan
-from backsight.errors import TuningError
 from backsight.models.affine import AffineForm
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class AdaptiveGain:
+class AdaptiveGain(Description):
     r"""High gain while the model does not explain the output, low gain otherwise.
 
     .. math::
@@ -50,22 +52,21 @@ class AdaptiveGain:
         K_up and K_down [1/s].
     """
 
-    lower: float
-    gamma: float
-    beta: float | None = None
-    window: float = 0.04
-    every: float = 0.001
-    up: float = 500.0
-    down: float = 5.0
+    called: ClassVar[str] = "adaptive gain"
 
-    def __post_init__(self) -> None:
-        for name in ("lower", "gamma", "beta", "window", "every", "up", "down"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise TuningError(f"adaptive gain: {name} is {value}; it must be positive")
-        if not self.window >= self.every:
-            raise TuningError(
-                f"adaptive gain: the window ({self.window:g} s) is shorter than the time between "
+    lower: Positive
+    gamma: Positive
+    beta: Positive | None = None
+    window: Positive = 0.04
+    every: Positive = 0.001
+    up: Positive = 500.0
+    down: Positive = 5.0
+
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("window", "every") and not self.window >= self.every:
+            yield (
+                f"the window ({self.window:g} s) is shorter than the time between "
                 f"evaluations ({self.every:g} s)"
             )
 

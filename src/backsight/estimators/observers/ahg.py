@@ -1,11 +1,13 @@
 """Adaptive high-gain observer with fixed or adaptive gain."""
 
 import dataclasses
-from typing import ClassVar
+from collections.abc import Iterator
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Positive, Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
@@ -15,9 +17,9 @@ from backsight.estimators.observers._recursion import Plan, assemble_observer
 from backsight.estimators.observers._states import States, state_bounds
 from backsight.estimators.observers.adaptive_gain import AdaptiveGain
 from backsight.estimators.observers.formulas import (
+    Interpolation,
     ObserverGains,
     Spread,
-    check_gain,
     check_step,
     gain_vector,
 )
@@ -64,7 +66,7 @@ class AHG(AbstractEstimator):
     integrator : Integrator
         `hold` is that of the input.
     interpolation : {"model", "linear", "hold"}
-        The measurement between samples, see `formulas.INTERPOLATIONS`.
+        The measurement between samples, see `formulas.Interpolation`.
 
     Notes
     -----
@@ -84,21 +86,19 @@ class AHG(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    lam: float
+    lam: Positive
     Gamma: Array
     poles: complex | tuple[complex, ...] = -1.0
-    form: str = "consistent"
+    form: Literal["consistent", "printed"] = "consistent"
     adaptive: AdaptiveGain | None = None
     excitation: Excitation = dataclasses.field(default_factory=Excitation)
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
-    interpolation: str = "model"
+    interpolation: Interpolation = "model"
 
-    def __post_init__(self) -> None:
-        if self.form not in ("consistent", "printed"):
-            raise TuningError(f"unknown form '{self.form}': use 'consistent' or 'printed'")
-        check_gain(self.lam, self.interpolation)
-        if self.adaptive and not self.adaptive.lower < self.lam:
-            raise TuningError(
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if self.adaptive and sound("adaptive", "lam") and not self.adaptive.lower < self.lam:
+            yield (
                 f"adaptive gain: lower = {self.adaptive.lower:g} must be below lam = {self.lam:g}"
             )
 

@@ -6,6 +6,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
@@ -13,9 +14,9 @@ from backsight.estimators.observers._excitation import Excitation
 from backsight.estimators.observers._recursion import Plan, assemble_observer
 from backsight.estimators.observers._states import States, state_bounds
 from backsight.estimators.observers.formulas import (
+    Interpolation,
     ObserverGains,
     Spread,
-    check_gain,
     check_step,
     gain_vector,
 )
@@ -51,7 +52,7 @@ class HGO(AbstractEstimator):
     integrator : Integrator
         `hold` is that of the input.
     interpolation : {"model", "linear", "hold"}
-        The measurement between samples, see `formulas.INTERPOLATIONS`.
+        The measurement between samples, see `formulas.Interpolation`.
 
     References
     ----------
@@ -64,13 +65,10 @@ class HGO(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    lam: float
+    lam: Positive
     poles: complex | tuple[complex, ...] = -1.0
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
-    interpolation: str = "model"
-
-    def __post_init__(self) -> None:
-        check_gain(self.lam, self.interpolation)
+    interpolation: Interpolation = "model"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

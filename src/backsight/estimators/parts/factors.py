@@ -10,7 +10,12 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra import sigma, triangular
-from backsight.algebra.factor import cholesky_semidefinite
+from backsight.algebra.factor import (
+    cholesky_semidefinite,
+    smallest_pivot,
+    solve_ldl,
+    solve_spd,
+)
 from backsight.algebra.sigma import Weights
 from backsight.engine.dense import add_product, transpose
 from backsight.engine.loops import scan
@@ -43,6 +48,26 @@ def cholesky(A: Term) -> Term:
     diagonal = ca.diag(A).T
     _, (L,) = scan(body, n, carry=[A], xs=[*_places(n), diagonal])
     return L
+
+
+def definite(A: Term) -> Term:
+    """1 if a symmetric matrix is positive definite."""
+    if not isinstance(A, ca.MX):
+        return smallest_pivot(A) > 0
+    return ca.mmin(ca.diag(cholesky(A))) > 0
+
+
+def solve(A: Term, B: Term) -> Term:
+    """Solve A X = B for symmetric positive definite A; what is put out for others is worthless."""
+    if not isinstance(A, ca.MX):
+        return solve_spd(A, B)
+    n = A.shape[0]
+    factor, b = ca.SX.sym("L", n, n), ca.SX.sym("b", n)
+    size = ca.diag(factor)
+    d = ca.if_else(size > 0, size, 1)
+    unit = ca.tril(factor) @ ca.diag(1 / d)
+    column = ca.Function("solve_column", [b, factor], [solve_ldl(unit, d**2, b)])
+    return columns(column, B, cholesky(A))[0]
 
 
 def compress(A: Term) -> Term:

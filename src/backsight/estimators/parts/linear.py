@@ -7,6 +7,7 @@ import numpy as np
 from backsight.analysis.observability import observability
 from backsight.discrete.exact import foh, zoh
 from backsight.discrete.noise import discretise_noise
+from backsight.discrete.runge_kutta import Hold
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import Setting, setting
 from backsight.estimators.uncertainty import Noise, Prior
@@ -14,7 +15,6 @@ from backsight.models.lti import lti, state_space
 from backsight.models.model import Model
 from backsight.types import Array
 
-HOLDS = ("zoh", "foh")
 """Input between the samples: held, or interpolated linearly."""
 
 
@@ -43,7 +43,7 @@ class Linear:
     ramp: bool
 
 
-def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: str) -> Linear:
+def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -> Linear:
     """Check a description against the model, scale it, and carry it exactly to discrete time.
 
     A continuous model is discretised by matrix exponentials, its noise by Van Loan's integral.
@@ -53,8 +53,6 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: str) ->
     TuningError, ModelError
         If anything does not fit, above all if the model is not linear.
     """
-    if hold not in HOLDS:
-        raise TuningError(f"unknown hold '{hold}': use 'zoh' (held) or 'foh' (ramp)")
     if hold == "foh" and not model.continuous:
         raise TuningError("hold 'foh' needs a continuous-time model; use 'zoh'")
     try:

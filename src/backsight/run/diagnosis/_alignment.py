@@ -1,11 +1,13 @@
 """Find out whether outputs and inputs of a recording are aligned, and in the model's units."""
 
 import math
+from typing import Annotated
 
 import numpy as np
 import xarray as xr
 
 from backsight.analysis.recording import Alignment, Ratio, decide, ratio
+from backsight.description import Called, Count, checked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.execute import choose, execute, prepare
 from backsight.engine.recursion import Recursion
@@ -27,8 +29,13 @@ START = 0.1
 """Share of the recording in which the estimates settle; it has no vote."""
 
 
+@checked()
 def alignment(
-    estimator: AbstractEstimator, model: Model, recording: xr.Dataset, *, reach: int = REACH
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    reach: Annotated[Count, Called("the reach", "samples")] = REACH,
 ) -> Alignment:
     """Look for a delay between outputs and inputs, and for wrong units and signs.
 
@@ -58,8 +65,6 @@ def alignment(
     TuningError, ModelError
         If estimator and model do not fit, or `reach` is not positive.
     """
-    if reach < 1:
-        raise TuningError(f"the reach is {reach} samples; it must be at least one")
     predicting = yardstick(estimator)
     data = [part[:MOST] for part in match(model, recording, estimator=predicting)]
     dt = float(recording.attrs["dt"])

@@ -16,6 +16,7 @@ from backsight.analysis.certificate import (
     lagged,
     least_squares,
 )
+from backsight.description import Positive, Whole, checked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.errors import ModelError, TuningError
@@ -59,14 +60,15 @@ WEIGHTS = {"arrival = 1": 1.0, "arrival = 0": 0.0}
 """The same where it is a number."""
 
 
+@checked()
 def certify(
     estimator: AbstractEstimator,
     model: Model,
     recording: xr.Dataset,
     *,
     at: ByName | None = None,
-    seed: int = 0,
-    tolerance: float = TOLERANCE,
+    seed: Whole = 0,
+    tolerance: Positive = TOLERANCE,
 ) -> Certificate:
     """Show whether an estimator equals the Kalman filter and least squares over all samples.
 

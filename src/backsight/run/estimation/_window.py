@@ -3,6 +3,7 @@
 import numpy as np
 import xarray as xr
 
+from backsight.description import checked
 from backsight.engine import vm
 from backsight.engine.recursion import Channel
 from backsight.errors import DataError
@@ -11,6 +12,7 @@ from backsight.models.model import Model
 from backsight.run.estimation._match import match
 
 
+@checked()
 def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1) -> xr.Dataset:
     """Everything that the estimator knows of its window after a sample.
 

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from backsight.report.figures import figure, label, legend
+from backsight.plot._figures import figure, label, legend
 from backsight.report.palette import ON_LIGHT
 
 NAMED = 6
@@ -28,7 +28,7 @@ def force_path_figure(path: xr.Dataset, *, lam: float | None = None, unit: str =
     Returns
     -------
     matplotlib.figure.Figure
-        To be written by `backsight.report.figures.save`.
+        To be written by `backsight.plot.save`.
     """
     made = figure(2, height=2.6)
     forces, rest = made.axes

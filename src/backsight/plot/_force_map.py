@@ -7,9 +7,9 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from backsight.analysis.forces import forces, hits, where
 from backsight.errors import DataError
-from backsight.report._thin import peaks
-from backsight.report.figures import label
+from backsight.plot._figures import label
 from backsight.report.palette import BLUE, VERMILLION
+from backsight.report.thin import peaks
 
 _COLUMNS = 400
 _AREA = (60.0, 360.0)  # of the circles [points squared]

@@ -1,4 +1,4 @@
-"""Static figures for studies: one calm style, bands, and files that are whole or not there.
+"""One calm style, bands, and files that are whole or not there.
 
 Figures are drawn with matplotlib's Agg canvas without pyplot, so nothing global is touched: no
 back end is chosen for the program, and no figure stays in memory when its variable is gone.
