@@ -12,7 +12,7 @@ from backsight.engine.loops import iterate
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
-from backsight.estimators.kalman.ekf import correct, halves
+from backsight.estimators.kalman.ekf import Propagation, correct, halves
 from backsight.estimators.parts.covariance import Term, congruence, times_transposed
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.flags import Flags
@@ -82,7 +82,7 @@ class IEKF(AbstractEstimator):
     noise: Noise
     prior: Prior
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
-    covariance: str = "transition"
+    covariance: Propagation = "transition"
     max_iterations: int = 10
     tolerance: float = 1e-6
 
