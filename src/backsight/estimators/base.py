@@ -1,5 +1,7 @@
 """What every estimator is: a frozen description that compiles to a recursion."""
 
+from __future__ import annotations
+
 import abc
 import dataclasses
 from typing import ClassVar
@@ -9,6 +11,7 @@ import numpy as np
 
 from backsight.algebra.symmetric import unvech, vech
 from backsight.description import Description
+from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.uncertainty import Noise, Prior
@@ -28,9 +31,55 @@ class AbstractEstimator(Description, abc.ABC):
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
 
     @property
+    def assumed(self) -> tuple[Noise, Prior]:
+        """The fields ``noise`` and ``prior``.
+
+        Raises
+        ------
+        TuningError
+            If the estimator has none.
+        """
+        noise, prior = getattr(self, "noise", None), getattr(self, "prior", None)
+        if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
+            raise TuningError(f"'{self.key}' has no noise and prior")
+        return noise, prior
+
+    @property
     def horizon(self) -> int:
         """Sampling periods that the window spans, 0 of an estimator without a window."""
         return int(getattr(self, "N", 0))
+
+    @property
+    def delay(self) -> int:
+        """Samples from the newest one back to that of the output: the field ``lag``, or 0."""
+        return int(getattr(self, "lag", 0))
+
+    @property
+    def integration(self) -> Integrator | None:
+        """The field ``integrator``, or None of an estimator that needs none."""
+        given = getattr(self, "integrator", None)
+        return given if isinstance(given, Integrator) else None
+
+    @property
+    def input_hold(self) -> Hold:
+        """Input between samples: that of the integrator, or the field ``hold``, or held."""
+        if self.integration is not None:
+            return self.integration.hold
+        return getattr(self, "hold", "zoh")
+
+    def variants(self) -> dict[str, AbstractEstimator]:
+        """The estimator itself, first, and with other arrival costs; by their names."""
+        return {"": self}
+
+    def inspect(self, model: Model, dt: float) -> ca.Function:  # noqa: ARG002 - none has a window
+        """Build the whole window of a sample, see `backsight.estimators.mhe._inspect`.
+
+        Raises
+        ------
+        TuningError
+            If the estimator has no window whose states can be looked at.
+        """
+        raise TuningError(f"{self.title} has no window to look at; use MHE")
 
     @abc.abstractmethod
     def compile(self, model: Model, dt: float) -> Recursion:

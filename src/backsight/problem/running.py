@@ -17,8 +17,8 @@ from backsight.problem.problem import Problem
 from backsight.problem.seeing import doubts
 from backsight.problem.source import recording
 from backsight.report import report
-from backsight.run.compare import Comparison, compare
-from backsight.run.estimation import check_window, failure, match
+from backsight.run.compare import Comparison, compared
+from backsight.run.estimation import Task, failure, match, ready
 
 ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
 
@@ -68,31 +68,28 @@ def execute(
     with whole(out, names=names, force=force) as folder:
         data = recording(problem)
         samples = data.sizes["time"]
-        _rehearse(problem, data)
+        tasks = _ready(problem, data)
         for sentence in doubts(problem, data):
             tell(sentence)
-        results = compare(
-            problem.estimators,
-            problem.model,
-            data,
-            throw=False,
-            progress=lambda name, done: progress(name, done, samples),
+        results = compared(
+            tasks, throw=False, progress=lambda name, done: progress(name, done, samples)
         )
         with writing(Path(out)):
             _write(folder, problem, results)
     return results
 
 
-def _rehearse(problem: Problem, data: xr.Dataset) -> None:
-    """Find out what does not fit before the first estimator has run for minutes."""
+def _ready(problem: Problem, data: xr.Dataset) -> dict[str, Task]:
+    """Compile every estimator; what does not fit is found before the first one has run."""
     for estimator in problem.estimators.values():
         match(problem.model, data, estimator=estimator)
     with at("model"):
         check_sampling(problem.model, float(data.attrs["dt"]))
+    tasks = {}
     for name, estimator in problem.estimators.items():
         with at(f"estimators.{name}"), ALL_ESTIMATORS.blamed(estimator.key):
-            check_window(estimator, data.sizes["time"])
-            estimator.compile(problem.model, float(data.attrs["dt"]))
+            tasks[name] = ready(estimator, problem.model, data)
+    return tasks
 
 
 def _write(folder: Path, problem: Problem, results: Mapping[str, xr.Dataset]) -> None:

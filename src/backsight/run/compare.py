@@ -13,7 +13,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run._ranking import as_text, final_values, ranking, true_errors
 from backsight.run.diagnosis import audited
-from backsight.run.estimation import carry_out, check_memory, ready
+from backsight.run.estimation import Task, carry_out, check_memory, ready
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,10 +92,23 @@ def compare(
     if not estimators:
         raise TuningError("there is no estimator to compare")
     tasks = {name: ready(e, model, recording) for name, e in estimators.items()}
+    return compared(tasks, engine=engine, throw=throw, progress=progress)
+
+
+def compared(
+    tasks: Mapping[str, Task],
+    *,
+    engine: Engine | None = None,
+    throw: bool = True,
+    progress: Callable[[str, int], None] = lambda *_: None,
+) -> Comparison:
+    """Run what is ready, see `compare`: estimators of one model over one recording."""
     samples = next(iter(tasks.values())).samples
     check_memory([task.recursion for task in tasks.values()], samples)
     results = {
         name: carry_out(task, engine=engine, throw=throw, progress=lambda k, n=name: progress(n, k))
         for name, task in tasks.items()
     }
-    return Comparison(audited(results, estimators, model, recording))
+    estimators = {name: task.estimator for name, task in tasks.items()}
+    first = next(iter(tasks.values()))
+    return Comparison(audited(results, estimators, first.model, first.recording))

@@ -151,6 +151,10 @@ class CompressiveSensingMHE(AbstractEstimator):
         """Samples from the newest one back to that of the output."""
         return self.N if self.lag is None else self.lag
 
+    def variants(self) -> dict[str, AbstractEstimator]:
+        """See `AbstractEstimator.variants`: only itself, by the word for its arrival cost."""
+        return {self.arrival: self}
+
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         return cs_recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)

@@ -159,6 +159,12 @@ class LinearMHE(AbstractEstimator):
             dt=dt,
         )
 
+    def variants(self) -> dict[str, AbstractEstimator]:
+        """See `AbstractEstimator.variants`: the weights 1 and 0 of the arrival cost."""
+        weights = [w for w in (1.0, 0.0) if w != self.arrival]
+        every = {f"arrival = {self.arrival:g}": self}
+        return every | {f"arrival = {w:g}": dataclasses.replace(self, arrival=w) for w in weights}
+
     def _system(self, model: Model, dt: float) -> Linear:
         return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
 

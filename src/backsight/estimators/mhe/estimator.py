@@ -29,6 +29,16 @@ from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.solvers.box import GaussNewton
 
+ARRIVALS = {
+    "NoArrival": NoArrival(),
+    "ConstantArrival": ConstantArrival(),
+    "EKFArrival": EKFArrival(),
+    "UKFArrival": UKFArrival(),
+    "SmoothedArrival": SmoothedArrival(),
+    "SmoothedArrival(naive)": SmoothedArrival(naive=True),
+}
+"""What is tried in the place of an arrival cost, by its name."""
+
 
 @dataclasses.dataclass(frozen=True)
 class MHE(AbstractEstimator):
@@ -127,6 +137,14 @@ class MHE(AbstractEstimator):
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         return recursion(self.key, self._parts(model, dt))
+
+    def variants(self) -> dict[str, AbstractEstimator]:
+        """See `AbstractEstimator.variants`: the arrival costs in `ARRIVALS`."""
+        own = next((n for n, part in ARRIVALS.items() if part == self.arrival), str(self.arrival))
+        others = {n: part for n, part in ARRIVALS.items() if part != self.arrival}
+        return {own: self} | {
+            n: dataclasses.replace(self, arrival=part) for n, part in others.items()
+        }
 
     def inspect(self, model: Model, dt: float) -> ca.Function:
         """Build the whole window of a sample, see `backsight.estimators.mhe._inspect`."""

@@ -11,10 +11,8 @@ from backsight.description import Called, Count, checked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.execute import choose, execute, prepare
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import EKF
-from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.run.estimation import match
 from backsight.types import Array
@@ -96,12 +94,8 @@ def yardstick(estimator: AbstractEstimator) -> EKF:
     TuningError
         If the estimator has none.
     """
-    noise, prior = getattr(estimator, "noise", None), getattr(estimator, "prior", None)
-    if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
-        raise TuningError(f"'{estimator.key}' has no noise and prior to predict the outputs with")
-    given = getattr(estimator, "integrator", None)
-    hold = str(getattr(estimator, "hold", "zoh"))
-    return EKF(noise, prior, given if isinstance(given, Integrator) else Integrator(hold=hold))
+    noise, prior = estimator.assumed
+    return EKF(noise, prior, estimator.integration or Integrator(hold=estimator.input_hold))
 
 
 def _ratios(

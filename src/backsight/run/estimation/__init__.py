@@ -1,5 +1,6 @@
 """An estimator over recordings, streams and windows."""
 
+from backsight.run.estimation._estimate import Task as Task
 from backsight.run.estimation._estimate import carry_out as carry_out
 from backsight.run.estimation._estimate import check_memory as check_memory
 from backsight.run.estimation._estimate import check_window as check_window

@@ -7,18 +7,21 @@ from backsight.description import checked
 from backsight.engine import vm
 from backsight.engine.recursion import Channel
 from backsight.errors import DataError
-from backsight.estimators.mhe import MHE
+from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._match import match
 
 
 @checked()
-def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1) -> xr.Dataset:
+def window(
+    estimator: AbstractEstimator, model: Model, recording: xr.Dataset, *, at: int = -1
+) -> xr.Dataset:
     """Everything that the estimator knows of its window after a sample.
 
     Parameters
     ----------
-    estimator : MHE
+    estimator : AbstractEstimator
+        One with a window whose states can be looked at: `MHE`.
     model : Model
     recording : xarray.Dataset
     at : int
@@ -34,6 +37,8 @@ def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1)
 
     Raises
     ------
+    TuningError
+        If the estimator has no such window.
     DataError
         If the recording has no such sample, or does not fit the model.
     """
