@@ -98,7 +98,7 @@ def test_a_folder_of_the_system_for_everybody_will_do(folder):
     chosen.mkdir()
     chosen.chmod(0o1777)
     cache.keep("program", b"code")
-    assert cache.read("program") == b"code"
+    assert cache.read_kept("program") == b"code"
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert stat.S_IMODE((folder / "program").stat().st_mode) == 0o600
 
@@ -115,7 +115,7 @@ def test_a_digest_without_the_key_is_worth_nothing(folder):
     ]
     for digest in forged:
         file.write_bytes(cache._MAGIC + digest + body)
-        assert cache.read(file.name) is None
+        assert cache.read_kept(file.name) is None
     assert np.array_equal(estimate(), first)
     assert file.read_bytes() == whole
 
@@ -123,7 +123,7 @@ def test_a_digest_without_the_key_is_worth_nothing(folder):
 def test_a_file_does_not_pass_for_another_one(folder):
     cache.keep("one", b"code")
     (folder / "one").rename(folder / "two")
-    assert cache.read("two") is None
+    assert cache.read_kept("two") is None
 
 
 @pytest.mark.parametrize(
@@ -145,9 +145,9 @@ def test_what_is_kept_but_no_program_is_compiled_again(folder, body):
     first = estimate()
     (file,) = folder.iterdir()
     cache.keep(file.name, body)
-    assert cache.read(file.name) == body
+    assert cache.read_kept(file.name) == body
     assert np.array_equal(estimate(), first)
-    assert json.loads(cache.read(file.name).partition(b"\n")[0])
+    assert json.loads(cache.read_kept(file.name).partition(b"\n")[0])
 
 
 @posix

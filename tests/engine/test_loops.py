@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from backsight.engine.loops import Loop, iterate, loop_of, scan
+from backsight.engine.loops import LoopFunction, iterate, loop_of, scan
 from backsight.errors import EngineError
 
 rng = np.random.default_rng(1)
@@ -111,7 +111,7 @@ def test_iterate_does_not_evaluate_what_comes_after_the_end():
     assert [float(v) for v in loop(1, 1.0)] == [0, 8]
 
 
-def called_loop(function: ca.Function) -> Loop:
+def called_loop(function: ca.Function) -> LoopFunction:
     """The one loop in a function, found through the instructions of its graph."""
     called = [
         function.instruction_MX(k).which_function()

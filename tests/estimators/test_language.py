@@ -9,10 +9,16 @@ from backsight.engine.recursion import Channel
 from backsight.errors import EngineError
 from backsight.estimators import EKF, IEKF, UKF, Noise, Prior
 from backsight.estimators.base import setting
-from backsight.estimators.parts.covariance import Covariance, congruence, gain, joseph
-from backsight.estimators.parts.factors import cholesky, compress, definite, downdate, solve
+from backsight.estimators.parts.covariance import Covariance, congruence, joseph_form, kalman_gain
+from backsight.estimators.parts.factors import (
+    cholesky,
+    compress_rows,
+    definite,
+    downdate_factor,
+    solve_definite,
+)
 from backsight.estimators.parts.flags import FLAGS, Flags
-from backsight.estimators.parts.leaf import Symmetric, called, half, leaf, notation
+from backsight.estimators.parts.leaf import Symmetric, half, leaf, named_results, notation
 from backsight.estimators.parts.memory import Memory
 from backsight.models.lti import lti
 from backsight.schema import Status
@@ -110,7 +116,7 @@ def test_leaf_knows_sizes_and_symmetry():
     )
     assert [function.size_in(i)[0] for i in range(3)] == [FEW, FEW * (FEW + 1) // 2, 1]
     x, P = np.arange(FEW), np.eye(FEW) + 1
-    found = called(function, x, Covariance(FEW).kept(P), 2.0)
+    found = named_results(function, x, Covariance(FEW).kept(P), 2.0)
     np.testing.assert_array_equal(np.asarray(found["x_next"])[:, 0], 2 * x)
     triangle = np.asarray(found["P"])[:, 0]
     np.testing.assert_allclose(triangle, Covariance(FEW).kept(2 * P @ P), rtol=1e-15)
@@ -137,19 +143,19 @@ def test_formulas_for_few_and_many_states_are_those_of_numpy(n):
     s, kept = stage(n), Covariance(n)
 
     def formula(P):
-        K, S = gain(P, H_ := (ca.MX if kept.whole else ca.SX)(ca.DM(H)), type(H_)(ca.DM(R)))
+        K, S = kalman_gain(P, H_ := (ca.MX if kept.whole else ca.SX)(ca.DM(H)), type(H_)(ca.DM(R)))
         return {
             "K": K,
             "S": S,
-            "P_post": joseph(P, K, H_, type(H_)(ca.DM(R))),
+            "P_post": joseph_form(P, K, H_, type(H_)(ca.DM(R))),
             "P_next": congruence(type(H_)(ca.DM(F)), P, R[0, 0] * np.eye(n)),
             "L": cholesky(P),
-            "X": solve(P, P @ H_.T),
+            "X": solve_definite(P, P @ H_.T),
             "definite": ca.vertcat(definite(P), definite(P - 1e3 * np.eye(n))),
         }
 
     function = half("formulas", s, formula)
-    found = {k: np.asarray(v) for k, v in called(function, ca.DM(kept.kept(P))).items()}
+    found = {k: np.asarray(v) for k, v in named_results(function, ca.DM(kept.kept(P))).items()}
     S = H @ P @ H.T + R
     K = P @ H.T @ np.linalg.inv(S)
     np.testing.assert_allclose(found["K"], K, rtol=1e-10, atol=1e-12)
@@ -169,8 +175,8 @@ def test_triangular_factors(kind):
     rng = np.random.default_rng(2)
     rows, v = rng.standard_normal((MANY, 40)), 0.1 * rng.standard_normal(MANY)
     A, w = kind.sym("A", *rows.shape), kind.sym("v", MANY)
-    L = compress(A)
-    found = ca.Function("f", [A, w], [L, *downdate(L, w)])
+    L = compress_rows(A)
+    found = ca.Function("f", [A, w], [L, *downdate_factor(L, w)])
     lower, less, exists = (np.asarray(k) for k in found(rows, v))
     np.testing.assert_array_equal(lower, np.tril(lower))
     np.testing.assert_allclose(lower @ lower.T, rows @ rows.T, rtol=1e-11, atol=1e-11)

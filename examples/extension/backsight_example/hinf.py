@@ -59,7 +59,7 @@ class HInfinity(ext.AbstractEstimator):
     def compile(self, model: Model, dt: float) -> ext.Recursion:
         """See `AbstractEstimator.compile`."""
         s = ext.setting(model, dt, noise=self.noise, prior=self.prior)
-        halves = ext.halves(s, self.integrator, "transition")
+        halves = ext.ekf_halves(s, self.integrator, "transition")
         correct = _correct(s, self.theta)
         return ext.assemble(self.key, s, dataclasses.replace(halves, correct=correct))
 
@@ -73,7 +73,7 @@ def _correct(s: ext.Setting, theta: float) -> ca.Function:
         # 1. Widen the prior: (P^-1 - theta D D)^-1 by the matrix inversion lemma, D = S^(1/2).
         M = ca.DM(identity) - theta * (P * ca.DM(both))
         exists, DP = ext.definite(M), P * ca.DM(left)
-        wide = P + theta * ext.times_transposed(DP.T, ext.solve(M, DP).T)
+        wide = P + theta * ext.times_transposed(DP.T, ext.solve_definite(M, DP).T)
         use = ca.logic_and(exists, ca.sum1(mask) > 0)
         prior = ca.if_else(use, (wide + wide.T) / 2, P)
 

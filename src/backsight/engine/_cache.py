@@ -47,7 +47,7 @@ def folder() -> Path:
     return Path(base) / "backsight"
 
 
-def read(name: str) -> bytes | None:
+def read_kept(name: str) -> bytes | None:
     """Return what was kept under a name, or None if there is nothing whole of the user's own."""
     try:
         trusted = _trusted(folder())

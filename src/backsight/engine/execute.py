@@ -28,7 +28,7 @@ SHORT = 1000
 Run = Callable[..., tuple[Array, list[Array]]]
 
 
-def choose(engine: str | None, samples: int) -> str:
+def choose_engine(engine: str | None, samples: int) -> str:
     """Name of the engine: the given one, else the one that is likely to finish first.
 
     Raises
@@ -49,7 +49,7 @@ def prepare(recursion: Recursion, engine: str) -> None:
         _module(engine).compiled(recursion)
 
 
-def execute(
+def run_recursion(
     recursion: Recursion,
     data: Sequence[Array],
     *,
@@ -69,7 +69,7 @@ def stepper(recursion: Recursion, engine: str) -> native.Stepper | vm.Stepper:
     EngineError
         If there is no engine of that name or it cannot compile the recursion.
     """
-    return _module(choose(engine, 1)).Stepper(recursion)
+    return _module(choose_engine(engine, 1)).Stepper(recursion)
 
 
 def _module(engine: str) -> ModuleType:

@@ -17,7 +17,7 @@ from backsight.errors import EngineError
 
 
 @dataclasses.dataclass(frozen=True)
-class Loop:
+class LoopFunction:
     """What a loop function stands for.
 
     Parameters
@@ -147,7 +147,7 @@ def iterate(
     return loop.call(inputs)
 
 
-def loop_of(function: ca.Function) -> Loop | None:
+def loop_of(function: ca.Function) -> LoopFunction | None:
     """What loop a function stands for, or None if it is an ordinary function."""
     match = _NAME.fullmatch(function.name())
     if match is None:
@@ -159,7 +159,7 @@ def loop_of(function: ca.Function) -> Loop | None:
         raise EngineError(
             f"'{function.name()}' has the name of a loop, but is none; give it another name"
         )
-    return Loop(kind, length, n_carry, n_xs, n_constants, bodies[0])
+    return LoopFunction(kind, length, n_carry, n_xs, n_constants, bodies[0])
 
 
 def _with_name_of_its_own(body: ca.Function) -> ca.Function:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+from collections.abc import Mapping
 from typing import ClassVar
 
 import casadi as ca
@@ -67,7 +68,7 @@ class AbstractEstimator(Description, abc.ABC):
             return self.integration.hold
         return getattr(self, "hold", "zoh")
 
-    def variants(self) -> dict[str, AbstractEstimator]:
+    def variants(self) -> Mapping[str, AbstractEstimator]:
         """The estimator itself, first, and with other arrival costs; by their names."""
         return {"": self}
 

@@ -93,7 +93,7 @@ def export_c(
     kind = Precision(precision)
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
     program = walk(recursion.step)
-    source = c99.write(
+    source = c99.write_c99(
         program,
         name=name,
         start=recursion.carry0.tolist(),

@@ -53,7 +53,7 @@ class Precision(Description):
         return f"({text}{self.suffix})" if value < 0 else text + self.suffix
 
 
-def write_leaf(leaf: Leaf, real: str, kind: Precision) -> str:
+def write_c99_leaf(leaf: Leaf, real: str, kind: Precision) -> str:
     """Write a leaf as a function; its inputs are read before its outputs are written."""
     names = [identifier(name) for name in leaf.names]
     inputs, outputs = names[: len(leaf.inputs)], names[len(leaf.inputs) :]

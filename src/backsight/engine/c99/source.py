@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
-from backsight.engine.c99.leaf import Precision, identifier, write_leaf
+from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
 from backsight.engine.program import Buffer, Program
 
 
@@ -36,7 +36,7 @@ class Source:
     operations: int
 
 
-def write(
+def write_c99(
     program: Program,
     *,
     name: str,
@@ -177,7 +177,7 @@ def _code(
         [
             f'{_comment(about)}\n#include <math.h>\n\n#include "{name}.h"',
             *_includes(program.kernels, kind),
-            *(write_leaf(leaf, f"{name}_real", kind) for leaf in program.leaves),
+            *(write_c99_leaf(leaf, f"{name}_real", kind) for leaf in program.leaves),
             "\n".join(
                 [
                     f"void {name}_init({name}_memory *memory)",

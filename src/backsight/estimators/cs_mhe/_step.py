@@ -17,7 +17,7 @@ from backsight.estimators.cs_mhe.carryover import Carryover, slide
 from backsight.estimators.cs_mhe.tables import Forced
 from backsight.estimators.parts.filtering import choose, physical
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.leaf import Results, called, leaf
+from backsight.estimators.parts.leaf import Results, leaf, named_results
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.window import empty_queue, moved_on, queued
 
@@ -55,7 +55,7 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
 
     # 3. the estimate, `lag` samples before the end
     here = N - lag
-    now = called(
+    now = named_results(
         _output(forced),
         states[:, here] + found.x[1],
         found.P[1],
@@ -64,7 +64,7 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
         found.forces,
     )
     (e, S), late = queued(m.late, [e, S], lag)
-    told = called(_told(solver.lam), *found.info)
+    told = named_results(_told(solver.lam), *found.info)
     estimate = physical(s, x=now["x"], P=now["triangle"], u=now["v"], e=e, S=S, flags=told["flags"])
 
     # 4. arrival cost, eq. 12, and what the next window expects (Algorithm 1)

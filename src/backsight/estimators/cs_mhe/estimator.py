@@ -1,7 +1,7 @@
 """Compressive-sensing moving horizon estimation: states and sparse unknown forces."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -151,7 +151,7 @@ class CompressiveSensingMHE(AbstractEstimator):
         """Samples from the newest one back to that of the output."""
         return self.N if self.lag is None else self.lag
 
-    def variants(self) -> dict[str, AbstractEstimator]:
+    def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: only itself, by the word for its arrival cost."""
         return {self.arrival: self}
 

@@ -13,10 +13,10 @@ from backsight.algebra.factor import smallest_pivot, solve_spd
 from backsight.algebra.symmetric import vech
 from backsight.algebra.update import masked, measured, noise_of
 from backsight.estimators.joint_input._system import Forces
-from backsight.estimators.parts.covariance import Term, congruence, symmetric, times_transposed
+from backsight.estimators.parts.covariance import Term, congruence, symmetric_part, times_transposed
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.leaf import Results, called, half, leaf, notation
-from backsight.estimators.parts.substeps import clip
+from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.types import Array
 
 LOST = 1e-6
@@ -36,9 +36,9 @@ def step(found: Forces) -> ca.Function:
     gains, ahead, tail = _gains(found), _ahead(found), _tail(found)
 
     def formula(x: Term, P: Term, started: Term, u: Term, y: Term, mask: Term) -> Results:
-        known = called(gains, x, times_transposed(P, C), started, u, y, mask)
+        known = named_results(gains, x, times_transposed(P, C), started, u, y, mask)
         # The covariance of states and forces together, and that of the states ahead.
-        joint = symmetric(congruence(known["T"], P, known["V"]))
+        joint = symmetric_part(congruence(known["T"], P, known["V"]))
         triangle, d_triangle = tail(joint)
         kept = ("x_next", "x_post", "v", "e", "spread", "flags", "d")
         return {
@@ -103,7 +103,7 @@ def _gains(found: Forces) -> ca.Function:
         # 3. states, with the gain that leaves the forces out of the innovation
         L = K + (G - K @ H) @ M
         free = prior + L @ e
-        x_post = clip(s, free)
+        x_post = within_bounds(s, free)
         clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, 0)
 
         # 4. covariance T P T' + V of states and forces

@@ -16,7 +16,7 @@ from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.filtering import physical
-from backsight.estimators.parts.leaf import called
+from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.uncertainty import Noise, Prior
@@ -134,7 +134,7 @@ def _recursion(name: str, found: Forces) -> Recursion:
     sizes = {"u": found.nu, "y": s.model.ny, "m": s.model.ny}
     data = [ca.MX.sym(n, k) for n, k in sizes.items()]
     m = Memory(x=s.x0, P=kept.kept(s.P0), started=0)
-    now = called(step(found), m.x, m.P, m.started, *data)
+    now = named_results(step(found), m.x, m.P, m.started, *data)
     estimate = physical(
         s,
         x=now["x_post"],

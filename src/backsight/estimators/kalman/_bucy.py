@@ -26,7 +26,7 @@ from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.parts.covariance import Covariance, Term
 from backsight.estimators.parts.filtering import Halves, choose, data_inputs, physical
-from backsight.estimators.parts.flags import FLAGS, either
+from backsight.estimators.parts.flags import FLAGS, raised_in_either
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import substep_inputs
 
@@ -114,5 +114,5 @@ def _substep(
     prior = transition.call([x, P, ua, ub])
     *posterior, raised = correct.call([*prior, ub if ramp else ua, y, mask])
     data = [ua, ub, y, mask] if ramp else [y, mask, ua, ub]
-    results = [*posterior, either(flags, raised)]
+    results = [*posterior, raised_in_either(flags, raised)]
     return ca.Function("continuous_substep", [x, P, flags, *data], results)

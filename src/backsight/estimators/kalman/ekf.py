@@ -20,15 +20,15 @@ from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
     congruence,
-    gain,
-    joseph,
+    joseph_form,
+    kalman_gain,
     times_transposed,
     transposed,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import clip, flow, substep_inputs
+from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 
@@ -102,14 +102,14 @@ class EKF(AbstractEstimator):
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
-        parts = halves(s, self.integrator, self.covariance)
+        parts = ekf_halves(s, self.integrator, self.covariance)
         if self.measurement == "sampled":
             return assemble(self.key, s, parts)
         step = transition(s, self.integrator)
         return assemble_continuous(self.key, s, parts, transition=step, integrator=self.integrator)
 
 
-def halves(s: Setting, integrator: Integrator, covariance: Propagation) -> Halves:
+def ekf_halves(s: Setting, integrator: Integrator, covariance: Propagation) -> Halves:
     """Measurement update and time update, see `EKF`."""
     kept = Covariance(s.model.nx)
     return Halves(
@@ -167,8 +167,8 @@ def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple
         return {"e": e, "H": H, "noise": R}
 
     e, H, R = leaf("residual", notation(s), seen)(x, u, y, mask)
-    K, S = gain(P, H, R)  # eq. 17
-    P_post = joseph(P, K, H, R)  # eq. 19
+    K, S = kalman_gain(P, H, R)  # eq. 17
+    P_post = joseph_form(P, K, H, R)  # eq. 19
     x_post, flags = settled(s)(x + K @ e, ca.diag(P_post), ca.diag(S))  # eq. 18
     return x_post, P_post, Flags.of(flags)
 
@@ -177,7 +177,7 @@ def settled(s: Setting) -> ca.Function:
     """State within its bounds, and flags: ``(x, variances, of the innovation) -> (x, flags)``."""
 
     def formula(x: ca.SX, variance: ca.SX, y: ca.SX) -> Results:
-        inside = clip(s, x)
+        inside = within_bounds(s, x)
         clipped = ca.if_else(ca.norm_1(inside - x) > 0, 1, 0)
         definite = ca.mmin(ca.vertcat(variance, y)) >= 0
         flags = Flags(clipped=clipped, not_positive_definite=ca.if_else(definite, 0, 1))

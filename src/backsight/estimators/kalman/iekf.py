@@ -12,12 +12,12 @@ from backsight.engine.loops import iterate
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
-from backsight.estimators.kalman.ekf import Propagation, correct, halves
+from backsight.estimators.kalman.ekf import Propagation, correct, ekf_halves
 from backsight.estimators.parts.covariance import Term, congruence, times_transposed
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.leaf import Results, called, half, leaf, notation
-from backsight.estimators.parts.substeps import clip
+from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 
@@ -95,7 +95,7 @@ class IEKF(AbstractEstimator):
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
-        once = halves(s, self.integrator, self.covariance)
+        once = ekf_halves(s, self.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)
         return assemble(self.key, s, dataclasses.replace(once, correct=iterated))
 
@@ -146,7 +146,7 @@ def _step(s: Setting, tolerance: float) -> ca.Function:
         Pw_try = times_transposed(P, w_try.T)
         _, e_try, R = measure(x + Pw_try, u, y, mask)
         J_try = (ca.dot(e_try, weigh(R, e_try)) + ca.dot(w_try, Pw_try)) / 2
-        found = called(judge, go, w, w_last, J, t, w_try, J_try, length)
+        found = named_results(judge, go, w, w_last, J, t, w_try, J_try, length)
         return {f"{name}_after": value for name, value in found.items()}
 
     sizes = {"go": 1, "w": nx, "J": 1, "t": 1}
@@ -197,7 +197,7 @@ def _finished(s: Setting, tolerance: float) -> ca.Function:
     """Keep the bounds and say what happened: ``(x, go, flags) -> (x, flags)``."""
 
     def formula(x: ca.SX, go: ca.SX, flags: ca.SX) -> Results:
-        inside = clip(s, x)
+        inside = within_bounds(s, x)
         raised = dataclasses.replace(
             Flags.of(flags),
             clipped=ca.if_else(ca.norm_1(inside - x) > 0, 1, 0),

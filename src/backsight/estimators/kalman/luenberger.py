@@ -24,7 +24,7 @@ from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.linear import Linear, linear, require_observable
 from backsight.estimators.parts.memory import Memory
-from backsight.estimators.parts.substeps import clip
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.types import Array
@@ -189,7 +189,7 @@ def _predicting(name: str, system: Linear, L: Array) -> Recursion:
 
     def formula(z: ca.SX, P: ca.SX, started: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         free = z + started * ca.mtimes(B_next, u)
-        x, seen, R = clip(s, free), measured(mask), noise_of(ca.SX(s.R), mask)
+        x, seen, R = within_bounds(s, free), measured(mask), noise_of(ca.SX(s.R), mask)
         e = seen * (y - s.model.output(x, u))
         gain = ca.SX(ca.DM(L)) @ ca.diag(seen)
         error = ca.SX(A) - gain @ C

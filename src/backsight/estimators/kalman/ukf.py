@@ -20,16 +20,16 @@ from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.parts.covariance import Covariance, Term, packed, times_transposed
 from backsight.estimators.parts.factors import (
     cholesky,
-    columns,
+    deviation_factor,
+    each_column,
     minus,
-    root,
+    on_top,
     sigma_columns,
-    stacked_rows,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import clip, flow, substep_inputs
+from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.types import Array
@@ -81,7 +81,7 @@ class UKF(AbstractEstimator):
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
         points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
-        return assemble(self.key, s, halves(s, self.integrator, points))
+        return assemble(self.key, s, ukf_halves(s, self.integrator, points))
 
 
 def points_of(s: Setting, *, alpha: float, beta: float, kappa: float) -> Weights:
@@ -92,7 +92,7 @@ def points_of(s: Setting, *, alpha: float, beta: float, kappa: float) -> Weights
     return weights(n, alpha=alpha, beta=beta, kappa=kappa)
 
 
-def halves(s: Setting, integrator: Integrator, w: Weights) -> Halves:
+def ukf_halves(s: Setting, integrator: Integrator, w: Weights) -> Halves:
     """Measurement update and time update, see `UKF`; the spread is that of `Factor`."""
     kept = Factor(Covariance(s.model.nx))
     return Halves(
@@ -144,14 +144,20 @@ def cholesky_factor(P: Array) -> Array:
 def _points(s: Setting, w: Weights, x: Term, spread: Term) -> tuple[Term, Term]:
     """Sigma points inside the bounds of the states, and 1 if one of them was set to a bound."""
     L = Factor(Covariance(s.model.nx)).opened(spread)
-    within = leaf("within", notation(s), lambda x: {"x_in": clip(s, x), "off": clip(s, x) - x})
-    points, off = columns(within, sigma_columns(x, L, w.spread))
+    within = leaf(
+        "within",
+        notation(s),
+        lambda x: {"x_in": within_bounds(s, x), "off": within_bounds(s, x) - x},
+    )
+    points, off = each_column(within, sigma_columns(x, L, w.spread))
     return points, ca.if_else(ca.norm_1(ca.vec(off)) > 0, 1, 0)
 
 
 def _outputs(s: Setting, w: Weights, points: Term, u: Term) -> tuple[Term, Term]:
     """Mean output (ny,) and deviations from it (ny, 2 n + 1)."""
-    (Y,) = columns(leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)}), points, u)
+    (Y,) = each_column(
+        leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)}), points, u
+    )
     mean = Y @ w.mean
     return mean, minus(Y, mean)
 
@@ -193,7 +199,7 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
         x: ca.SX, KSy: ca.SX, Sy: ca.SX, e: ca.SX, held: ca.SX, definite: ca.SX, failed: ca.SX
     ) -> Results:
         free = ca.if_else(definite, x + KSy @ forward(Sy, e), x)
-        x_post = clip(s, free)
+        x_post = within_bounds(s, free)
         clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, held)
         flags = Flags(clipped=clipped, not_positive_definite=ca.fmax(1 - definite, failed))
         return {"x_post": x_post, "flags": flags.vector()}
@@ -204,8 +210,8 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
         points, held = _points(s, w, x, spread)
         y_mean, dY = _outputs(s, w, points, u)
         dY, e, noise = weigh(y, dY, y_mean, mask)
-        both = stacked_rows([dY, minus(points, x)])
-        joint, definite = root(both, w, stacked_rows([noise, type(noise).zeros(nx, ny)]))
+        both = on_top([dY, minus(points, x)])
+        joint, definite = deviation_factor(both, w, on_top([noise, type(noise).zeros(nx, ny)]))
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
         x_post, flags = settle(x, KSy, Sy, e, held, definite, spread[-1])
         L_next = ca.if_else(definite, kept.closed(L_post), spread[:-1])
@@ -228,14 +234,14 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     all_points = half(
         "advance_points",
         s,
-        lambda X, ua, ub: {"X_next": columns(one, X, ua, ub)[0]},
+        lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
         sizes,
     )
     noise = cholesky_factor(s.Q * s.dt if s.model.continuous else s.Q)
 
     def gathered(X: Term, spread: Term) -> Results:
         mean = times_transposed(X, ca.DM(w.mean).T)
-        L, definite = root(minus(X, mean), w, type(X)(ca.DM(noise)))
+        L, definite = deviation_factor(minus(X, mean), w, type(X)(ca.DM(noise)))
         L_next = ca.if_else(definite, kept.closed(L), spread[:-1])
         return {"x_next": mean, "spread_next": ca.vertcat(L_next, 1 - definite)}
 

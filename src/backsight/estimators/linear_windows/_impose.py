@@ -6,7 +6,7 @@ from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.dense import add_product, transpose
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.substeps import clip
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.solvers.limits import limited
 
 ROUNDING = 1e-10
@@ -41,7 +41,7 @@ def _finish(s: Setting, n: int, N: int) -> ca.Function:
     vP, seen = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("seen", nx, nx)
     side, conflict = (ca.SX.sym(v, n * (N + 1)) for v in ("side", "conflict"))
     stuck, go = ca.SX.sym("stuck"), ca.SX.sym("go")
-    inside = ca.if_else(stuck, x, clip(s, moved))
+    inside = ca.if_else(stuck, x, within_bounds(s, moved))
     left = unvech(vP) - seen
     # What is left of the variance in a fixed direction is rounding, and may be below zero.
     known = ca.diag(left) <= ROUNDING * ca.diag(unvech(vP))

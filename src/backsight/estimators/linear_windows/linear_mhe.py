@@ -1,7 +1,7 @@
 """Moving horizon estimation for linear models: least squares over a window."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 import casadi as ca
@@ -159,7 +159,7 @@ class LinearMHE(AbstractEstimator):
             dt=dt,
         )
 
-    def variants(self) -> dict[str, AbstractEstimator]:
+    def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: the weights 1 and 0 of the arrival cost."""
         weights = [w for w in (1.0, 0.0) if w != self.arrival]
         every = {f"arrival = {self.arrival:g}": self}

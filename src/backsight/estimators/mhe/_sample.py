@@ -16,7 +16,7 @@ from backsight.estimators.mhe._window import linearise
 from backsight.estimators.mhe.arrival import Arrival, Leaving
 from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, physical
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.substeps import clip
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import (
     as_columns,
     empty_queue,
@@ -208,7 +208,7 @@ def _leaving(w: Solved, chain: Chain) -> Leaving:
 def within(s: Setting) -> ca.Function:
     """A state set to its bounds."""
     x = ca.SX.sym("x", s.model.nx)
-    return ca.Function("within", [x], [clip(s, x)])
+    return ca.Function("within", [x], [within_bounds(s, x)])
 
 
 def _unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:

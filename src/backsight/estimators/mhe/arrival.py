@@ -172,7 +172,7 @@ class EKFArrival(AbstractArrival):
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        return _filter(ekf.halves(to.s, to.integrator, "discrete"), _same(to.chain))
+        return _filter(ekf.ekf_halves(to.s, to.integrator, "discrete"), _same(to.chain))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -192,7 +192,7 @@ class UKFArrival(AbstractArrival):
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
         points = ukf.points_of(to.s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
-        halves = ukf.halves(to.s, to.integrator, points)
+        halves = ukf.ukf_halves(to.s, to.integrator, points)
         return _filter(halves, _whole(to.chain, halves.covariance))
 
 

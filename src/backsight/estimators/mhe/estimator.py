@@ -138,7 +138,7 @@ class MHE(AbstractEstimator):
         """See `AbstractEstimator.compile`."""
         return recursion(self.key, self._parts(model, dt))
 
-    def variants(self) -> dict[str, AbstractEstimator]:
+    def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: the arrival costs in `ARRIVALS`."""
         own = next((n for n, part in ARRIVALS.items() if part == self.arrival), str(self.arrival))
         others = {n: part for n, part in ARRIVALS.items() if part != self.arrival}

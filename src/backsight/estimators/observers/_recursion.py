@@ -23,7 +23,7 @@ from backsight.estimators.observers.formulas import (
 from backsight.estimators.parts.covariance import packed
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.leaf import called
+from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import ramp
 from backsight.types import Array
@@ -110,7 +110,7 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
 
     # 3. parameters, bounds, covariance of the states
     P_now = _with_noise(plan)(after["P"], after["B"])
-    seen = called(plan.states.observed(), after["x"], after["theta"], P_now, m.parameters)
+    seen = named_results(plan.states.observed(), after["x"], after["theta"], P_now, m.parameters)
     x, theta, flags = seen["x"], seen["theta"], Flags.of(seen["flags"])
     after |= {"x": x, "theta": theta, "parameters": seen["parameters"]}
     outputs, channels = {"lam": m.lam}, [*ESTIMATE_CHANNELS, Channel("lam")]
@@ -119,7 +119,7 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
     if form.p:
         measure = excitation(plan.window, form, dt=plan.dt, sigma=float(np.sqrt(plan.R)))
         memory = [getattr(m, name) for name in watch]
-        watched = called(measure, *memory, after["Upsilon"], m.lam, theta)
+        watched = named_results(measure, *memory, after["Upsilon"], m.lam, theta)
         outputs["excitation"] = watched["level"]
         channels.append(Channel("excitation", ("parameter",), labels=form.parameters))
         flags = dataclasses.replace(flags, not_excited=1 - watched["excited"])

@@ -84,7 +84,7 @@ def times_transposed(A: Term, F: Term) -> Term:
     return A @ F.T
 
 
-def symmetric(P: Term) -> Term:
+def symmetric_part(P: Term) -> Term:
     """The symmetric part; straight-line code takes no other entries anyway."""
     return symmetrise(P) if isinstance(P, ca.MX) else P
 
@@ -114,7 +114,7 @@ def congruence(F: Term, P: Term, Q: Array | ca.DM | Term) -> Term:
     return F @ P @ F.T + Q
 
 
-def gain(P: Term, H: Term, R: Term) -> tuple[Term, Term]:
+def kalman_gain(P: Term, H: Term, R: Term) -> tuple[Term, Term]:
     """Kalman gain K = P H' S^-1 (nx, ny) and innovation covariance S = H P H' + R (ny, ny)."""
     if not isinstance(P, ca.MX):
         return update.gain(P, H, R)
@@ -130,7 +130,7 @@ def gain(P: Term, H: Term, R: Term) -> tuple[Term, Term]:
     return transpose(Kt), S
 
 
-def joseph(P: Term, K: Term, H: Term, R: Term) -> Term:
+def joseph_form(P: Term, K: Term, H: Term, R: Term) -> Term:
     """(I - K H) P (I - K H)' + K R K': positive semidefinite for every gain, however rounded.
 
     Of a large matrix as products of tall ones.

@@ -22,7 +22,7 @@ from backsight.engine.loops import scan
 from backsight.estimators.parts.covariance import Term
 
 
-def columns(function: ca.Function, X: Term, *constants: Term) -> list[Term]:
+def each_column(function: ca.Function, X: Term, *constants: Term) -> list[Term]:
     """Apply a function to every column; its results side by side."""
     if isinstance(X, ca.MX):
         return list(scan(function, X.shape[1], carry=[], xs=[X], constants=constants)[1])
@@ -57,7 +57,7 @@ def definite(A: Term) -> Term:
     return ca.mmin(ca.diag(cholesky(A))) > 0
 
 
-def solve(A: Term, B: Term) -> Term:
+def solve_definite(A: Term, B: Term) -> Term:
     """Solve A X = B for symmetric positive definite A; what is put out for others is worthless."""
     if not isinstance(A, ca.MX):
         return solve_spd(A, B)
@@ -67,10 +67,10 @@ def solve(A: Term, B: Term) -> Term:
     d = ca.if_else(size > 0, size, 1)
     unit = ca.tril(factor) @ ca.diag(1 / d)
     column = ca.Function("solve_column", [b, factor], [solve_ldl(unit, d**2, b)])
-    return columns(column, B, cholesky(A))[0]
+    return each_column(column, B, cholesky(A))[0]
 
 
-def compress(A: Term) -> Term:
+def compress_rows(A: Term) -> Term:
     """Lower triangular L with L L' = A A', see `backsight.algebra.triangular.compress`."""
     if not isinstance(A, ca.MX):
         return triangular.compress(A)
@@ -82,13 +82,13 @@ def compress(A: Term) -> Term:
     along = ca.dot(row, direction)
     project = ca.Function("project", [row, direction], [row - along * direction, along])
     d = normed(add_product(ca.MX.zeros(m, 1), rows, unit.T))
-    rest, along_all = columns(project, rows, d)
+    rest, along_all = each_column(project, rows, d)
     body = ca.Function("gram_schmidt", [rows, unit, below], [rest, below * along_all.T])
     _, (L,) = scan(body, n, carry=[transpose(A)], xs=_places(n))
     return L
 
 
-def downdate(L: Term, v: Term) -> tuple[Term, Term]:
+def downdate_factor(L: Term, v: Term) -> tuple[Term, Term]:
     """Factor of L L' - v v' and whether there is one, see `backsight.algebra.triangular`."""
     if not isinstance(L, ca.MX):
         return triangular.downdate(L, v)
@@ -109,7 +109,7 @@ def downdate(L: Term, v: Term) -> tuple[Term, Term]:
     return found, all_definite
 
 
-def root(deviations: Term, w: Weights, noise: Term) -> tuple[Term, Term]:
+def deviation_factor(deviations: Term, w: Weights, noise: Term) -> tuple[Term, Term]:
     """Factor of the covariance of weighted deviations plus noise, see `algebra.sigma.factor`."""
     if not isinstance(deviations, ca.MX):
         return sigma.factor(deviations, w, noise)
@@ -118,8 +118,8 @@ def root(deviations: Term, w: Weights, noise: Term) -> tuple[Term, Term]:
     scales = np.sqrt(np.append(abs(centre), w.covariance[1:]))
     weighted = deviations * ca.MX(ca.DM(np.tile(scales, (n, 1))))
     if centre >= 0:
-        return compress(ca.horzcat(weighted, noise)), ca.MX(1)
-    return downdate(compress(ca.horzcat(weighted[:, 1:count], noise)), weighted[:, 0])
+        return compress_rows(ca.horzcat(weighted, noise)), ca.MX(1)
+    return downdate_factor(compress_rows(ca.horzcat(weighted[:, 1:count], noise)), weighted[:, 0])
 
 
 def sigma_columns(x: Term, L: Term, spread: float) -> Term:
@@ -137,7 +137,7 @@ def minus(X: Term, x: Term) -> Term:
     return X - x
 
 
-def stacked_rows(parts: Sequence[Term]) -> Term:
+def on_top(parts: Sequence[Term]) -> Term:
     """Matrices of as many columns on top of each other."""
     if isinstance(parts[0], ca.MX):
         return transpose(ca.horzcat(*(transpose(part) for part in parts)))

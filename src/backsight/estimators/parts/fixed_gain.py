@@ -3,11 +3,11 @@
 import casadi as ca
 
 from backsight.algebra.update import measured, noise_of
-from backsight.estimators.parts.covariance import Term, joseph
+from backsight.estimators.parts.covariance import Term, joseph_form
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear
-from backsight.estimators.parts.substeps import clip
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.types import Array
 
 
@@ -23,7 +23,7 @@ def correct_with(system: Linear, gain: Array) -> ca.Function:
     def moved(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         seen = measured(mask)
         free = x + ca.mtimes(ca.DM(gain), seen * (y - s.model.output(x, u)))
-        inside = clip(s, free)
+        inside = within_bounds(s, free)
         flags = Flags(clipped=ca.if_else(ca.norm_1(inside - free) > 0, 1, 0))
         return {
             "x_post": inside,
@@ -36,6 +36,6 @@ def correct_with(system: Linear, gain: Array) -> ca.Function:
 
     def formula(x: Term, P: Term, u: Term, y: Term, mask: Term) -> Results:
         x_post, K, R, flags = observe(x, u, y, mask)
-        return {"x_post": x_post, "P_post": joseph(P, K, C, R), "flags": flags}
+        return {"x_post": x_post, "P_post": joseph_form(P, K, C, R), "flags": flags}
 
     return half("correct", s, formula)

@@ -52,6 +52,6 @@ FLAGS = len(dataclasses.fields(Flags))
 """Length of `Flags.vector`."""
 
 
-def either(a: Raised, b: Raised) -> Raised:
+def raised_in_either(a: Raised, b: Raised) -> Raised:
     """Vector of the flags that are raised in one of two vectors of flags."""
     return ca.fmax(a, b)

@@ -115,7 +115,7 @@ def half(name: str, s: Setting, formula: Formula, sizes: Sizes | None = None) ->
     )
 
 
-def called(function: ca.Function, *arguments: Term) -> dict[str, Term]:
+def named_results(function: ca.Function, *arguments: Term) -> dict[str, Term]:
     """Results of a function of `leaf` or `half` by the names that its formula gives them."""
     results = function.call(list(arguments))
     names = (function.name_out(i).removesuffix(ENDING) for i in range(function.n_out()))

@@ -30,6 +30,6 @@ def ramp(n: int, a: ca.MX, b: ca.MX) -> list[ca.MX]:
     return list(ca.Function(name, [first, last], columns)(a, b))
 
 
-def clip(s: Setting, x: ca.SX) -> ca.SX:
+def within_bounds(s: Setting, x: ca.SX) -> ca.SX:
     """Set states outside their bounds to the bounds."""
     return bounds.clip(x, s.lower, s.upper)

@@ -9,7 +9,7 @@ import xarray as xr
 from backsight.analysis.recording import Alignment, Ratio, decide, ratio
 from backsight.description import Called, Count, checked
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.execute import choose, execute, prepare
+from backsight.engine.execute import choose_engine, prepare, run_recursion
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import EKF
@@ -67,7 +67,7 @@ def alignment(
     data = [part[:MOST] for part in match(model, recording, estimator=predicting)]
     dt = float(recording.attrs["dt"])
     recursion = predicting.compile(model, dt)
-    engine = choose(None, (2 * reach + 2) * len(data[0]))
+    engine = choose_engine(None, (2 * reach + 2) * len(data[0]))
     prepare(recursion, engine)
     u, y, mask = data
     names = [s.name for s in model.outputs]
@@ -110,7 +110,7 @@ def _ratios(
 def _run(
     recursion: Recursion, data: list[Array], engine: str, wanted: tuple[str, ...]
 ) -> list[Array]:
-    outputs = execute(recursion, data, engine=engine)
+    outputs = run_recursion(recursion, data, engine=engine)
     named = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
     return [named[name] for name in wanted]
 
