@@ -110,7 +110,11 @@ class Prior:
 
 
 def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool) -> Array:
-    """Check size, symmetry and definiteness; raises `TuningError` with the smallest eigenvalue."""
+    """Check size, symmetry and definiteness; raises `TuningError` with the smallest eigenvalue.
+
+    Eigenvalues of n states are known to n times the machine precision of the largest one; what is
+    below that is rounding, as in ``Q = b b'`` of many states.
+    """
     matrix = np.asarray(given, float)
     n = len(of)
     if matrix.shape != (n, n):
@@ -123,8 +127,9 @@ def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool)
     relative = matrix / np.outer(size, size)
     if not np.allclose(relative, relative.T, rtol=0, atol=1e-9):
         raise TuningError(f"{what} is not symmetric")
-    smallest = float(np.linalg.eigvalsh((relative + relative.T) / 2)[0])
-    if smallest < -1e-12 or (smallest <= 1e-14 and not singular):
+    values = np.linalg.eigvalsh((relative + relative.T) / 2)
+    smallest, rounding = float(values[0]), n * np.finfo(float).eps * max(float(values[-1]), 0.0)
+    if smallest < -max(1e-12, rounding) or (smallest <= max(1e-14, rounding) and not singular):
         eigenvalue = float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[0])
         wanted = "positive semidefinite" if singular else "positive definite"
         raise TuningError(f"{what} is not {wanted}: its smallest eigenvalue is {eigenvalue:.3g}")
