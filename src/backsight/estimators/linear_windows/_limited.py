@@ -52,12 +52,15 @@ def limited(system: Linear, limits: Limits, N: int) -> ca.Function:
     )
     kept, dropped = equations(chain)(side, *stages[-2:])
     problem = [first, P, *stages, kept, ca.MX.zeros(n, m)]
-    P_free = covariance_of(chain)(dropped, P_end, *problem)
+    # With a wide prior the covariance without limits is known already, unless equations hold.
+    held = _some(chain)(kept)
+    needed = dropped * ca.fmax(1 - wide, held)
+    P_free = covariance_of(chain)(needed, P_end, *problem)
     names = ["x", "P", "side", "held", "conflict", "open"]
     return ca.Function(
         "limited",
         [x_start, vP, wide, *window, side0],
-        [x, chain.triangle()(P_free), side, _some(chain)(kept), conflict, unfinished],
+        [x, chain.triangle()(P_free), side, held, conflict, unfinished],
         [f"i{k}" for k in range(4 + len(window))],
         names,
     )
