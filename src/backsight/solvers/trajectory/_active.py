@@ -48,27 +48,12 @@ def solve(chain: Chain) -> ca.Function:
     found = dict(zip(_sweep(chain).name_out(), swept, strict=True))
     failed = _any(chain)(found["conflict"], found["broken"], found["wrong"])
 
-    # 2. Where that did not end well: one after the other.
-    go, side, bad, count, unfinished = _symbols(chain)
-    once = ca.Function(
-        "dual_instead",
-        [go, side, bad, count, unfinished, *inputs],
-        [ca.MX(0), *_after_dual(chain, inputs, count)],
-    )
-    zeros = ca.MX.zeros(n, m)
-    _, side, bad, passes, unfinished = iterate(
-        once, 1, carry=[failed, found["side"], zeros, passes, ca.MX(0)], constants=inputs
-    )
-
-    # 3. The trajectory of these limits; without any if some are still not held.
-    body = _settle(chain)
-    kept = [found[k] for k in KEPT]
-    _, side, bad, *kept = iterate(
-        body, 2, carry=[failed, side, bad, *kept], constants=[unfinished, *given]
-    )
-    found = dict(zip(KEPT, kept, strict=True))
-    course = {"side": side, "conflict": bad, "passes": passes, "open": unfinished}
-    return _solution(inputs, found | course)
+    # 2. Where that did not end well: one after the other, from the guess, from none, or without.
+    body, before = _attempt(chain)
+    zeros, kept = ca.MX.zeros(n, m), [found[k] for k in KEPT]
+    carry = [failed, ca.MX(0), side0, found["side"], zeros, passes, ca.MX(0), *kept]
+    last = iterate(body, 3, carry=carry, constants=given)
+    return _solution(inputs, dict(zip(before, last, strict=True)))
 
 
 KEPT = ("x", "eta", "nu", "P_end", "residual")
@@ -77,13 +62,6 @@ KEPT = ("x", "eta", "nu", "P_end", "residual")
 
 def _solution(inputs: list[ca.MX], found: dict[str, ca.MX]) -> ca.Function:
     return naming("solve", inputs, {k: found[k] for k in RESULTS})
-
-
-def _symbols(chain: Chain) -> list[ca.MX]:
-    """Whether to go on, sides, limits in conflict, number of passes, whether there were too few."""
-    n, m = chain.n, chain.N + 1
-    sizes = {"go": (1, 1), "side": (n, m), "bad": (n, m), "count": (1, 1), "unfinished": (1, 1)}
-    return [ca.MX.sym(k, *size) for k, size in sizes.items()]
 
 
 def _sweep(chain: Chain) -> ca.Function:
@@ -103,7 +81,7 @@ def _sweep(chain: Chain) -> ca.Function:
 
 def _pivot(chain: Chain) -> tuple[ca.Function, list[ca.MX]]:
     """A pass in which all wrong limits change sides, and the carry before it."""
-    go, side, _, count, _ = _symbols(chain)
+    go, count, side = ca.MX.sym("go"), ca.MX.sym("count"), ca.MX.sym("side", chain.n, chain.N + 1)
     given = chain.window()
     found = by_name(_sweep(chain), [*given, side])
     old = [ca.MX.sym(k, *v.shape) for k, v in found.items()]
@@ -115,27 +93,58 @@ def _pivot(chain: Chain) -> tuple[ca.Function, list[ca.MX]]:
     return body, [ca.MX(1), ca.MX(0), side, *(ca.MX.zeros(*k.shape) for k in old)]
 
 
-def _after_dual(chain: Chain, inputs: list[ca.MX], count: ca.MX) -> list[ca.MX]:
-    """Sides, limits in conflict, number of passes and whether they were too few."""
-    found = by_name(dual(chain), inputs)
-    passes = count + found["passes"]
-    return [found["side"], found["conflict"], passes, found["unfinished"]]
+def _attempt(chain: Chain) -> tuple[ca.Function, list[str]]:
+    """The dual method and the trajectory of its limits, and the names of what it carries.
 
-
-def _settle(chain: Chain) -> ca.Function:
-    """The trajectory of given sides; if a limit is not held, once more with none of them."""
+    The first attempt is from the guess of active limits, which may be more than there is freedom;
+    if it finds a contradiction, or a limit that is not held in the end, the second one is from no
+    active limits; if that still leaves a limit that is not held, the third is without limits.
+    """
     n, m = chain.n, chain.N + 1
-    go, side, bad, _, unfinished = _symbols(chain)
+    sizes = {
+        "go": (1, 1), "attempt": (1, 1), "start": (n, m), "side": (n, m), "conflict": (n, m),
+        "passes": (1, 1), "open": (1, 1),
+    }  # fmt: skip
+    before = {k: ca.MX.sym(k, *size) for k, size in sizes.items()}
     given = chain.window()
-    found = by_name(_sweep(chain), [*given, side])
+    search = by_name(dual(chain), [*given, before["start"], before["attempt"] < LAST])
+    found = by_name(_sweep(chain), [*given, search["side"]])
+    judged = _judge(chain)(
+        before["attempt"], before["conflict"], search["conflict"],
+        search["side"], found["broken"], search["unfinished"],
+    )  # fmt: skip
+    go, start, conflict = judged
     old = [ca.MX.sym(k, *found[k].shape) for k in KEPT]
-    again = _contradicts(chain)(found["broken"], side, unfinished, _any(chain)(bad, bad, ca.MX(0)))
-    named = ca.if_else(again, ca.fmax(found["broken"], ca.fabs(side)), bad)
-    none = ca.if_else(again, ca.MX.zeros(n, m), side)
+    after = [
+        go, before["attempt"] + 1, start, search["side"], conflict,
+        before["passes"] + search["passes"], search["unfinished"], *(found[k] for k in KEPT),
+    ]  # fmt: skip
+    body = ca.Function("attempt", [*before.values(), *old, *given], after)
+    return body, [*before, *KEPT]
+
+
+LAST = 2
+"""Attempt without limits."""
+
+
+def _judge(chain: Chain) -> ca.Function:
+    """Whether another attempt is needed, from what active limits, and the limits in conflict."""
+    n, m = chain.n, chain.N + 1
+    attempt, unfinished = ca.SX.sym("attempt"), ca.SX.sym("unfinished")
+    known, conflict, side, broken = (ca.SX.sym(k, n, m) for k in ("k", "c", "side", "broken"))
+    some = [ca.mmax(ca.vec(ca.fabs(k))) for k in (conflict, side, broken)]
+    contradicts, held, violated = some
+    violated = ca.logic_and(ca.logic_and(violated, held), ca.logic_not(unfinished))
+    again = ca.if_else(attempt == 0, ca.logic_or(contradicts, violated), violated)
+    named = ca.if_else(violated, ca.fmax(broken, ca.fabs(side)), conflict)
     return ca.Function(
-        "settle",
-        [go, side, bad, *old, unfinished, *given],
-        [again, none, named, *(found[k] for k in KEPT)],
+        "judge_attempt",
+        [attempt, known, conflict, side, broken, unfinished],
+        [
+            ca.logic_and(again, attempt < LAST),
+            ca.SX.zeros(n, m),
+            ca.if_else(attempt == LAST, known, named),
+        ],
     )
 
 
@@ -145,16 +154,3 @@ def _any(chain: Chain) -> ca.Function:
     a, b, number = ca.SX.sym("a", n, m), ca.SX.sym("b", n, m), ca.SX.sym("number")
     marked = ca.fmax(ca.mmax(ca.vec(a)), ca.mmax(ca.vec(b)))
     return ca.Function("any", [a, b, number], [ca.fmin(marked + number, 1)])
-
-
-def _contradicts(chain: Chain) -> ca.Function:
-    """1 if a limit is not held though the search for the active ones has ended."""
-    n, m = chain.n, chain.N + 1
-    broken, side = ca.SX.sym("broken", n, m), ca.SX.sym("side", n, m)
-    unfinished, known = ca.SX.sym("unfinished"), ca.SX.sym("known")
-    some = ca.logic_and(ca.mmax(ca.vec(broken)) > 0, ca.mmax(ca.vec(ca.fabs(side))) > 0)
-    excused = ca.logic_or(unfinished, known)
-    return ca.Function(
-        "contradicts", [broken, side, unfinished, known],
-        [ca.logic_and(some, ca.logic_not(excused))],
-    )  # fmt: skip

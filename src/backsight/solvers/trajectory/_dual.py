@@ -35,8 +35,9 @@ NEVER = 1e300
 
 
 def dual(chain: Chain) -> ca.Function:
-    """``(delta, P, *stages, side) -> (side, conflict, passes, unfinished)``.
+    """``(delta, P, *stages, side, run) -> (side, conflict, passes, unfinished)``.
 
+    With ``run = 0`` nothing is done and the sides are those given.
     Of the given active limits those that do not pull are dropped first. If limits contradict each
     other, ``conflict`` is 1 for them and no limit is active.
     """
@@ -72,15 +73,15 @@ def dual(chain: Chain) -> ca.Function:
         [go_next, turns, count + 1, ca.if_else(drops, length, 0),
          side_next, enter_next, conflict_next],
     )  # fmt: skip
-    side0, zeros = ca.MX.sym("side", n, m), ca.MX.zeros(n, m)
+    side0, run, zeros = ca.MX.sym("side", n, m), ca.MX.sym("run"), ca.MX.zeros(n, m)
     last = iterate(
         body,
         min(PASSES_PER_LIMIT * n * m + 8, MOST_PASSES),
-        carry=[ca.MX(1), ca.MX(1), ca.MX(0), ca.MX(0), side0, zeros, zeros],
+        carry=[run, ca.MX(1), ca.MX(0), ca.MX(0), side0, zeros, zeros],
         constants=given,
     )
     results = {"side": last[4], "conflict": last[6], "passes": last[2], "unfinished": last[0]}
-    return naming("dual", [*given, side0], results)
+    return naming("dual", [*given, side0, run], results)
 
 
 def _sweeps(
