@@ -16,8 +16,11 @@ from backsight.estimators.parts.stages import (
 from backsight.solvers.trajectory import Chain, by_name, solve
 from backsight.types import Array
 
-WIDTH = 1e3
+WIDTH = 1e2
 """Standard deviations of the prior that stands for none, in those of what the window says."""
+
+PASSES = 3
+"""Times that this prior goes along; with the width, a balance of its bias and of rounding."""
 
 KEPT = ("P_end", "conflict", "open")
 """What is kept of the results of `solvers.trajectory.solve`, beside trajectory and limits."""
@@ -33,8 +36,7 @@ def limited(system: Linear, limits: Limits, N: int) -> ca.Function:
     The cost needs a prior. With ``wide = 1`` there is none, and `x_start, P_start` are what the
     window says of its first state without limits. They become a prior `WIDTH` times as wide, which
     then goes along with the first state (proximal point): where no limit is active it says nothing,
-    and otherwise its error is a share of ``WIDTH**-2`` of the shift by the limits after the first
-    pass, and ``WIDTH**-4`` after the second.
+    and otherwise every pass leaves a share of ``WIDTH**-2`` of the error of the last one.
     """
     nx, n, m = len(system.A), len(limits.names), N + 1
     chain = chain_of(system.s, limits, _pattern(system.A), Q=system.s.Q, N=N)
@@ -46,7 +48,7 @@ def limited(system: Linear, limits: Limits, N: int) -> ca.Function:
     zeros = [ca.MX.zeros(*k.shape) for k in _symbols(chain)[3:]]
     _, first, side, x, P_end, conflict, unfinished = iterate(
         _pass(chain),
-        2,
+        PASSES,
         carry=[ca.MX(1), x_start, side0, *zeros],
         constants=[wide, P, *stages],
     )
