@@ -119,7 +119,11 @@ class Prior(Description):
 
 
 def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool) -> Array:
-    """Check size, symmetry and definiteness; raises `TuningError` with the smallest eigenvalue."""
+    """Check size, symmetry and definiteness; raises `TuningError` with the smallest eigenvalue.
+
+    Eigenvalues of n states are known to n times the machine precision of the largest one; what is
+    below that is rounding, as in ``Q = b b'`` of many states.
+    """
     matrix = np.asarray(given, float)
     n = len(of)
     if matrix.shape != (n, n):
@@ -145,8 +149,10 @@ def covariance_faults(given: Array, *, what: str, singular: bool) -> Iterator[st
     if not np.allclose(relative, relative.T, rtol=0, atol=1e-9):
         yield f"{what} is not symmetric"
         return
-    smallest = float(np.linalg.eigvalsh((relative + relative.T) / 2).min(initial=1.0))
-    if smallest < -1e-12 or (smallest <= 1e-14 and not singular):
+    values = np.linalg.eigvalsh((relative + relative.T) / 2)
+    smallest, largest = float(values.min(initial=1.0)), float(values.max(initial=0.0))
+    rounding = len(relative) * np.finfo(float).eps * largest
+    if smallest < -max(1e-12, rounding) or (smallest <= max(1e-14, rounding) and not singular):
         eigenvalue = float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[0])
         wanted = "positive semidefinite" if singular else "positive definite"
         yield f"{what} is not {wanted}: its smallest eigenvalue is {eigenvalue:.3g}"
