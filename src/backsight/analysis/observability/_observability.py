@@ -9,6 +9,7 @@ import scipy
 from backsight.analysis.observability._combinations import combinations, ratio
 from backsight.analysis.observability._sensitivity import sensitivities
 from backsight.analysis.observability._sensors import Sensor, repairs
+from backsight.description import Printed
 from backsight.discrete.runge_kutta import Integrator
 from backsight.models.lti import state_space
 from backsight.models.model import Model
@@ -22,7 +23,7 @@ WINDOW_TOLERANCE = 1e-8
 
 
 @dataclasses.dataclass(frozen=True)
-class Observability:
+class Observability(Printed):
     """What the outputs of a model say about its states; prints itself in words.
 
     Parameters

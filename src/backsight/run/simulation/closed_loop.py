@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.runge_kutta import Integrator, Scheme
 from backsight.engine import vm
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
@@ -38,7 +38,7 @@ def simulate_closed_loop(
     sigma_y: ByName = 0.0,
     seed: int = 0,
     substeps: int = 10,
-    scheme: str = "rk4",
+    scheme: Scheme = "rk4",
 ) -> xr.Dataset:
     r"""Simulate a model whose inputs a sampled controller computes from the true state.
 
