@@ -196,3 +196,42 @@ def test_numbers_of_numpy_are_numbers_and_lists_are_tuples():
         dataclasses.replace(made, N=4.0)
     with pytest.raises(TuningError, match="the class NoArrival"):
         bs.MHE(noise, prior, arrival=bs.NoArrival)
+
+
+BELOW_ZERO = {
+    "AHG": "lam",
+    "AdaptiveGain": "lower gamma beta window every up down",
+    "CompressiveSensingMHE": "lam N sigma_force threshold lag",
+    "Excitation": "window",
+    "GaussNewton": "max_iterations tolerance cost_tolerance step_tolerance",
+    "Greedy": "penalty",
+    "HGO": "lam",
+    "Hits": "samples number spacing margin least steps places",
+    "Integrator": "substeps",
+    "JointInput": "sigma_forces",
+    "LinearMHE": "N arrival",
+    "MHE": "N lag",
+    "MHO": "N alpha",
+    "NoArrival": "width",
+    "Noise": "sigma_y sigma_w",
+    "Prior": "sigma_x0",
+    "QuasiNewton": "max_iterations cost_tolerance step_tolerance",
+    "RecursiveMHE": "N alpha every reinitialise",
+    "Reweighted": "iterations floor",
+    "Signal": "scale",
+    "UKF": "alpha",
+    "UKFArrival": "alpha",
+}
+"""Settings that mean nothing below zero, whatever their annotations say."""
+
+
+@pytest.mark.parametrize("kind", BELOW_ZERO)
+def test_what_means_nothing_below_zero_is_refused(kind):
+    described = next(k for k in descriptions() if k.__name__ == kind)
+    for name in BELOW_ZERO[kind].split():
+        with pytest.raises(described.refusal, match=f"{name}.* is -1"):
+            described(**example(described) | {name: -1})
+    for name in {"arrival", "alpha"} & set(BELOW_ZERO[kind].split()):
+        if kind in ("LinearMHE", "RecursiveMHE"):
+            with pytest.raises(described.refusal, match=f"{name} is 1.5; it must be from 0 to 1"):
+                described(**example(described) | {name: 1.5})
