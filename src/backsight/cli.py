@@ -11,7 +11,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -144,7 +144,8 @@ def export(
             recording(read),
             out,
             name=name or _prefix(estimator),
-            precision=precision,
+            # Which words there are is the function's to say.
+            precision=cast(Literal["double", "float"], precision),
         )
         typer.echo(f"Code: {out}\nTest: make -C {out} test")
 
