@@ -13,7 +13,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -165,7 +165,8 @@ def export(
             recording(read),
             out,
             name=name or _prefix(estimator),
-            precision=precision,
+            # Which words there are is the function's to say.
+            precision=cast(Literal["double", "float"], precision),
             force=force,
         )
         _print(f"Code: {out}\nTest: make -C {out} test")

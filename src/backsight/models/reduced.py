@@ -7,7 +7,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError
-from backsight.models.modal import modal
+from backsight.models.modal import SensorKind, modal
 from backsight.models.model import Model
 from backsight.types import Array
 
@@ -23,7 +23,7 @@ def reduced(
     stiffness: ArrayLike,
     *,
     modes: int,
-    sensors: Mapping[str, tuple[str, Place]],
+    sensors: Mapping[str, tuple[SensorKind, Place]],
     forces: Mapping[str, Place] | None = None,
     inputs: Mapping[str, Place] | None = None,
     damping: ArrayLike | None = None,

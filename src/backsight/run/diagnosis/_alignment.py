@@ -8,7 +8,7 @@ import xarray as xr
 
 from backsight.analysis.recording import Alignment, Ratio, decide, ratio
 from backsight.description import Called, Count, checked
-from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.execute import choose, execute, prepare
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
@@ -100,7 +100,7 @@ def yardstick(estimator: AbstractEstimator) -> EKF:
     if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
         raise TuningError(f"'{estimator.key}' has no noise and prior to predict the outputs with")
     given = getattr(estimator, "integrator", None)
-    hold = str(getattr(estimator, "hold", "zoh"))
+    hold: Hold = getattr(estimator, "hold", "zoh")
     return EKF(noise, prior, given if isinstance(given, Integrator) else Integrator(hold=hold))
 
 

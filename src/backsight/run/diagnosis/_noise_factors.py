@@ -95,7 +95,7 @@ def _integrator(estimator: AbstractEstimator) -> Integrator:
     given = getattr(estimator, "integrator", None)
     if isinstance(given, Integrator):
         return given
-    return Integrator(substeps=4, hold=str(getattr(estimator, "hold", "zoh")))
+    return Integrator(substeps=4, hold=getattr(estimator, "hold", "zoh"))
 
 
 def _derivatives(model: Model, dt: float, integrator: Integrator) -> ca.Function:
