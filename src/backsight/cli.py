@@ -37,6 +37,10 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results."
 Force = Annotated[
     bool, typer.Option("--force", help="Replace files in the folder that are not from here.")
 ]
+Outside = Annotated[
+    list[str] | None,
+    typer.Option(help="Another file that an HDF5, NetCDF or MAT recording may read from."),
+]
 
 WIDEST = 120
 """Columns of a table at most, however wide the terminal is."""
@@ -63,6 +67,7 @@ def run(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     out: Out,
     force: Force = False,
+    outside: Outside = None,
 ) -> None:
     """Run the estimators of a problem file over its recording and compare them.
 
@@ -83,6 +88,7 @@ def run(
                 progress=lambda name, k, n: advance(name, k / n),
                 tell=_warn,
                 force=force,
+                outside=outside or (),
             )
         _print(f"{read.title}\n\n{results.table(read.reference, width=_width())}\n")
         for sentence in results.verdicts(read.reference):
@@ -103,6 +109,7 @@ def check(
         str | None,
         typer.Option(help="Estimator that should equal the Kalman filter on the linearised model."),
     ] = None,
+    outside: Outside = None,
 ) -> None:
     """Say whether the recording can show what is asked for, and which sensor would help.
 
@@ -122,7 +129,7 @@ def check(
 
         read = load(problem)
         chosen = None if certify is None else _estimator(certify, read.estimators)
-        data = recording(read)
+        data = recording(read, outside=outside or ())
         found = examine(read, data)
         timing = aligned(read.estimators, read.model, data)
         _print(f"{read.title}\n\n{read.model}\n")
@@ -148,6 +155,7 @@ def export(
     ] = None,
     precision: Annotated[str, typer.Option(help="double or float.")] = "double",
     force: Force = False,
+    outside: Outside = None,
 ) -> None:
     """Write an estimator as C99 for a controller, with a self-test from the recording."""
     with _told():
@@ -159,7 +167,7 @@ def export(
         export_c(
             _estimator(estimator, read.estimators),
             read.model,
-            recording(read),
+            recording(read, outside=outside or ()),
             out,
             name=name or _prefix(estimator),
             precision=precision,

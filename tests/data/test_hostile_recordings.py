@@ -1,4 +1,4 @@
-"""Recordings from elsewhere: no byte of another file, no program of theirs, no memory for nothing."""
+"""Recordings from elsewhere: no byte of another file, no program, no memory for nothing."""
 
 import io
 import os
@@ -14,8 +14,8 @@ import pytest
 import scipy.io
 import xarray as xr
 
-from backsight.data import read
 from backsight.data import _room as room
+from backsight.data import read
 from backsight.errors import DataError
 
 N = 50
@@ -324,7 +324,7 @@ def test_a_device_is_no_recording(tmp_path, name):
         path = tmp_path / f"a{kind}"
         path.unlink(missing_ok=True)
         path.symlink_to(name)
-        with pytest.raises(DataError, match="a device or a pipe|no file|cannot read"):
+        with pytest.raises(DataError, match=r"a device or a pipe|no file|cannot read"):
             signals(path)
 
 

@@ -33,6 +33,7 @@ CONTAINERS: Mapping[str, Reader] = {
 }
 """Extension to reader of the files that hold named arrays."""
 
+
 def read(
     path: str | os.PathLike[str],
     *,
@@ -90,9 +91,9 @@ def read(
     ------
     DataError
         If the file or a column is missing or cannot be read, does not fit into memory, or takes
-        measurements from other files or needs other programs to be read; the recording is empty, its time is
-        not regular, an input is not known at every sample, an output is infinite, or a factor of
-        the noise is not positive or belongs to no output.
+        measurements from other files or needs other programs to be read; the recording is empty,
+        its time is not regular, an input is not known at every sample, an output is infinite, or a
+        factor of the noise is not positive or belongs to no output.
 
     Examples
     --------

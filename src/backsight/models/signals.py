@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from backsight.errors import ModelError, nearest
+from backsight.errors import ModelError, nearest, printable
 from backsight.types import Array, ByName
 
 
@@ -44,6 +44,8 @@ class Signal:
         found = []
         if not self.name.isidentifier():
             found.append(f"'{self.name}' is not a name: use letters, digits and underscores")
+        if printable(self.unit) != self.unit:
+            found.append(f"unit of '{self.name}' has control characters: {self.unit!a}")
         if self.scale is not None and not (math.isfinite(self.scale) and self.scale > 0):
             found.append(f"scale of '{self.name}' is {self.scale}; it must be positive")
         if not self.lower < self.upper:
