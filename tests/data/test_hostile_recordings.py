@@ -213,6 +213,7 @@ def test_more_than_there_is_memory_is_refused(tmp_path, monkeypatch, name):
         write(tmp_path, lambda file, _: file.create_dataset("y", data=U), name)
     assert signals(path).sizes["time"] == N
     monkeypatch.setattr(room, "_available", lambda: 1000)
+    monkeypatch.setattr(room, "_SMALL", 0)
     with pytest.raises(DataError, match=r"of memory are needed, but only 1 kB are free"):
         signals(path)
 

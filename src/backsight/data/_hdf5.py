@@ -2,7 +2,7 @@
 
 HDF5 can store a dataset in other files: any file of the computer, whose bytes then are its values
 (external storage); files that are linked or put together (external links, virtual datasets). And
-filters are programs that the library loads when it reads. A recording that comes from elsewhere must
+filters are programs that the library loads when it reads. A recording from elsewhere must
 not bring the one or run the other.
 """
 

@@ -131,6 +131,10 @@ def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool)
     return (matrix + matrix.T) / 2
 
 
+LARGEST = 1e150
+"""Standard deviation whose square is still a number."""
+
+
 def _diagonal(
     given: ByName | None, of: Sequence[Signal], *, what: str, missing: float | None
 ) -> Array:
@@ -139,7 +143,7 @@ def _diagonal(
     lacking = [s.name for s, v in zip(of, sigma, strict=True) if np.isnan(v)]
     if lacking:
         raise TuningError(f"{what} gives no standard deviation for {', '.join(lacking)}")
-    bad = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if not 0 <= v < np.inf]
+    bad = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if not 0 <= v < LARGEST]
     if what == "sigma_y":
         bad += [f"{s.name} = 0" for s, v in zip(of, sigma, strict=True) if v == 0]
     if bad:

@@ -44,7 +44,7 @@ class Signal:
         found = []
         if not self.name.isidentifier():
             found.append(f"'{self.name}' is not a name: use letters, digits and underscores")
-        if printable(self.unit) != self.unit:
+        if printable(self.unit) != self.unit or {*self.unit} & {"\n", "\t"}:
             found.append(f"unit of '{self.name}' has control characters: {self.unit!a}")
         if self.scale is not None and not (math.isfinite(self.scale) and self.scale > 0):
             found.append(f"scale of '{self.name}' is {self.scale}; it must be positive")

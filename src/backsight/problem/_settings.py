@@ -96,7 +96,10 @@ def _value(annotation: Any, given: object, where: str) -> object:
     if origin is Mapping and isinstance(given, Mapping):
         kind = typing.get_args(annotation)[1]
         return {name: _value(kind, entry, f"{where}.{name}") for name, entry in given.items()}
-    return _single(float if origin is tuple else annotation, given, where)
+    if origin in (tuple, Mapping):
+        what = "a list" if origin is tuple else "a table"
+        raise ProblemError(f"{where}: must be {what}, not {shown(given)}")
+    return _single(annotation, given, where)
 
 
 def _part(parts: Sequence[type], given: Mapping[str, Any], where: str) -> object:
