@@ -92,7 +92,7 @@ def test_exported_code_compiles_and_says_only_what_it_should(tmp_path):
         head = text[: text.index(" */") + 3]
         assert head.isascii() or all(c.isprintable() or c == "\n" for c in head)
         assert len(head.splitlines()) == 2
-    assert not [p for p in tmp_path.rglob("sprung*")]
+    assert not list(tmp_path.rglob("sprung*"))
     readme = (out / "README.md").read_text(encoding="utf-8")
     assert readme.count("\n# ") == 0  # one heading, at the top
     assert readme.count("```") == 2

@@ -6,6 +6,7 @@ filters are programs that the library loads when it reads. A recording from else
 not bring the one or run the other.
 """
 
+import math
 import os
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -104,7 +105,7 @@ def check_dataset(entry: "h5py.Dataset", name: str, outside: Collection[str]) ->
         raise DataError(f"'{name}' is empty")
     if entry.dtype.kind not in "fiub":
         raise DataError(f"'{name}' is not an array of real numbers, but of {entry.dtype}")
-    claimed = int(entry.size) * max(entry.dtype.itemsize, np.dtype(float).itemsize)
+    claimed = math.prod(entry.shape) * max(entry.dtype.itemsize, np.dtype(float).itemsize)
     if not elsewhere:
         check_density(claimed, entry.id.get_storage_size(), f"'{name}'")
     check_room(claimed, f"'{name}'")
@@ -113,6 +114,7 @@ def check_dataset(entry: "h5py.Dataset", name: str, outside: Collection[str]) ->
 def _linked(file: "h5py.File", name: str, outside: Collection[str]) -> Any:
     """What a path with links on it leads to, or None; only links that are allowed are followed."""
     import h5py
+    from h5py import h5l
 
     entry: Any = file
     for part in filter(None, name.split("/")):
@@ -124,12 +126,12 @@ def _linked(file: "h5py.File", name: str, outside: Collection[str]) -> Any:
             kind = links.get_info(key).type
         except KeyError:
             return None
-        if kind == h5py.h5l.TYPE_EXTERNAL:
+        if kind == h5l.TYPE_EXTERNAL:
             _refuse(name, "is a link to", {os.fsdecode(links.get_val(key)[0])} - set(outside))
-        elif kind == h5py.h5l.TYPE_SOFT:
+        elif kind == h5l.TYPE_SOFT:
             path = os.fsdecode(links.get_val(key))
             raise DataError(f"'{name}' is a link to '{path}' in the same file; give that name")
-        elif kind != h5py.h5l.TYPE_HARD:
+        elif kind != h5l.TYPE_HARD:
             raise DataError(f"'{name}' is a link of an unknown kind")
         entry = entry[part]
     return entry

@@ -120,7 +120,10 @@ def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool)
         raise TuningError(f"{what} has an entry that is not finite")
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[size == 0] = 1.0
-    relative = matrix / np.outer(size, size)
+    with np.errstate(over="ignore"):
+        relative = matrix / np.outer(size, size)
+    if not np.all(np.isfinite(relative)):
+        raise TuningError(f"{what} is not positive: entries are far larger than their variances")
     if not np.allclose(relative, relative.T, rtol=0, atol=1e-9):
         raise TuningError(f"{what} is not symmetric")
     smallest = float(np.linalg.eigvalsh((relative + relative.T) / 2)[0])

@@ -106,7 +106,7 @@ def _part(parts: Sequence[type], given: Mapping[str, Any], where: str) -> object
     named = {part.__name__: part for part in parts}
     rest = dict(given)
     name = rest.pop("kind", parts[0].__name__) if len(parts) > 1 else parts[0].__name__
-    if name not in named:
+    if not isinstance(name, str) or name not in named:
         raise ProblemError(f"{where}.kind: unknown kind {shown(name)}, {nearest(str(name), named)}")
     return built(named[name], rest, where=where, fixed={})
 
