@@ -76,11 +76,16 @@ def check_links(file: "h5py.File", outside: Collection[str]) -> None:
     """
     import h5py
 
-    links: list[tuple[str, Any]] = []
-    file.visititems_links(lambda name, link: links.append((name, link)))
-    for name, link in links:
+    for name, link in _links(file).items():
         if isinstance(link, h5py.ExternalLink):
             _refuse(name, "is a link to", {link.filename} - set(outside))
+
+
+def _links(file: "h5py.File") -> dict[str, Any]:
+    """Every link in the file by its path; none is followed."""
+    links: dict[str, Any] = {}
+    file.visititems_links(lambda name, link: links.update({name: link}))
+    return links
 
 
 def check_dataset(entry: "h5py.Dataset", name: str, outside: Collection[str]) -> None:
@@ -114,27 +119,16 @@ def check_dataset(entry: "h5py.Dataset", name: str, outside: Collection[str]) ->
 def _linked(file: "h5py.File", name: str, outside: Collection[str]) -> Any:
     """What a path with links on it leads to, or None; only links that are allowed are followed."""
     import h5py
-    from h5py import h5l
 
-    entry: Any = file
-    for part in filter(None, name.split("/")):
-        if not isinstance(entry, h5py.Group):
-            return None
-        links = entry.id.links
-        key = os.fsencode(part)
-        try:
-            kind = links.get_info(key).type
-        except KeyError:
-            return None
-        if kind == h5l.TYPE_EXTERNAL:
-            _refuse(name, "is a link to", {os.fsdecode(links.get_val(key)[0])} - set(outside))
-        elif kind == h5l.TYPE_SOFT:
-            path = os.fsdecode(links.get_val(key))
-            raise DataError(f"'{name}' is a link to '{path}' in the same file; give that name")
-        elif kind != h5l.TYPE_HARD:
-            raise DataError(f"'{name}' is a link of an unknown kind")
-        entry = entry[part]
-    return entry
+    links, parts = _links(file), name.strip("/").split("/")
+    for k in range(len(parts)):
+        link = links.get("/".join(parts[: k + 1]))
+        if isinstance(link, h5py.SoftLink):
+            raise DataError(f"'{name}' is a link to '{link.path}' in the same file; give that name")
+        if isinstance(link, h5py.ExternalLink):
+            _refuse(name, "is a link to", {link.filename} - set(outside))
+            return file.get(name)
+    return None
 
 
 def _refuse(name: str, how: str, files: Collection[str]) -> None:
