@@ -145,7 +145,11 @@ def covariance_faults(given: Array, *, what: str, singular: bool) -> Iterator[st
         return
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[size == 0] = 1.0
-    relative = matrix / np.outer(size, size)
+    with np.errstate(over="ignore"):
+        relative = matrix / np.outer(size, size)
+    if not np.all(np.isfinite(relative)):
+        yield f"{what} is not positive: entries are far larger than their variances"
+        return
     if not np.allclose(relative, relative.T, rtol=0, atol=1e-9):
         yield f"{what} is not symmetric"
         return
@@ -158,6 +162,10 @@ def covariance_faults(given: Array, *, what: str, singular: bool) -> Iterator[st
         yield f"{what} is not {wanted}: its smallest eigenvalue is {eigenvalue:.3g}"
 
 
+LARGEST = 1e150
+"""Standard deviation whose square is still a number."""
+
+
 def _diagonal(
     given: ByName | None, of: Sequence[Signal], *, what: str, missing: float | None
 ) -> Array:
@@ -166,6 +174,9 @@ def _diagonal(
     lacking = [s.name for s, v in zip(of, sigma, strict=True) if np.isnan(v)]
     if lacking:
         raise TuningError(f"{what} gives no standard deviation for {', '.join(lacking)}")
+    large = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if not v < LARGEST]
+    if large:
+        raise TuningError(f"{what} is too large for its square to be a number: {', '.join(large)}")
     return np.diag(sigma**2)
 
 

@@ -25,6 +25,10 @@ SENSORS: dict[SensorKind, str | None] = {
 """Kinds of sensors, and what their unit adds to that of the length (a strain has none)."""
 
 
+FASTEST = 1e100
+"""Above it squares of frequencies would leave the range of numbers [Hz]."""
+
+
 def modal(
     frequencies: ArrayLike,
     *,
@@ -98,6 +102,8 @@ def modal(
     masses = _per_mode(modal_masses, n, "modal_masses")
     if not (masses > 0).all():
         raise ModelError(f"modal_masses is {modal_masses}; every one must be positive")
+    if hertz.max() > FASTEST:
+        raise ModelError(f"a frequency is {hertz.max():g} Hz; no structure moves so fast")
     omega = 2 * np.pi * hertz
     unknown = {k: _shape(v, n, f"force '{k}'") for k, v in (forces or {}).items()}
     known = {k: _shape(v, n, f"input '{k}'") for k, v in (inputs or {}).items()}

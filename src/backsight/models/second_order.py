@@ -184,7 +184,8 @@ def _check_mass(M: ca.DM) -> None:
     if not np.isfinite(values).all():
         raise ModelError("mass is not finite at the values of the parameters")
     # Judged after scaling to a unit diagonal: masses and moments of inertia differ in size.
-    size = np.sqrt(np.abs(np.outer(values.diagonal(), values.diagonal())))
+    root = np.sqrt(np.abs(values.diagonal()))
+    size = np.outer(root, root)
     scaled = values / np.where(size > 0, size, 1.0)
     skew = np.abs(scaled - scaled.T)
     if skew.max() > 1e-9:
