@@ -7,7 +7,7 @@ import pytest
 from backsight.engine import native, vm
 from backsight.engine.recursion import Channel
 from backsight.errors import EngineError
-from backsight.estimators import EKF, IEKF, Noise, Prior
+from backsight.estimators import EKF, IEKF, UKF, Noise, Prior
 from backsight.estimators.base import setting
 from backsight.estimators.parts.covariance import Covariance, congruence, gain, joseph
 from backsight.estimators.parts.factors import cholesky, compress, definite, downdate, solve
@@ -179,7 +179,12 @@ def test_triangular_factors(kind):
     assert float(found(rows, 100 * v)[2]) == 0
 
 
-@pytest.mark.parametrize("method", [EKF, IEKF])
+def linear_settings(method):
+    more = {} if method is UKF else {"covariance": "discrete"}
+    return method(noise=Noise(sigma_y=0.1, sigma_w=0.1), prior=Prior(1.0), **more)
+
+
+@pytest.mark.parametrize("method", [EKF, IEKF, UKF])
 def test_large_filter_equals_the_small_formula(method):
     """The same model twice, side by side: its halves do not know each other."""
     n = 8
@@ -190,9 +195,8 @@ def test_large_filter_equals_the_small_formula(method):
         states={f"x{i}": "" for i in range(many)}, inputs={"u": ""},
         outputs=dict.fromkeys("abcd", ""), dt=1.0,
     )  # fmt: skip
-    settings = {"noise": Noise(sigma_y=0.1, sigma_w=0.1), "prior": Prior(1.0)}
-    small = method(**settings, covariance="discrete").compile(part, 1.0)
-    large = method(**settings, covariance="discrete").compile(both, 1.0)
+    small = linear_settings(method).compile(part, 1.0)
+    large = linear_settings(method).compile(both, 1.0)
     rng = np.random.default_rng(3)
     u, y = rng.standard_normal((30, 1)), rng.standard_normal((30, 2))
     mask = (rng.random((30, 2)) > 0.2).astype(float)

@@ -122,6 +122,14 @@ def root(deviations: Term, w: Weights, noise: Term) -> tuple[Term, Term]:
     return downdate(compress(ca.horzcat(weighted[:, 1:count], noise)), weighted[:, 0])
 
 
+def sigma_columns(x: Term, L: Term, spread: float) -> Term:
+    """Sigma points side by side, see `backsight.algebra.sigma.sigma_points`."""
+    if not isinstance(x, ca.MX):
+        return sigma.sigma_points(x, L, spread)
+    ones = ca.MX.ones(x.numel(), 1)
+    return ca.horzcat(x, add_product(spread * L, x, ones), add_product(-spread * L, x, ones))
+
+
 def minus(X: Term, x: Term) -> Term:
     """Columns of X minus x."""
     if isinstance(X, ca.MX):
