@@ -68,5 +68,5 @@ def test_a_large_file_is_not_read(tmp_path):
 @pytest.mark.parametrize("kind", ["{ a = 1 }", "[1]", "1", "true"])
 def test_a_kind_that_is_no_text_is_refused(tmp_path, kind):
     text = small_problem.changed('kind = "sdof"', f"kind = {kind}")
-    with pytest.raises(ProblemError, match="model.kind: must be text in quotes"):
+    with pytest.raises(ProblemError, match=r"model\.kind: must be text in quotes"):
         load(small_problem.write(tmp_path, text))
