@@ -5,12 +5,14 @@ limits in units of its uncertainty, the Hessian is the identity, and from one wi
 only the limits change. Without limits the windows are solved by products with constant matrices.
 """
 
+import dataclasses
+
 import numpy as np
 import scipy
 
-from backsight.estimators.linear_windows import gains, limit_gains
-from backsight.estimators.parts.limits import rows_of
-from backsight.estimators.parts.linear import linear
+from backsight.estimators.linear_windows import gains, stacked
+from backsight.estimators.parts.limits import limits_of
+from backsight.estimators.parts.linear import Linear, linear
 from backsight.types import Array
 from benchmarks.contest import Contender
 from benchmarks.ours import expected
@@ -27,11 +29,11 @@ def build(problem: Problem) -> Contender:
     estimator, N = problem.estimator, problem.estimator.N
     dt = float(problem.recording.attrs["dt"])
     system = linear(problem.model, dt, noise=estimator.noise, prior=estimator.prior, hold="zoh")
-    rows = rows_of(system, problem.model, ())
-    free, limited = gains(system, N), limit_gains(system, rows, N)
+    limits = limits_of(system.s, system.s.Q, (), {})
+    free, limited = gains(system, N), _limited(system, limits.state, N)
     on_limits = np.linalg.cholesky(limited.M)
     on_end = np.linalg.solve(on_limits, limited.Psi).T
-    lower, upper = (np.tile(bound, N + 1) for bound in (rows.lower, rows.upper))
+    lower, upper = (np.tile(bound, N + 1) for bound in (limits.lower, limits.upper))
     s = problem.setting
     U, Y = problem.data[0] / s.su, problem.data[1] / s.sy
 
@@ -59,6 +61,35 @@ def build(problem: Problem) -> Contender:
         return found
 
     return Contender(work, WINDOWS, expected(problem)[N:])
+
+
+@dataclasses.dataclass(frozen=True)
+class Limited:
+    """Limited states of a full window: c = K Y + K_u U, covariance M, with the end Psi."""
+
+    K: Array
+    K_u: Array
+    M: Array
+    Psi: Array
+
+
+def _limited(system: Linear, rows: Array, N: int) -> Limited:
+    """Solve the window for sums of its states, as `gains` does for its last one."""
+    nx = len(system.A)
+    s = stacked(system, N)
+    noise = np.linalg.cholesky(np.kron(np.eye(N + 1), system.s.R))
+    white = scipy.linalg.solve_triangular(noise, s.Phi, lower=True)
+    q, r = np.linalg.qr(np.vstack([white, np.eye(s.Phi.shape[1])[nx:]]))
+    on_state = np.kron(np.eye(N + 1), rows)
+    ends = scipy.linalg.solve_triangular(r, np.vstack([on_state @ s.T, s.T[-nx:]]).T, trans=1).T
+    limited, present = ends[:-nx], ends[-nx:]
+    K = scipy.linalg.solve_triangular(noise, (limited @ q[: len(white)].T).T, lower=True, trans=1).T
+    return Limited(
+        K=K,
+        K_u=on_state @ s.F - K @ s.Gamma,
+        M=limited @ limited.T,
+        Psi=limited @ present.T,
+    )
 
 
 SETTINGS = {

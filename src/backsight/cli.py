@@ -3,28 +3,18 @@
 Commands import what they need when they run, so that help and version come at once.
 """
 
-import contextlib
-import functools
 import io
 import re
-import shutil
 import sys
 import textwrap
-import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from backsight.errors import (
-    BacksightError,
-    BacksightWarning,
-    ProblemError,
-    nearest,
-    printable,
-    shortened,
-)
+from backsight.console import bar, say, tell, told, warn, width
+from backsight.errors import ProblemError, nearest
 
 if TYPE_CHECKING:
     from backsight.estimators.base import AbstractEstimator
@@ -37,9 +27,10 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results."
 Force = Annotated[
     bool, typer.Option("--force", help="Replace files in the folder that are not from here.")
 ]
-
-WIDEST = 120
-"""Columns of a table at most, however wide the terminal is."""
+Outside = Annotated[
+    list[str] | None,
+    typer.Option(help="Another file that an HDF5, NetCDF or MAT recording may read from."),
+]
 
 
 @app.callback(invoke_without_command=True)
@@ -63,6 +54,7 @@ def run(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     out: Out,
     force: Force = False,
+    outside: Outside = None,
 ) -> None:
     """Run the estimators of a problem file over its recording and compare them.
 
@@ -70,31 +62,32 @@ def run(
     others are written), and 2 if the problem, the recording or the folder
     is at fault and nothing is written.
     """
-    with _told():
+    with told():
         from backsight.problem import execute, load
         from backsight.problem.methods import refusals
         from backsight.problem.running import ESTIMATES, PAGE
         from backsight.run.estimation import failure
 
         for sentence in refusals():
-            _warn(sentence)
+            warn(sentence)
         read = load(problem)
-        with _bar() as advance:
+        with bar() as advance:
             results = execute(
                 read,
                 out,
                 progress=lambda name, k, n: advance(name, k / n),
-                tell=_warn,
+                tell=warn,
                 force=force,
+                outside=outside or (),
             )
-        _print(f"{read.title}\n\n{results.table(read.reference, width=_width())}\n")
+        say(f"{read.title}\n\n{results.table(read.reference, width=width())}\n")
         for sentence in results.verdicts(read.reference):
-            _print(textwrap.fill(sentence, _width(), subsequent_indent="  "))
-        _print(f"\nReport: {out / PAGE}" if read.report else f"\nEstimates: {out / ESTIMATES}")
+            say(textwrap.fill(sentence, width(), subsequent_indent="  "))
+        say(f"\nReport: {out / PAGE}" if read.report else f"\nEstimates: {out / ESTIMATES}")
     failures = {name: failure(result) for name, result in results.items()}
     for name, reason in failures.items():
         if reason:
-            _tell(f"{name}: {reason}")
+            tell(f"{name}: {reason}")
     if any(failures.values()):
         raise typer.Exit(1)
 
@@ -106,6 +99,7 @@ def check(
         str | None,
         typer.Option(help="Estimator that should equal the Kalman filter on the linearised model."),
     ] = None,
+    outside: Outside = None,
 ) -> None:
     """Say whether the recording can show what is asked for, and which sensor would help.
 
@@ -116,7 +110,7 @@ def check(
     what it is asked to be, and 2 if the problem or the recording is at
     fault.
     """
-    with _told():
+    with told():
         from backsight.problem import load
         from backsight.problem.seeing import examine
         from backsight.problem.source import recording
@@ -125,17 +119,17 @@ def check(
 
         read = load(problem)
         chosen = None if certify is None else _estimator(certify, read.estimators)
-        data = recording(read)
+        data = recording(read, outside=outside or ())
         found = examine(read, data)
         timing = aligned(read.estimators, read.model, data)
-        _print(f"{read.title}\n\n{read.model}\n")
+        say(f"{read.title}\n\n{read.model}\n")
         for sentence in [*found.lines(), *(timing.lines() if timing else [])]:
-            _print(textwrap.fill(sentence, _width(), subsequent_indent="  "))
+            say(textwrap.fill(sentence, width(), subsequent_indent="  "))
         certificate = None if chosen is None else certified(chosen, read.model, data)
         if certificate is not None:
-            _print(f"\n{certificate.table()}\n")
+            say(f"\n{certificate.table()}\n")
             for sentence in certificate.lines():
-                _print(textwrap.fill(sentence, _width(), subsequent_indent="  "))
+                say(textwrap.fill(sentence, width(), subsequent_indent="  "))
     fine = found.detectable and (timing is None or timing.sound)
     if not (fine and (certificate is None or certificate.holds)):
         raise typer.Exit(1)
@@ -151,9 +145,10 @@ def export(
     ] = None,
     precision: Annotated[str, typer.Option(help="double or float.")] = "double",
     force: Force = False,
+    outside: Outside = None,
 ) -> None:
     """Write an estimator as C99 for a controller, with a self-test from the recording."""
-    with _told():
+    with told():
         from backsight.export import export_c
         from backsight.problem import load
         from backsight.problem.source import recording
@@ -162,13 +157,14 @@ def export(
         export_c(
             _estimator(estimator, read.estimators),
             read.model,
-            recording(read),
+            recording(read, outside=outside or ()),
             out,
             name=name or _prefix(estimator),
-            precision=precision,
+            # Which words there are is the function's to say.
+            precision=cast(Literal["double", "float"], precision),
             force=force,
         )
-        _print(f"Code: {out}\nTest: make -C {out} test")
+        say(f"Code: {out}\nTest: make -C {out} test")
 
 
 @app.command()
@@ -176,17 +172,17 @@ def methods() -> None:
     """List the estimators with the settings that a problem file may give them."""
     from backsight.problem.methods import methods as listed
 
-    _print(listed(tell=_warn))
+    say(listed(tell=warn))
 
 
 @study.command("list")
 def study_list() -> None:
     """List the studies."""
-    with _told():
+    with told():
         from backsight.studies import studies
 
-        for name, entry in studies(tell=_warn).items():
-            _print(f"{name}: {entry.title}")
+        for name, entry in studies(tell=warn).items():
+            say(f"{name}: {entry.title}")
 
 
 @study.command("run")
@@ -203,15 +199,15 @@ def study_run(
     force: Force = False,
 ) -> None:
     """Run a study: figures, tables, a page to read, and checks.json."""
-    with _told():
+    with told():
         from backsight.studies import studies
 
-        known = studies(tell=_warn)
+        known = studies(tell=warn)
         if name not in known:
             raise ProblemError(f"there is no study '{name}', {nearest(name, known)}")
         entry = known[name]
         count = entry.seeds if seeds is None else seeds
-        with _bar() as advance:
+        with bar() as advance:
             findings = entry.run(
                 out,
                 seeds=range(count),
@@ -219,85 +215,13 @@ def study_run(
                 progress=advance,
                 force=force,
             )
-        _print(f"{findings}\n\nPage: {findings.page}")
+        say(f"{findings}\n\nPage: {findings.page}")
 
 
 def _estimator(name: str, known: Mapping[str, "AbstractEstimator"]) -> "AbstractEstimator":
     if name not in known:
         raise ProblemError(f"estimators: there is no '{name}', {nearest(name, known)}")
     return known[name]
-
-
-def _warn(sentence: str) -> None:
-    _tell(f"warning: {sentence}")
-
-
-def _tell(message: str) -> None:
-    """Say something in one line that is not too long to be read."""
-    typer.echo(f"backsight: {shortened(printable(' '.join(message.split())))}", err=True)
-
-
-def _show(otherwise: Callable[..., None], message: Warning, category: type, *place: object) -> None:
-    """Show a warning of the package as the command line does, any other as Python does."""
-    if issubclass(category, BacksightWarning):
-        _warn(str(message))
-    else:
-        otherwise(message, category, *place)
-
-
-def _print(text: str) -> None:
-    """Print text with names, titles and units from a file; they cannot steer a terminal."""
-    typer.echo(printable(text))
-
-
-@contextlib.contextmanager
-def _told() -> Iterator[None]:
-    """Say in one line what the user can mend."""
-    try:
-        with warnings.catch_warnings():
-            warnings.showwarning = functools.partial(_show, warnings.showwarning)
-            yield
-    except (BacksightError, BacksightWarning) as error:  # a warning if Python is told to raise it
-        _tell(str(error))
-        raise typer.Exit(2) from None
-    except MemoryError:
-        _tell("there is not enough memory; process the recording in parts")
-        raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        typer.echo("backsight: interrupted, nothing is written", err=True)
-        raise typer.Exit(130) from None
-
-
-@contextlib.contextmanager
-def _bar() -> Iterator[Callable[[str, float], None]]:
-    """Show what is being done and the share that is done, on a terminal only."""
-    from rich import progress as bars
-    from rich.console import Console
-
-    columns = (
-        bars.TextColumn("{task.description}", markup=False),
-        bars.BarColumn(),
-        bars.TaskProgressColumn(),
-        bars.TimeRemainingColumn(),
-    )
-    with bars.Progress(
-        *columns,
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    ) as progress:
-        tasks = {}
-
-        def advance(text: str, share: float) -> None:
-            if text not in tasks:
-                tasks[text] = progress.add_task(text, total=1.0)
-            progress.update(tasks[text], completed=share)
-
-        yield advance
-
-
-def _width() -> int:
-    return min(shutil.get_terminal_size().columns, WIDEST) if sys.stdout.isatty() else 80
 
 
 def _prefix(estimator: str) -> str:

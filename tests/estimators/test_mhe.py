@@ -157,12 +157,14 @@ def test_window_is_the_solution_of_a_general_solver(name):
     assert not np.any(status & ~int(Status.CLIPPED))
 
 
-def test_active_bound_leaves_no_variance():
+def test_active_bound_is_not_knowledge():
+    """It has a multiplier, but the band is that of the window without the bound."""
     u, y = data(12, seed=4)
     found = window(mhe(15), pendulum(g=(10.5, 11.0)), as_recording(u, y))
     held = found["side"].values[:, 0] != 0
     assert held.any()
-    np.testing.assert_allclose(found["x_std"].values[held, 2], 0.0, atol=1e-9)
+    free = window(mhe(15), pendulum(), as_recording(u, y))
+    np.testing.assert_allclose(found["x_std"].values[:, 2], free["x_std"].values[:, 2], rtol=0.05)
     np.testing.assert_array_equal(found["multiplier"].values[~held, 0], 0.0)
     assert np.all(found["multiplier"].values[held, 0] * found["side"].values[held, 0] > 0)
 

@@ -20,6 +20,10 @@ from backsight.data._room import check_density, check_room
 from backsight.errors import DataError
 from backsight.types import Array
 
+_MODERN: dict[str, Any] = {"engine": "h5netcdf", "phony_dims": "sort"}
+_CLASSIC: dict[str, Any] = {"engine": "scipy"}
+"""How xarray reads NetCDF 4 (HDF5, perhaps without names of dimensions) and NetCDF 3."""
+
 _COMPRESSED, _MATRIX = 15, 14
 """Kinds of the elements of a MAT file."""
 
@@ -81,7 +85,7 @@ def read_netcdf(path: Path, wanted: Sequence[str], outside: Collection[str]) -> 
                 group=group or None,
                 decode_times=False,
                 drop_variables=unread,
-                **({"engine": "h5netcdf", "phony_dims": "sort"} if modern else {"engine": "scipy"}),
+                **(_MODERN if modern else _CLASSIC),
             ) as dataset:
                 read = {k: v.to_numpy() for k, v in dataset.variables.items()}
             variables |= {f"{prefix}{k}": v for k, v in (dict.fromkeys(unread) | read).items()}

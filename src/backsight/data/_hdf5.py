@@ -1,11 +1,12 @@
 """Datasets of an HDF5 file, looked at before they are read.
 
 HDF5 can store a dataset in other files: any file of the computer, whose bytes then are its values
-(external storage); files that are linked or put together (external links, virtual datasets).
-Filters are programs that the library loads when it reads. A recording that comes from elsewhere
-must not bring the one or run the other.
+(external storage); files that are linked or put together (external links, virtual datasets). And
+filters are programs that the library loads when it reads. A recording from elsewhere must
+not bring the one or run the other.
 """
 
+import math
 import os
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -75,11 +76,16 @@ def check_links(file: "h5py.File", outside: Collection[str]) -> None:
     """
     import h5py
 
-    links: list[tuple[str, Any]] = []
-    file.visititems_links(lambda name, link: links.append((name, link)))
-    for name, link in links:
+    for name, link in _links(file).items():
         if isinstance(link, h5py.ExternalLink):
             _refuse(name, "is a link to", {link.filename} - set(outside))
+
+
+def _links(file: "h5py.File") -> dict[str, Any]:
+    """Every link in the file by its path; none is followed."""
+    links: dict[str, Any] = {}
+    file.visititems_links(lambda name, link: links.update({name: link}))
+    return links
 
 
 def check_dataset(entry: "h5py.Dataset", name: str, outside: Collection[str]) -> None:
@@ -104,7 +110,7 @@ def check_dataset(entry: "h5py.Dataset", name: str, outside: Collection[str]) ->
         raise DataError(f"'{name}' is empty")
     if entry.dtype.kind not in "fiub":
         raise DataError(f"'{name}' is not an array of real numbers, but of {entry.dtype}")
-    claimed = int(entry.size) * max(entry.dtype.itemsize, np.dtype(float).itemsize)
+    claimed = math.prod(entry.shape) * max(entry.dtype.itemsize, np.dtype(float).itemsize)
     if not elsewhere:
         check_density(claimed, entry.id.get_storage_size(), f"'{name}'")
     check_room(claimed, f"'{name}'")
@@ -114,25 +120,15 @@ def _linked(file: "h5py.File", name: str, outside: Collection[str]) -> Any:
     """What a path with links on it leads to, or None; only links that are allowed are followed."""
     import h5py
 
-    entry: Any = file
-    for part in filter(None, name.split("/")):
-        if not isinstance(entry, h5py.Group):
-            return None
-        links = entry.id.links
-        key = os.fsencode(part)
-        try:
-            kind = links.get_info(key).type
-        except KeyError:
-            return None
-        if kind == h5py.h5l.TYPE_EXTERNAL:
-            _refuse(name, "is a link to", {os.fsdecode(links.get_val(key)[0])} - set(outside))
-        elif kind == h5py.h5l.TYPE_SOFT:
-            path = os.fsdecode(links.get_val(key))
-            raise DataError(f"'{name}' is a link to '{path}' in the same file; give that name")
-        elif kind != h5py.h5l.TYPE_HARD:
-            raise DataError(f"'{name}' is a link of an unknown kind")
-        entry = entry[part]
-    return entry
+    links, parts = _links(file), name.strip("/").split("/")
+    for k in range(len(parts)):
+        link = links.get("/".join(parts[: k + 1]))
+        if isinstance(link, h5py.SoftLink):
+            raise DataError(f"'{name}' is a link to '{link.path}' in the same file; give that name")
+        if isinstance(link, h5py.ExternalLink):
+            _refuse(name, "is a link to", {link.filename} - set(outside))
+            return file.get(name)
+    return None
 
 
 def _refuse(name: str, how: str, files: Collection[str]) -> None:

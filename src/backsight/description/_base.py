@@ -9,14 +9,14 @@ from typing import Annotated, Any, ClassVar, TypeAlias
 from backsight.description._fits import fault
 from backsight.description._html import page_of
 from backsight.description._says import plain
-from backsight.description._tree import description_tree
+from backsight.description._tree import Printed
 from backsight.errors import BacksightError, TuningError
 
 Sound: TypeAlias = Callable[..., bool]
 """Whether the fields of these names are what their annotations say: ``sound("N", "every")``."""
 
 
-class Description:
+class Description(Printed):
     """Base of frozen dataclasses that a user writes down; checks every field when it is built.
 
     The annotations say what the fields may be, see `backsight.description`; what several fields
@@ -49,9 +49,6 @@ class Description:
         """Say what is wrong beyond the single fields; `sound` tells which may be relied on."""
         del sound
         return ()
-
-    def __str__(self) -> str:
-        return description_tree(self)
 
     def _repr_html_(self) -> str:
         return page_of(type(self), str(self))

@@ -151,11 +151,11 @@ def _outside(value: object, called: Called, within: Range) -> Fault:
 
 def _array(value: object, called: Called, within: Range | None) -> Fault | None:
     name, wanted = called.name, "an array of numbers"
-    if value is None or isinstance(value, str | bool | Mapping | type):
-        return Fault(f"{name} is {shown(value)}; it must be {wanted}", True)
     try:
-        numbers_of = np.asarray(value, float)
-    except (TypeError, ValueError):
+        numbers_of = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        numbers_of = np.asarray(None)
+    if numbers_of.dtype.kind not in "fiu":
         return Fault(f"{name} is {shown(value)}; it must be {wanted}", True)
     allowed = within or FINITE
     bad = [v for v in numbers_of.ravel() if v not in allowed]

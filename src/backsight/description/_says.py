@@ -54,7 +54,7 @@ def described(hint: Any, within: Range | None = None) -> str:
     if origin in named:
         return named[origin]
     if origin is np.ndarray:
-        return "an array"
+        return "an array of numbers"
     if args and isinstance(origin, type) and issubclass(origin, Mapping):
         return "a dict by name"
     if args and isinstance(origin, type) and issubclass(origin, Sequence):

@@ -12,8 +12,8 @@ from backsight.description._html import preformatted
 ROWS = 9
 """Lines of a tree below its head."""
 
-WIDTH = 88
-"""Columns of a tree."""
+WIDTH = 68
+"""Characters of a row's text."""
 
 ENTRIES = 6
 """Entries of a sequence that are shown."""
@@ -30,10 +30,10 @@ def tree(head: str, rows: Sequence[tuple[str, str]]) -> str:
     """
     width = max((len(name) for name, _ in rows), default=0)
     lines = [
-        _cut(f"{'└' if k == len(rows) else '├'}── {name:<{width}}  {text}".rstrip())
+        f"{'└' if k == len(rows) else '├'}── {name:<{width}}  {text}".rstrip()
         for k, (name, text) in enumerate(rows, start=1)
     ]
-    return "\n".join([_cut(head), *lines])
+    return "\n".join(_on_one_line(line) for line in (head, *lines))
 
 
 def short(value: object) -> str:
@@ -51,10 +51,12 @@ def short(value: object) -> str:
             return f"{value:.4g}"
         case np.ndarray():
             return _array(value)
-        case Mapping():
+        case dict():
             return _some([f"{k} {short(v)}" for k, v in value.items()])
         case list() | tuple():
             return _some([short(v) for v in value])
+    if type(value).__str__ not in (object.__str__, Printed.__str__):
+        return next(iter(str(value).splitlines()), "")
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
         given = [f"{n} = {short(v)}" for n, v in fields.items() if not _nothing(v)]
@@ -62,8 +64,8 @@ def short(value: object) -> str:
     return f"a {type(value).__name__}"
 
 
-def description_tree(given: Any) -> str:
-    """Draw the settings of a description; if they are many, what is the default in one line."""
+def fields_tree(given: Any) -> str:
+    """Draw the fields of a dataclass; if they are many, what is the default in one line."""
     kind: Any = type(given)
     fields = {f.name: getattr(given, f.name) for f in dataclasses.fields(kind)}
     rows = [(name, short(value)) for name, value in fields.items() if not _nothing(value)]
@@ -74,19 +76,19 @@ def description_tree(given: Any) -> str:
         rest = ", ".join(f"{name} = {text}" for name, text in rows[ROWS - 1 :])
         rows = [*rows[: ROWS - 1], ("and", rest)]
     title = vars(kind).get("title")
-    return tree(f"{kind.__name__}: {title}" if title else kind.__name__, rows)
+    named = isinstance(title, str)
+    head = f"{kind.__name__}: {title}" if named else kind.__name__
+    return tree(head, [(name, _cut(text)) for name, text in rows])
 
 
 class Printed:
-    """Base of dataclasses that are found and not written down: a tree of the fields.
+    """Base of dataclasses that print as a tree of their fields, in a notebook as well.
 
-    A class with an `__str__` of its own is shown by it, in Jupyter as well.
+    A class with an `__str__` of its own is shown by that.
     """
 
     def __str__(self) -> str:
-        given: Any = self
-        rows = [(f.name, short(getattr(given, f.name))) for f in dataclasses.fields(given)]
-        return tree(type(self).__name__, rows)
+        return fields_tree(self)
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))
@@ -130,6 +132,10 @@ def _some(entries: Sequence[str]) -> str:
     return ", ".join(entries[:ENTRIES]) + more if entries else "none"
 
 
-def _cut(line: str) -> str:
-    line = "".join(c if c.isprintable() else " " for c in line)
-    return line if len(line) <= WIDTH else textwrap.wrap(line, WIDTH - 4)[0] + " ..."
+def _on_one_line(text: str) -> str:
+    """Names come from files: a line break in one would draw a branch that is not there."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def _cut(text: str) -> str:
+    return textwrap.shorten(text, WIDTH, placeholder=" ...")

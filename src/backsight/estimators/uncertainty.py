@@ -119,7 +119,11 @@ class Prior(Description):
 
 
 def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool) -> Array:
-    """Check size, symmetry and definiteness; raises `TuningError` with the smallest eigenvalue."""
+    """Check size, symmetry and definiteness; raises `TuningError` with the smallest eigenvalue.
+
+    Eigenvalues of n states are known to n times the machine precision of the largest one; what is
+    below that is rounding, as in ``Q = b b'`` of many states.
+    """
     matrix = np.asarray(given, float)
     n = len(of)
     if matrix.shape != (n, n):
@@ -141,15 +145,25 @@ def covariance_faults(given: Array, *, what: str, singular: bool) -> Iterator[st
         return
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[size == 0] = 1.0
-    relative = matrix / np.outer(size, size)
+    with np.errstate(over="ignore"):
+        relative = matrix / np.outer(size, size)
+    if not np.all(np.isfinite(relative)):
+        yield f"{what} is not positive: entries are far larger than their variances"
+        return
     if not np.allclose(relative, relative.T, rtol=0, atol=1e-9):
         yield f"{what} is not symmetric"
         return
-    smallest = float(np.linalg.eigvalsh((relative + relative.T) / 2).min(initial=1.0))
-    if smallest < -1e-12 or (smallest <= 1e-14 and not singular):
+    values = np.linalg.eigvalsh((relative + relative.T) / 2)
+    smallest, largest = float(values.min(initial=1.0)), float(values.max(initial=0.0))
+    rounding = len(relative) * np.finfo(float).eps * largest
+    if smallest < -max(1e-12, rounding) or (smallest <= max(1e-14, rounding) and not singular):
         eigenvalue = float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[0])
         wanted = "positive semidefinite" if singular else "positive definite"
         yield f"{what} is not {wanted}: its smallest eigenvalue is {eigenvalue:.3g}"
+
+
+LARGEST = 1e150
+"""Standard deviation whose square is still a number."""
 
 
 def _diagonal(
@@ -160,11 +174,9 @@ def _diagonal(
     lacking = [s.name for s, v in zip(of, sigma, strict=True) if np.isnan(v)]
     if lacking:
         raise TuningError(f"{what} gives no standard deviation for {', '.join(lacking)}")
-    bad = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if not 0 <= v < np.inf]
-    if what == "sigma_y":
-        bad += [f"{s.name} = 0" for s, v in zip(of, sigma, strict=True) if v == 0]
-    if bad:
-        raise TuningError(f"{what} must be positive and finite, but {', '.join(bad)}")
+    large = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if not v < LARGEST]
+    if large:
+        raise TuningError(f"{what} is too large for its square to be a number: {', '.join(large)}")
     return np.diag(sigma**2)
 
 

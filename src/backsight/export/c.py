@@ -1,6 +1,7 @@
 """An estimator as C99 for a controller, with a test that runs there."""
 
 import os
+import re
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
@@ -14,7 +15,7 @@ from backsight.engine.c99 import Precision
 from backsight.engine.c99 import source as c99
 from backsight.engine.program import While, flat, walk
 from backsight.engine.recursion import Recursion
-from backsight.errors import DataError, EngineError
+from backsight.errors import DataError, EngineError, printable
 from backsight.estimators.base import AbstractEstimator
 from backsight.export._selftest import Vectors, selftest
 from backsight.kernels import sources
@@ -99,7 +100,7 @@ def export_c(
         start=recursion.carry0.tolist(),
         results=[c.name for c in recursion.channels],
         precision=kind,
-        about=f"{estimator.title} for '{model.name}', every {recursion.dt:g} s.\n"
+        about=f"{estimator.title} for '{_line(model.name)}', every {recursion.dt:g} s.\n"
         f"Written by Backsight {version('backsight')}; change the model, not this file.",
     )
     data = [d[:SAMPLES] for d in match(model, recording, estimator=estimator)]
@@ -135,6 +136,15 @@ def _vectors(recursion: Recursion, data: list[Array]) -> Vectors:
     )
 
 
+def _line(text: str) -> str:
+    return printable(" ".join(text.split()))
+
+
+def _markdown(text: str) -> str:
+    """Text that Markdown shows as it is."""
+    return re.sub(r"([\\`*_{}\[\]<>()#+!|~$&-])", r"\\\1", _line(text))
+
+
 def _makefile(name: str, kernels: list[str]) -> str:
     needed = " ".join([f"{name}.c", f"{name}_selftest.c", f"{name}.h", *kernels])
     return f"""CC ?= cc
@@ -163,7 +173,9 @@ def _readme(
 ) -> str:
     # A multiplication with its operands takes a dozen bytes on common processors.
     flash = 1.5 * kind.bytes * source.operations / 1000
-    states = ", ".join(f"{s.name} [{s.unit}]" if s.unit else s.name for s in model.states)
+    states = ", ".join(
+        f"{s.name} [{_markdown(s.unit)}]" if s.unit else s.name for s in model.states
+    )
     inputs = ", ".join(s.name for s in model.inputs) or "none"
     outputs = ", ".join(s.name for s in model.outputs)
     workspace = kind.bytes * source.workspace + INT * source.ints

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
 from backsight.models._beam_modes import BoundaryName, Shapes, shapes
-from backsight.models.modal import SENSORS, modal
+from backsight.models.modal import SENSORS, SensorKind, modal
 from backsight.models.model import Model
 from backsight.types import Array
 
@@ -25,7 +25,7 @@ _DIRECT = ("bending_stiffness", "mass_per_length")
 def beam(
     length: float,
     *,
-    sensors: Mapping[str, tuple[str, float]],
+    sensors: Mapping[str, tuple[SensorKind, float]],
     forces: Mapping[str, float] | None = None,
     inputs: Mapping[str, float] | None = None,
     boundary: BoundaryName = "cantilever",
@@ -191,7 +191,7 @@ class _Places:
             )
         return row
 
-    def sensor(self, name: str, given: tuple[str, float]) -> tuple[str, Array]:
+    def sensor(self, name: str, given: tuple[SensorKind, float]) -> tuple[SensorKind, Array]:
         match given:
             case (str() as kind, position):
                 pass

@@ -109,12 +109,10 @@ class Model:
             problems.append("a model needs at least one state")
         if not self.outputs:
             problems.append("a model needs at least one output")
-        for hint, value, name in (
-            (Positive | None, self.dt, "the sampling period dt"),
-            (str, self.name, "the name"),
-        ):
-            if message := fault(hint, value, name):
-                problems.append(message)
+        if self.dt is not None:
+            problems.append(fault(Positive, self.dt, "the sampling period dt") or "")
+        problems.append(fault(str, self.name, "the name") or "")
+        problems = [p for p in problems if p]
         if problems:
             raise ModelError(f"model '{self.name}': " + "; ".join(problems))
 

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.description import Description, Positive, Sound, Unlimited
-from backsight.errors import BacksightError, ModelError, nearest
+from backsight.errors import BacksightError, ModelError, nearest, printable
 from backsight.types import Array, ByName
 
 
@@ -46,6 +46,8 @@ class Signal(Description):
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
         of = f" of '{self.name}'" if self.name else ""
+        if sound("unit") and (printable(self.unit) != self.unit or {*self.unit} & {"\n", "\t"}):
+            yield f"unit{of} has control characters: {self.unit!a}"
         if not sound("lower", "upper", "value"):
             return
         if not self.lower < self.upper:

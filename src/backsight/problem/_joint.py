@@ -7,7 +7,7 @@ from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.problem._checking import at, checked
+from backsight.problem._checking import at, checked, shown
 from backsight.problem._kinds import ALL_KINDS, Given
 from backsight.problem._tables import ColumnTable, EstimateTable, ProblemTable
 
@@ -50,6 +50,8 @@ def _plain(table: ProblemTable) -> Model:
     kind = given.pop("kind", None)
     if kind is None:
         raise ProblemError(f"model.kind: is missing; known: {', '.join(sorted(ALL_KINDS))}")
+    if not isinstance(kind, str):
+        raise ProblemError(f"model.kind: must be text in quotes, not {shown(kind)}")
     if kind not in ALL_KINDS:
         raise ProblemError(f"model.kind: unknown kind '{kind}', {nearest(kind, ALL_KINDS)}")
     with at("model.kind"):

@@ -151,12 +151,14 @@ class SecondOrderTable(ModelTable):
 
     def build(self, given: Given) -> Model:
         """See `ModelTable.build`."""
+        # Which kinds there are is the model's own to say.
+        outputs: dict[str, Any] = {name: (s.kind, s.at) for name, s in self.outputs.items()}
         return second_order(
             self.mass,
             self.damping,
             self.stiffness,
             forces=self.forces,
-            outputs={name: (sensor.kind, sensor.at) for name, sensor in self.outputs.items()},
+            outputs=outputs,
             inputs=given.inputs,
             parameters=_parameters(self.parameters, given.start),
             coordinates=self.coordinates,

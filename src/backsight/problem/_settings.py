@@ -103,14 +103,17 @@ def _value(annotation: Any, given: object, where: str) -> object:
     if origin is Mapping and isinstance(given, Mapping):
         kind = typing.get_args(annotation)[1]
         return {name: _value(kind, entry, f"{where}.{name}") for name, entry in given.items()}
-    return _single(float if origin is tuple else annotation, given, where)
+    if origin in (tuple, Mapping):
+        what = "a list" if origin is tuple else "a table"
+        raise ProblemError(f"{where}: must be {what}, not {shown(given)}")
+    return _single(annotation, given, where)
 
 
 def _part(parts: Sequence[type], given: Mapping[str, Any], where: str) -> object:
     named = {part.__name__: part for part in parts}
     rest = dict(given)
     name = rest.pop("kind", parts[0].__name__) if len(parts) > 1 else parts[0].__name__
-    if name not in named:
+    if not isinstance(name, str) or name not in named:
         raise ProblemError(f"{where}.kind: unknown kind {shown(name)}, {nearest(str(name), named)}")
     return built(named[name], rest, where=where, fixed={})
 

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
@@ -30,6 +30,7 @@ def execute(
     progress: Callable[[str, int, int], None],
     tell: Callable[[str], None] = lambda _: None,
     force: bool = False,
+    outside: Collection[str] = (),
 ) -> Comparison:
     """Run all estimators of a problem over its recording and write the results.
 
@@ -50,6 +51,8 @@ def execute(
         Told, before the first estimator starts, which states cannot be seen, a sentence at a time.
     force : bool
         Replace files of these names in the folder that are not from an earlier run.
+    outside : collection of str
+        Other files from which the recording may take measurements, see `backsight.read`.
 
     Returns
     -------
@@ -66,7 +69,7 @@ def execute(
     """
     names = [ESTIMATES, SUMMARY, *([PAGE] if problem.report else [])]
     with whole(out, names=names, force=force) as folder:
-        data = recording(problem)
+        data = recording(problem, outside=outside)
         samples = data.sizes["time"]
         tasks = _ready(problem, data)
         for sentence in doubts(problem, data):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 import xarray as xr
 
 from backsight.analysis.comparison import ranked_table, units, verdicts
-from backsight.description import checked
+from backsight.description import Printed, checked
 from backsight.engine.execute import Engine
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -17,7 +17,7 @@ from backsight.run.estimation import Task, carry_out, check_memory, ready
 
 
 @dataclasses.dataclass(frozen=True)
-class Comparison(Mapping[str, xr.Dataset]):
+class Comparison(Printed, Mapping[str, xr.Dataset]):
     """Results by name; prints itself as a ranked table.
 
     Parameters
@@ -39,6 +39,9 @@ class Comparison(Mapping[str, xr.Dataset]):
 
     def __str__(self) -> str:
         return self.table()
+
+    def __repr__(self) -> str:
+        return f"Comparison of {', '.join(map(repr, self.results))}"
 
     def table(self, reference: Mapping[str, float] | None = None, *, width: int = 80) -> str:
         """Return the ranking, the final values and the errors against the truth as text.

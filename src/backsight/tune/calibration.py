@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from backsight.description import checked
+from backsight.description import Printed, checked
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -36,7 +36,7 @@ UNDETERMINED = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
-class Calibration:
+class Calibration(Printed):
     """What a calibration found, and how sure it is.
 
     Parameters

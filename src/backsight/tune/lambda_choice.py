@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from backsight.description import Count, Level, Whole, checked
+from backsight.description import Count, Level, Printed, Whole, checked
 from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -22,7 +22,7 @@ LAGS = 5
 
 
 @dataclasses.dataclass(frozen=True)
-class LambdaChoice:
+class LambdaChoice(Printed):
     """A weight, and what speaks for it.
 
     Parameters

@@ -6,13 +6,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from backsight.description import checked
+from backsight.description import Printed, checked
 from backsight.errors import DataError
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class ForceErrors:
+class ForceErrors(Printed):
     """Found forces beside true ones.
 
     Parameters

@@ -7,6 +7,7 @@ import scipy
 import xarray as xr
 
 from backsight.analysis.forces._impacts import Impact, impacts
+from backsight.description import Printed
 from backsight.rounding import plus_minus, significant
 from backsight.schema import AGO
 from backsight.types import Array
@@ -19,7 +20,7 @@ TOUCHING = 0
 
 
 @dataclasses.dataclass(frozen=True)
-class Hit:
+class Hit(Printed):
     """A hit with the height of its force.
 
     Parameters
@@ -43,7 +44,7 @@ class Hit:
 
 
 @dataclasses.dataclass(frozen=True)
-class Hits:
+class Hits(Printed):
     """All hits of a result, the largest impulse first; prints itself.
 
     Parameters

@@ -7,13 +7,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from backsight.description import checked
+from backsight.description import Printed, checked
 from backsight.errors import DataError
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Impact:
+class Impact(Printed):
     """One hit.
 
     Parameters
@@ -114,7 +114,7 @@ def _ghost(hit: Impact, other: Impact, share: float) -> bool:
 
 
 @dataclasses.dataclass(frozen=True)
-class Matches:
+class Matches(Printed):
     """Found hits beside true ones.
 
     Parameters

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from backsight.analysis.observability.zeros import independent, transmission_zeros
+from backsight.description import Positive, checked
 from backsight.discrete.exact import zoh
 from backsight.errors import ModelError
 from backsight.models.lti import state_space
@@ -23,7 +24,10 @@ TOLERANCE = 1e-9
 """Singular values below this share of the largest are zero, states and outputs made comparable."""
 
 
-def force_locations(model: Model, dt: float, *, forces: Sequence[str] | None = None) -> xr.Dataset:
+@checked(ModelError)
+def force_locations(
+    model: Model, dt: Positive, *, forces: Sequence[str] | None = None
+) -> xr.Dataset:
     r"""Judge a model to which more and more random-walk forces are added as states.
 
     With :math:`d_{k+1} = d_k` the joint model is

@@ -9,7 +9,9 @@ import scipy
 from backsight.analysis.observability._combinations import combinations, ratio
 from backsight.analysis.observability._sensitivity import sensitivities
 from backsight.analysis.observability._sensors import Sensor, repairs
+from backsight.description import Positive, Printed, checked
 from backsight.discrete.runge_kutta import Integrator
+from backsight.errors import ModelError
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.types import Array
@@ -22,7 +24,7 @@ WINDOW_TOLERANCE = 1e-8
 
 
 @dataclasses.dataclass(frozen=True)
-class Observability:
+class Observability(Printed):
     """What the outputs of a model say about its states; prints itself in words.
 
     Parameters
@@ -100,11 +102,12 @@ class Observability:
         return found
 
 
+@checked(ModelError)
 def observability(
     model: Model,
     *,
     candidates: Mapping[str, Sensor] | None = None,
-    tolerance: float = LINEAR_TOLERANCE,
+    tolerance: Positive = LINEAR_TOLERANCE,
 ) -> Observability:
     """Judge a linear model.
 

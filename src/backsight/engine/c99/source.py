@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
 from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
 from backsight.engine.program import Buffer, Program
+from backsight.errors import printable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,7 +206,16 @@ def _includes(kernels: Sequence[str], kind: Precision) -> list[str]:
 
 
 def _comment(text: str) -> str:
-    return "/* " + text.replace("*/", "* /").replace("\n", "\n   ") + " */"
+    """A comment that ends where it should, whatever is in the text.
+
+    Beside the marks of comments themselves, trigraphs and a backslash at the end of a line could
+    join and end it, and writing that turns its direction could show other code than there is.
+    """
+    lines = []
+    for line in text.splitlines():
+        plain = re.sub(r"\?(?=\?)", "? ", printable(line))
+        lines.append(plain.replace("*/", "* /").replace("/*", "/ *").rstrip(" \t\\"))
+    return "/* " + "\n   ".join(lines) + " */"
 
 
 def _declared(line: str) -> str:

@@ -82,7 +82,7 @@ class Atoms(AbstractDictionary):
         One column per atom: how large each force is, over one step or over several.
     """
 
-    matrix: Annotated[Array, Called("the matrix of the dictionary")]
+    matrix: Annotated[Array, Called("the dictionary")]
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from backsight.algebra.update import measured, noise_of
-from backsight.description import Sound
+from backsight.description import Printed, Sound
 from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
@@ -34,7 +34,7 @@ Form: TypeAlias = Literal["filtering", "prediction"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Observer:
+class Observer(Printed):
     """A gain and what it does; prints itself.
 
     Parameters

@@ -4,4 +4,4 @@ from backsight.estimators.linear_windows.linear_mhe import LinearMHE as LinearMH
 from backsight.estimators.linear_windows.recursive_mhe import RecursiveMHE as RecursiveMHE
 from backsight.estimators.linear_windows.stacked import gains as gains
 from backsight.estimators.linear_windows.stacked import in_units as in_units
-from backsight.estimators.linear_windows.window_limits import limit_gains as limit_gains
+from backsight.estimators.linear_windows.stacked import stacked as stacked

@@ -22,25 +22,26 @@ NEGLIGIBLE = 1e-9
 
 
 def window_filter(system: Linear, N: int) -> ca.Function:
-    """``(x, P, diffuse, U, Y, M, present) -> (x, P, deficient)``.
+    """``(x, P, diffuse, U, Y, M, present) -> (x, P, deficient, x_first, P_first)``.
 
     x and P (lower triangle) describe the start of the window, the results its end. With
-    ``diffuse = 1`` nothing is known of the start, and ``deficient`` is 1 if the measurements do
-    not determine it. Samples with ``present = 0`` do not exist; they come first.
+    ``diffuse = 1`` nothing is known of the start, ``deficient`` is 1 if the measurements do not
+    determine it, and ``x_first, P_first`` are what they say of it. Samples with ``present = 0`` do
+    not exist; they come first.
     """
     nx, nu, ny = (len(system.A), *system.D.T.shape)
     x, vP = ca.MX.sym("x", nx), ca.MX.sym("P", nx * (nx + 1) // 2)
     diffuse = ca.MX.sym("diffuse")
     U, Y, M = (ca.MX.sym(n, k, N + 1) for n, k in (("U", nu), ("Y", ny), ("M", ny)))
     present = ca.MX.sym("present", 1, N + 1)
-    absorbed = absorb(system)(x, *begin(nx)(vP, diffuse), U[:, 0], Y[:, 0], M[:, 0], present[0])
+    absorbed = _absorb(system)(x, *_begin(nx)(vP, diffuse), U[:, 0], Y[:, 0], M[:, 0], present[0])
     carry, _ = scan(
         _next(system),
         N,
         carry=list(absorbed),
         xs=[U[:, :-1], U[:, 1:], Y[:, 1:], M[:, 1:], present[:, :-1], present[:, 1:]],
     )
-    results = solve_start(nx)(*carry, diffuse)[:3]
+    results = _solve_start(nx)(*carry, diffuse, x)
     return ca.Function("window_filter", [x, vP, diffuse, U, Y, M, present], list(results))
 
 
@@ -54,7 +55,7 @@ def _symbols(nx: int) -> list[ca.SX]:
     ]
 
 
-def begin(nx: int) -> ca.Function:
+def _begin(nx: int) -> ca.Function:
     """``(P, diffuse) -> (P, X, L)`` at the start of the window."""
     vP, diffuse = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("diffuse")
     identity = ca.densify(diffuse * ca.SX.eye(nx))
@@ -62,7 +63,7 @@ def begin(nx: int) -> ca.Function:
     return ca.Function("begin", [vP, diffuse], [(1 - diffuse) * vP, identity, equations])
 
 
-def absorb(system: Linear) -> ca.Function:
+def _absorb(system: Linear) -> ca.Function:
     """Take in the measurements of one sample."""
     nx, nu, ny = (len(system.A), *system.D.T.shape)
     x, vP, X, vL = _symbols(nx)
@@ -85,7 +86,7 @@ def absorb(system: Linear) -> ca.Function:
     )
 
 
-def advance(system: Linear) -> ca.Function:
+def _advance(system: Linear) -> ca.Function:
     """Go on to the next sample; before the first sample nothing moves."""
     nx, nu = system.B.shape
     x, vP, X, vL = _symbols(nx)
@@ -113,18 +114,17 @@ def _next(system: Linear) -> ca.Function:
         for n, k in (("u", nu), ("v", nu), ("y", ny), ("m", ny), ("before", 1), ("here", 1))
     ]
     u, v, y, m, before, here = data
-    ahead = advance(system)(*carry, u, v, before)
-    return ca.Function("next", [*carry, *data], list(absorb(system)(*ahead, v, y, m, here)))
+    ahead = _advance(system)(*carry, u, v, before)
+    return ca.Function("next", [*carry, *data], list(_absorb(system)(*ahead, v, y, m, here)))
 
 
-def solve_start(nx: int) -> ca.Function:
+def _solve_start(nx: int) -> ca.Function:
     """Solve for the first state, and put it into the last one.
 
-    ``(x, P, X, L, diffuse) -> (x, P, deficient, first, X inverse, inverse')`` with the first state
-    (as its difference from the start) and a factor of its covariance, inverse inverse'.
+    ``(x, P, X, L, diffuse, x_start) -> (x, P, deficient, x_first, P_first)``.
     """
     x, vP, X, vL = _symbols(nx)
-    diffuse = ca.SX.sym("diffuse")
+    diffuse, x_start = ca.SX.sym("diffuse"), ca.SX.sym("x_start", nx)
     L = ca.tril(unvech(vL))
     found = ca.SX(ca.densify(ca.horzcat(L[nx, :nx].T, ca.SX.eye(nx))))
     deficient = ca.SX(0)
@@ -138,13 +138,13 @@ def solve_start(nx: int) -> ca.Function:
     spread = X @ inverse
     return ca.Function(
         "solve_start",
-        [x, vP, X, vL, diffuse],
+        [x, vP, X, vL, diffuse, x_start],
         [
             x + X @ first,
             vech(unvech(vP) + spread @ spread.T),
             diffuse * deficient,
-            first,
-            *map(ca.densify, (spread, inverse.T)),
+            x_start + first,
+            vech(ca.densify(inverse @ inverse.T)),
         ],
     )
 

@@ -1,7 +1,7 @@
 """Moving horizon estimation for linear models: least squares over a window."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 import casadi as ca
@@ -14,19 +14,20 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.kf import predict_linear
-from backsight.estimators.linear_windows._impose import impose
+from backsight.estimators.linear_windows._limited import limited
 from backsight.estimators.linear_windows._window_filter import window_filter
 from backsight.estimators.linear_windows.stacked import Gains, gains, in_units, product
-from backsight.estimators.linear_windows.window_limits import limit_gains, window_limits
 from backsight.estimators.parts.covariance import Covariance, packed
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.limits import Limit, Rows, bounds, names_used_twice, rows_of
+from backsight.estimators.parts.limits import Limit, Limits, limits_of, names_used_twice
 from backsight.estimators.parts.linear import Linear, linear, require_observable, without_bounds
 from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import moved_on, no_window
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.solvers.trajectory import by_name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,8 +107,8 @@ class LinearMHE(AbstractEstimator):
         s, N = system.s, self.N
         if self.arrival == 0:
             require_observable(model, samples=N + 1)
-        rows = rows_of(system, model, self.limits)
-        n = len(rows.names)
+        limits = limits_of(s, s.Q, self.limits, {})
+        n = len(limits.names)
         data = data_inputs(s)
         u, y, mask = s.enter()(*data)
         kept = Covariance(s.model.nx)
@@ -118,9 +119,10 @@ class LinearMHE(AbstractEstimator):
             P_last=kept.kept(s.P0),
             **no_window(s, N + 1),
             present=np.zeros((1, N + 1)),
-            active=np.zeros(n * (N + 1)),
+            side=np.zeros((n, N + 1)),
         )
 
+        # Innovation of the newest sample; the one that leaves goes into the arrival cost.
         time_update, free = predict_linear(system), without_bounds(s)
         last = [m.x_last, m.P_last]
         prior = choose(m.present[N], time_update.call([*last, m.U[:, N], u]), last)
@@ -129,17 +131,19 @@ class LinearMHE(AbstractEstimator):
         corrected = ekf.correct(free)(m.x_start, m.P_start, *leaving)[:2]
         moved = time_update.call([*corrected, m.U[:, 0], m.U[:, 1]])
         x_start, P_start = choose(m.present[0], moved, [m.x_start, m.P_start])
-        U, Y, M, present = moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))
+        window = [*moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))]
 
-        window, start = (U, Y, M, present), (x_start, kept.triangle()(P_start))
-        lacking, x, P, *quantities = _solve(system, rows, N, self.arrival, *start, window)
-        flags, channels, named, active = Flags(unobserved=lacking), ESTIMATE_CHANNELS, {}, m.active
+        # The window, with its limits if there are any.
+        start = [x_start, kept.triangle()(P_start)]
+        channels, named = ESTIMATE_CHANNELS, {}
         if n:
-            limits = bounds(system, rows, N)(*window)
-            x, P, active, conflict, raised = impose(s, n, N)(x, P, *quantities, *limits, m.active)
-            flags = dataclasses.replace(Flags.of(raised), unobserved=lacking)
-            named = {"infeasible": conflict}
-            channels += (Channel("infeasible", ("limit",), labels=rows.names),)
+            tried = ca.horzcat(m.side[:, 1:], ca.MX.zeros(n))
+            found = _with_limits(system, limits, self, start, window, tried)
+            channels += (Channel("infeasible", ("limit",), labels=limits.names),)
+            named = {"infeasible": found["conflict"]}
+        else:
+            found = _without_limits(system, self, start, window)
+        x, P = found["x"], found["P"]
         return m.recursion(
             self.key,
             data,
@@ -148,13 +152,10 @@ class LinearMHE(AbstractEstimator):
                 "P_start": P_start,
                 "x_last": x,
                 "P_last": kept.of_triangle()(P),
-                "U": U,
-                "Y": Y,
-                "M": M,
-                "present": present,
-                "active": active,
+                **dict(zip(("U", "Y", "M", "present"), window, strict=True)),
+                "side": found.get("side", ca.MX(0, N + 1)),
             },
-            outputs={**physical(s, x=x, P=P, u=u, e=e, S=S, flags=flags.vector()), **named},
+            outputs={**physical(s, x=x, P=P, u=u, e=e, S=S, flags=found["flags"]), **named},
             channels=channels,
             dt=dt,
         )
@@ -169,42 +170,119 @@ class LinearMHE(AbstractEstimator):
         return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
 
 
+Results = dict[str, ca.MX]
+Window = Sequence[ca.MX]
+"""Inputs, outputs, masks and presence of the samples, side by side."""
+
+
+def _without_limits(
+    system: Linear, e: LinearMHE, start: Sequence[ca.MX], window: Window
+) -> Results:
+    """x, P and flags of the last sample of a window."""
+    lacking, x, P = _solve(system, e, start, window, samples=(-1,))
+    return {"x": x, "P": P, "flags": Flags(unobserved=lacking).vector()}
+
+
+def _with_limits(
+    system: Linear,
+    limits: Limits,
+    e: LinearMHE,
+    start: Sequence[ca.MX],
+    window: Window,
+    tried: ca.MX,
+) -> Results:
+    """The same, active limits, and limits that contradict each other; `tried` are a guess of them.
+
+    Without arrival cost the window is first solved without limits, which gives the prior that
+    `limited` needs, and the estimate where no limit is active.
+    """
+    full = window[3][0]
+    if e.arrival == 0:
+        lacking, x, P, *first = _solve(system, e, start, window, samples=(-1, 0))
+        free, wide = [x, P], _wide()(full, lacking)
+        start = choose(wide, first, start)
+    else:
+        lacking = wide = ca.MX(0)
+        start = [start[0], _plan(system.s, e.arrival)(1, full, start[1])[2]]
+        free = start
+    found = by_name(limited(system, limits, e.N), [*start, wide, *window, tried])
+    course = [found[k] for k in ("x", "P", "side", "held", "conflict", "open")]
+    x, P, conflict, raised = _verdict(system.s, *tried.shape)(*free, wide, *course)
+    flags = dataclasses.replace(Flags.of(raised), unobserved=lacking).vector()
+    return {"x": x, "P": P, "side": found["side"], "conflict": conflict, "flags": flags}
+
+
+def _wide() -> ca.Function:
+    full, lacking = ca.SX.sym("full"), ca.SX.sym("lacking")
+    return ca.Function("wide", [full, lacking], [full * (1 - lacking)])
+
+
+def _verdict(s: Setting, n: int, m: int) -> ca.Function:
+    """The estimate, limits that contradict each other, and flags.
+
+    ``(x_free, P_free, wide, x, P, side, held, conflict, open) -> (x, P, conflict, flags)``. Where
+    the prior is wide and no limit is active, the estimate is the one without limits, exactly; where
+    they hold, the state is within its bounds to the last digit.
+    """
+    nx = s.model.nx
+    x_free, x = ca.SX.sym("x_free", nx), ca.SX.sym("x", nx)
+    vP_free, vP = (ca.SX.sym(k, nx * (nx + 1) // 2) for k in ("P_free", "P"))
+    side, conflict = ca.SX.sym("side", n, m), ca.SX.sym("conflict", n, m)
+    wide, held, unfinished = (ca.SX.sym(k) for k in ("wide", "held", "open"))
+    named = ca.vertcat(*(ca.mmax(conflict[r, :]) for r in range(n)))
+    infeasible = ca.mmax(named)
+    unmoved = ca.logic_and(wide, ca.mmax(ca.vec(ca.fabs(side))) == 0)
+    found = ca.if_else(unmoved, x_free, ca.if_else(infeasible, x, within_bounds(s, x)))
+    known = ca.if_else(ca.logic_and(wide, ca.logic_not(held)), vP_free, vP)
+    flags = Flags(
+        clipped=ca.mmax(ca.fabs(side[:, m - 1])),
+        infeasible=infeasible,
+        iteration_limit=unfinished,
+    )
+    return ca.Function(
+        "verdict",
+        [x_free, vP_free, wide, x, vP, side, held, conflict, unfinished],
+        [found, known, named, flags.vector()],
+    )
+
+
 DEFICIENT = 2
 """Place of the flag among the results of `window_filter`."""
 
 
 def _solve(
     system: Linear,
-    rows: Rows,
-    N: int,
-    arrival: float,
-    x_start: ca.MX,
-    P_start: ca.MX,
-    window: tuple[ca.MX, ...],
+    e: LinearMHE,
+    start: Sequence[ca.MX],
+    window: Window,
+    *,
+    samples: Sequence[int],
 ) -> list[ca.MX]:
-    """Solve a window without its limits: 1 if its measurements do not suffice, x and P at its end.
+    """Solve a window without its limits: 1 if its measurements do not suffice, x and P of samples.
 
-    With limits also mean, covariance and covariance with x of the limited quantities. A full window
-    without gaps is a product with constant gains; others are gone through sample by sample.
+    The samples are the last one, or the last and the first. A full window without gaps is a product
+    with constant gains; others are gone through sample by sample.
     """
     U, Y, M, present = window
-    through = window_limits(system, rows, N) if rows.names else window_filter(system, N)
-    go, diffuse, P_lead = _plan(system.s, arrival)(_all(M), present[0], P_start)
+    through = window_filter(system, e.N)
+    go, diffuse, P_lead = _plan(system.s, e.arrival)(_all(M), present[0], start[1])
     results = [through.size_out(i) for i in range(through.n_out()) if i != DEFICIENT]
-    found = [ca.MX.zeros(*size) for size in results]
-    if arrival == 0:
-        fixed = gains(system, N)
-        by_gains = product(fixed.M, ca.vec(Y)) + product(fixed.N_u, ca.vec(U))
-        found = [by_gains, ca.MX(packed(fixed.P))]
-    if arrival == 0 and rows.names:
-        kept = limit_gains(system, rows, N)
-        found.append(product(kept.K, ca.vec(Y)) + product(kept.K_u, ca.vec(U)))
-        found += [ca.MX(ca.DM(kept.M)), ca.MX(ca.DM(kept.Psi))]
+    found = [ca.MX.zeros(*size) for size in results[: 2 * len(samples)]]
+    if e.arrival == 0:
+        fixed = [gains(system, e.N, at=at) for at in samples]
+        found = [
+            k
+            for g in fixed
+            for k in (
+                product(g.M, ca.vec(Y)) + product(g.N_u, ca.vec(U)),
+                ca.MX(packed(g.P)),
+            )
+        ]
     last = iterate(
-        _pass(through),
+        _pass(through, len(found)),
         2,
         carry=[go, diffuse, ca.MX(0), *found],
-        constants=[x_start, P_lead, P_start, *window],
+        constants=[start[0], P_lead, start[1], *window],
     )
     return last[2:]
 
@@ -228,8 +306,11 @@ def _plan(s: Setting, arrival: float) -> ca.Function:
     return ca.Function("plan", [measured, full, P], plan)
 
 
-def _pass(through: ca.Function) -> ca.Function:
-    """Go through the window; where nothing is known of its start, but must be, once more."""
+def _pass(through: ca.Function, wanted: int) -> ca.Function:
+    """Go through the window; where nothing is known of its start, but must be, once more.
+
+    Of the results of `window_filter` only so many are wanted.
+    """
     start = [ca.MX.sym(through.name_in(i), *through.size_in(i)) for i in range(through.n_in())]
     x_start, P_lead, diffuse, *window = start
     P_start = ca.MX.sym("P_start", P_lead.numel())
@@ -237,7 +318,7 @@ def _pass(through: ca.Function) -> ca.Function:
     (P,) = choose(lacking, [P_start], [P_lead])
     x, P_now, deficient, *more = through(x_start, P, diffuse, *window)
     (lacks,) = choose(deficient, [ca.MX(1)], [lacking])
-    results = [x, P_now, *more]
+    results = [x, P_now, *more][:wanted]
     ignored = [ca.MX.sym(f"r{i}", *r.shape) for i, r in enumerate(results)]
     return ca.Function(
         "pass",

@@ -39,7 +39,7 @@ class Stacked:
 
 @dataclasses.dataclass(frozen=True)
 class Gains:
-    r"""Least-squares estimate of the present state from a full window.
+    r"""Least-squares estimate of a state, mostly the present one, from a full window.
 
     .. math:: \hat x_k = M Y + N_u U, \qquad Y = (y_{k-N}, \ldots, y_k), \;
         U = (u_{k-N}, \ldots, u_k)
@@ -79,8 +79,10 @@ def stacked(system: Linear, N: int) -> Stacked:
     return Stacked(T, F, Phi, Gamma)
 
 
-def gains(system: Linear, N: int, *, every: int = 1) -> Gains:
+def gains(system: Linear, N: int, *, every: int = 1, at: int = -1) -> Gains:
     r"""Gains of the least-squares estimate from a full window, scaled.
+
+    The estimate is that of the window's last sample, or of another one, `at` (0 is the first).
 
     With ``every = m`` only the samples k, k - m, k - 2 m ... are measured; the columns of M for
     the others are zero.
@@ -102,9 +104,10 @@ def gains(system: Linear, N: int, *, every: int = 1) -> Gains:
     check_rank(rows[:, :nx], N)
     unknown = s.Phi.shape[1]
     q, r = np.linalg.qr(np.vstack([rows, np.eye(unknown)[nx:]]))
-    present = scipy.linalg.solve_triangular(r, s.T[-nx:].T, trans=1).T
+    T, F = (block.reshape(N + 1, nx, -1)[at] for block in (s.T, s.F))
+    present = scipy.linalg.solve_triangular(r, T.T, trans=1).T
     M = scipy.linalg.solve_triangular(noise, (present @ q[: len(rows)].T).T, lower=True, trans=1).T
-    return Gains(M=M, N_u=s.F[-nx:] - M @ s.Gamma, P=present @ present.T)
+    return Gains(M=M, N_u=F - M @ s.Gamma, P=present @ present.T)
 
 
 def in_units(scaled: Gains, s: Setting) -> Gains:

@@ -18,19 +18,19 @@ def inspection(parts: Parts) -> ca.Function:
     chain = parts.chain
     w = solved(parts)
     covariances = smoothed_all(chain)(*w.problem)
-    before = w.problem[4]
+    found = w.found
     _, columns = scan(
         _physical(parts),
         chain.N + 1,
         carry=[ca.MX(0)],
-        xs=[w.X, covariances, w.eta, w.nu, w.U, w.Y, before],
+        xs=[found["X"], covariances, found["eta"], found["nu"], w.U, w.Y, found["before"]],
     )
     x, P, noise, v, multiplier = columns
     names = ["present", "x", "P", "w", "v", "multiplier", "side"]
     return ca.Function(
         "inspect",
         w.inputs,
-        [w.present, x, P, noise, v, multiplier, w.side],
+        [w.present, x, P, noise, v, multiplier, found["side"]],
         ["carry", "u", "y", "mask"],
         names,
     )

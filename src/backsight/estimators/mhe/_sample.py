@@ -5,17 +5,18 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import unvech
+from backsight.algebra.symmetric import vech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
-from backsight.estimators.mhe._limits import Limits
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.mhe.arrival import Arrival, Leaving
 from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, physical
 from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.limits import Limits
+from backsight.estimators.parts.stages import covariance_of, equations
 from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import (
     as_columns,
@@ -25,11 +26,14 @@ from backsight.estimators.parts.window import (
     queued,
 )
 from backsight.solvers.box import GaussNewton
-from backsight.solvers.trajectory import Chain, iterated, smoothed
+from backsight.solvers.trajectory import Chain, by_name, iterated, smoothed
 from backsight.types import Array
 
 SMALL = 1e-10
 """Residuals below this are rounding errors and are put out as this."""
+
+NEGATIVE = -1e-10
+"""Variances below this share of the sample's variance before it was measured are no rounding."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +43,7 @@ class Parts:
     Parameters
     ----------
     s : Setting
+        With the hard bounds of the states only.
     inside : Setting
         With the process noise inside the window.
     chain : Chain
@@ -71,19 +76,19 @@ class Solved:
         State and covariance of the newest sample before its measurement.
     data : list
         The newest sample's scaled u, y, mask.
-    U, Y, M, present, X, side, along, eta, nu : MX
-        The window, its trajectory and active limits, the trajectory of the last linearisation, and
-        the adjoints and multipliers of its solution.
+    U, Y, M, present : MX
+        The window.
     x_start, spread : MX
         Arrival cost of the window.
     late : MX
         Innovations that wait for the estimate of their sample.
+    found : dict
+        See `solvers.trajectory.iterated`.
     problem : list
-        What `solvers.smoother.smoothed` takes.
+        The last linear problem as `solvers.trajectory.smoothed` takes it; of the active limits
+        only the equations, see `equations`.
     P_end : MX
-        Covariance of the newest sample.
-    conflict, residual, passes, unfinished, iterations, limit, rejected : MX
-        See `solvers.iterated`.
+        Covariance of the newest sample in this problem.
     """
 
     inputs: list[ca.MX]
@@ -93,23 +98,12 @@ class Solved:
     Y: ca.MX
     M: ca.MX
     present: ca.MX
-    X: ca.MX
-    side: ca.MX
-    along: ca.MX
-    eta: ca.MX
-    nu: ca.MX
     x_start: ca.MX
     spread: ca.MX
     late: ca.MX
+    found: dict[str, ca.MX]
     problem: list[ca.MX]
     P_end: ca.MX
-    conflict: ca.MX
-    residual: ca.MX
-    passes: ca.MX
-    unfinished: ca.MX
-    iterations: ca.MX
-    limit: ca.MX
-    rejected: ca.MX
 
 
 def memory0(parts: Parts) -> dict[str, Array]:
@@ -133,53 +127,80 @@ def solved(parts: Parts) -> Solved:
     s, chain, N = parts.s, parts.chain, parts.chain.N
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    symbol, kept = carry_inputs(list(memory0(parts).values()))
-    x_start, spread, x_last, P_last, *stored, late = kept
-    U, Y, M, present, X, side = as_columns(stored, N + 1)
-    called, moved = present[N], present[0]
-    U, Y, M, present = moved_on((U, Y, M, present), (u, y, mask, 1))
+    memory = memory0(parts)
+    symbol, values = carry_inputs(list(memory.values()))
+    kept = dict(zip(memory, values, strict=True))
+    columns = ("U", "Y", "M", "present", "X", "side")
+    before = dict(zip(columns, as_columns([kept[k] for k in columns], N + 1), strict=True))
+
+    # The window moves on by one sample; the newest one gets the prediction as its guess.
+    called, moved = before["present"][N], before["present"][0]
+    window = [before[k] for k in ("U", "Y", "M", "present")]
+    U, Y, M, present = moved_on(window, (u, y, mask, 1))
+    last = [kept["x_last"], kept["P_last"]]
     ahead = ekf.predict(parts.inside, parts.integrator, "discrete")
-    prior = choose(called, ahead.call([x_last, P_last, U[:, N - 1], u]), [x_last, P_last])
-    guess = ca.horzcat(X[:, 1:], within(s)(prior[0]))
+    prior = choose(called, ahead.call([*last, U[:, N - 1], u]), last)
+    guess = ca.horzcat(before["X"][:, 1:], within(s)(prior[0], 0))
+    tried = ca.horzcat(before["side"][:, 1:], before["side"][:, N])
+
+    # Gauss-Newton steps, from the guess and the limits that were active a sample ago.
     solver = iterated(
         chain,
         linearise(s, parts.integrator, parts.limits, chain),
         parts.optimiser,
         proximal=parts.arrival.free,
     )
-    P_start = parts.arrival.covariance(spread)
-    tried = ca.horzcat(side[:, 1:], side[:, N])
-    found = solver(x_start, P_start, moved, guess, tried, U, Y, M, present)
-    m = len(chain.sizes)
-    X, side, along, *found = found
-    stages, (offset, eta, nu, *rest) = found[:m], found[m:]
-    problem = [offset, P_start, *stages, side, ca.MX.zeros(*side.shape)]
+    P_start = parts.arrival.covariance(kept["spread"])
+    found = by_name(solver, [kept["x_start"], P_start, moved, guess, tried, U, Y, M, present])
+
+    # The covariance: of the last linear problem without the limits that happen to be active.
+    stages = [found[k] for k in chain.sizes]
+    free, dropped = equations(chain)(found["side"], found["low"], found["high"])
+    problem = [found["offset"], P_start, *stages, free, ca.MX.zeros(*free.shape)]
     return Solved(
-        [symbol, *data], prior, [u, y, mask], U, Y, M, present, X, side, along, eta, nu,
-        x_start, spread, late, problem, *rest,
-    )  # fmt: skip
+        inputs=[symbol, *data],
+        prior=prior,
+        data=[u, y, mask],
+        U=U,
+        Y=Y,
+        M=M,
+        present=present,
+        x_start=kept["x_start"],
+        spread=kept["spread"],
+        late=kept["late"],
+        found=found,
+        problem=problem,
+        P_end=covariance_of(chain)(dropped, found["P_end"], *problem)
+        if chain.n
+        else found["P_end"],
+    )
 
 
 def recursion(name: str, parts: Parts) -> Recursion:
     """The estimate of a sample, and the memory for the next one."""
     s, chain, N = parts.s, parts.chain, parts.chain.N
     w = solved(parts)
+    found, end = w.found, N - parts.lag
     e, S = ekf.innovation(s)(*w.prior, *w.data)
     (e, S), late = queued(w.late, [e, S], parts.lag)
-    end = N - parts.lag
-    P = chain.triangle()(smoothed(chain, parts.lag)(*w.problem) if parts.lag else w.P_end)
+    P = smoothed(chain, parts.lag)(*w.problem) if parts.lag else w.P_end
+
+    # What leaves the window goes into the arrival cost.
     x_start, spread = choose(
         w.present[0], parts.arrival.advance(w.x_start, w.spread, _leaving(w, chain)),
         [w.x_start, w.spread],
     )  # fmt: skip
-    window = (w.U, w.Y, w.M, w.present, w.X, w.side)
-    critical = [x_start, spread, w.X[:, N], w.P_end]
+    window = (w.U, w.Y, w.M, w.present, found["X"], found["side"])
+    critical = [x_start, spread, found["X"][:, N], w.P_end]
     carry = ca.vertcat(*critical, *(ca.vec(k) for k in window), late)
     carry0 = np.concatenate(list(memory0(parts).values()))
-    names, flags = _verdict(chain)(w.side[:, end], w.conflict, w.limit, w.unfinished, w.rejected, P)
+
+    course = [found[k] for k in ("conflict", "limit", "open", "rejected")]
+    names, infeasible, flags, P = _verdict(chain)(found["side"][:, end], *course, P, w.prior[1])
+    x = within(s)(found["X"][:, end], infeasible)
     outputs = [
-        *physical(s, x=within(s)(w.X[:, end]), P=P, u=w.U[:, end], e=e, S=S, flags=flags).values(),
-        w.iterations, w.passes, ca.fmax(w.residual, SMALL),
+        *physical(s, x=x, P=P, u=w.U[:, end], e=e, S=S, flags=flags).values(),
+        found["iterations"], found["passes"], ca.fmax(found["residual"], SMALL),
     ]  # fmt: skip
     channels = (*ESTIMATE_CHANNELS, *(Channel(k) for k in ("iterations", "passes", "kkt")))
     if parts.limits.names:
@@ -190,25 +211,26 @@ def recursion(name: str, parts: Parts) -> Recursion:
 
 
 def _leaving(w: Solved, chain: Chain) -> Leaving:
-    stages = w.problem[2:-2]
+    stages = [w.found[k] for k in chain.sizes]
+    along, X = w.found["along"], w.found["X"]
     return Leaving(
         u=w.U[:, 0],
         u_next=w.U[:, 1],
         y=w.Y[:, 0],
         mask=w.M[:, 0],
-        along=w.along[:, 0],
-        along_next=w.along[:, 1],
+        along=along[:, 0],
+        along_next=along[:, 1],
         stage=[k[:, 0] for k in stages],
         stage_next=[k[:, 1] for k in stages],
-        x_next=w.X[:, 1],
+        x_next=X[:, 1],
         P_next=lambda: smoothed(chain, chain.N - 1)(*w.problem),
     )
 
 
 def within(s: Setting) -> ca.Function:
-    """A state set to its bounds."""
-    x = ca.SX.sym("x", s.model.nx)
-    return ca.Function("within", [x], [within_bounds(s, x)])
+    """``(x, not) -> x`` set to its hard bounds; with 1 it stays as it is."""
+    x, stays = ca.SX.sym("x", s.model.nx), ca.SX.sym("stays")
+    return ca.Function("within", [x, stays], [ca.if_else(stays, x, within_bounds(s, x))])
 
 
 def _unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:
@@ -222,18 +244,28 @@ def _unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:
 
 
 def _verdict(chain: Chain) -> ca.Function:
-    """Limits that contradict each other, and flags."""
+    """Limits that contradict each other, whether there are any, flags, and P.
+
+    ``(side, conflict, limit, unfinished, rejected, P, P_prior) -> (names, infeasible, flags, P)``.
+    P is then its lower triangle, without variances that are below zero by rounding.
+    """
     n = chain.n
     side, conflict = ca.SX.sym("side", n), ca.SX.sym("conflict", n, chain.N + 1)
     limit, unfinished, rejected = (ca.SX.sym(k) for k in ("limit", "unfinished", "rejected"))
-    P = ca.SX.sym("P", chain.nx * (chain.nx + 1) // 2)
+    vP, vprior = (ca.SX.sym(k, chain.size_P) for k in ("P", "P_prior"))
+    P, prior = chain.matrix(vP), chain.matrix(vprior)
     named = ca.vertcat(ca.SX(0, 1), *(ca.mmax(conflict[r, :]) for r in range(n)))
+    infeasible = ca.mmax(named) if n else ca.SX(0)
     flags = Flags(
         clipped=ca.mmax(ca.fabs(side)) if n else 0,
         iteration_limit=ca.fmax(limit, unfinished),
         step_rejected=rejected,
-        not_positive_definite=ca.mmin(ca.diag(unvech(P))) < 0,
-        infeasible=ca.mmax(named) if n else 0,
+        not_positive_definite=ca.mmax(NEGATIVE * ca.fabs(ca.diag(prior)) - ca.diag(P)) > 0,
+        infeasible=infeasible,
     )
-    inputs = [side, conflict, limit, unfinished, rejected, P]
-    return ca.Function("verdict", inputs, [named, flags.vector()])
+    clean = P + ca.diag(ca.fmax(-ca.diag(P), 0))
+    return ca.Function(
+        "verdict",
+        [side, conflict, limit, unfinished, rejected, vP, vprior],
+        [named, infeasible, flags.vector(), vech(ca.densify(clean))],
+    )

@@ -3,32 +3,15 @@
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import add_product, transpose
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
-from backsight.estimators.mhe._limits import Limits
+from backsight.estimators.parts.limits import Limits
+from backsight.estimators.parts.stages import entries, outputs_and_limits
 from backsight.estimators.parts.substeps import flow, substep_inputs
 from backsight.models.affine import moving_states
 from backsight.solvers.trajectory import Chain
-from backsight.types import Array
-
-
-def chain_of(s: Setting, integrator: Integrator, limits: Limits, Q: Array, N: int) -> Chain:
-    """Sizes and constants of the window."""
-    x, u, y, mask = _symbols(s)
-    return Chain(
-        N=N,
-        Q=Q,
-        F=_transition_pattern(s, integrator),
-        H=_measured(s, x, u, y, mask)[0].sparsity(),
-        noise=limits.noise,
-        A=_limited(s, limits, x, u, y)[0].sparsity(),
-        softness=limits.softness,
-        slack=limits.slack,
-    )
 
 
 def linearise(s: Setting, integrator: Integrator, limits: Limits, chain: Chain) -> ca.Function:
@@ -38,24 +21,20 @@ def linearise(s: Setting, integrator: Integrator, limits: Limits, chain: Chain) 
     """
     nx, nu, ny, N = s.model.nx, s.model.nu, s.model.ny, chain.N
     sizes = {"X": nx, "U": nu, "Y": ny, "M": ny, "present": 1}
-    X, U, Y, M, present = symbols = [ca.MX.sym(k, size, N + 1) for k, size in sizes.items()]
+    symbols = [ca.MX.sym(k, size, N + 1) for k, size in sizes.items()]
+    X, U, present = symbols[0], symbols[1], symbols[4]
     _, (F, c) = scan(
         _transition(s, integrator, chain),
         N,
         carry=[ca.MX(0)],
         xs=[X[:, :-1], X[:, 1:], U[:, :-1], U[:, 1:], present[:, :-1]],
     )
-    before = ca.horzcat(0, present[:, :-1])
-    last = ca.MX(ca.DM([[0.0] * N + [1.0]]))
-    _, seen = scan(
-        _sample(s, limits, chain), N + 1, carry=[ca.MX(0)], xs=[X, U, Y, M, before, present, last]
-    )
+    before, *seen = outputs_and_limits(s, limits, chain).call(symbols)
     first = ca.project(ca.DM.eye(nx), chain.F).nz[:]
-    H, e, A, low, high = seen
     return ca.Function(
         "linearise",
         symbols,
-        [ca.horzcat(first, F), ca.horzcat(ca.DM.zeros(nx), c), before, H, e, A, low, high],
+        [ca.horzcat(first, F), ca.horzcat(ca.DM.zeros(nx), c), before, *seen],
         list(sizes),
         ["F", "c", "before", "H", "e", "A", "low", "high"],
     )
@@ -73,7 +52,7 @@ def _substep(s: Setting, integrator: Integrator) -> tuple[ca.SX, list[ca.SX]]:
     return flow(s, integrator, x, ua=ua, ub=ub, h=h), symbols
 
 
-def _transition_pattern(s: Setting, integrator: Integrator) -> ca.Sparsity:
+def transition_pattern(s: Setting, integrator: Integrator) -> ca.Sparsity:
     """Where the transition matrix of a whole sample can differ from zero, and its diagonal."""
     moved, (x, _, _) = _substep(s, integrator)
     once = np.asarray(ca.DM(ca.jacobian(moved, x).sparsity(), 1.0).full()) != 0
@@ -132,68 +111,5 @@ def _gather(chain: Chain, moving: list[int]) -> ca.Function:
     F = ca.if_else(here, ca.densify(F), ca.densify(ca.SX.eye(nx)))
     c = ca.if_else(here, end - x_next, 0)
     return ca.Function(
-        "gather", [count, end, rows, x_next, here], [count + 1, _entries(F, chain.F), c]
+        "gather", [count, end, rows, x_next, here], [count + 1, entries(F, chain.F), c]
     )
-
-
-def _symbols(s: Setting) -> list[ca.SX]:
-    m = s.model
-    return [ca.SX.sym(k, size) for k, size in (("x", m.nx), ("u", m.nu), ("y", m.ny), ("m", m.ny))]
-
-
-def _measured(s: Setting, x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Derivative of the outputs (ny, nx) and residuals (ny,), both with unit noise."""
-    output = s.model.output(x, u)
-    H, e = ca.jacobian(output, x), y - output
-    if np.count_nonzero(s.R - np.diag(np.diag(s.R))) == 0:
-        weights = mask / np.sqrt(np.diag(s.R))
-        return ca.sparsify(ca.diag(weights) @ H), weights * e
-    H, e, R = masked(H, e, ca.SX(s.R), mask)
-    L = cholesky_semidefinite(R)
-    rows: list[ca.SX] = []
-    for j, row in enumerate(ca.vertsplit(ca.horzcat(e, H))):
-        known = sum((L[j, k] * done for k, done in enumerate(rows)), ca.SX(*row.shape))
-        rows.append((row - known) / L[j, j])
-    white = ca.vertcat(*rows)
-    return ca.sparsify(white[:, 1:]), white[:, 0]
-
-
-def _limited(s: Setting, limits: Limits, x: ca.SX, u: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Derivatives of the limited quantities by the state (n, nx), and their values (n,)."""
-    of_state, of_residual = (_sparse(w) for w in (limits.state, limits.residual))
-    output = s.model.output(x, u)
-    rows = of_state - of_residual @ ca.jacobian(output, x)
-    return ca.sparsify(rows), ca.densify(of_state @ x + of_residual @ (y - output))
-
-
-def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
-    """Outputs and limits of a sample: ``(k, x, u, y, m, before, here, last) -> (k, *stage)``.
-
-    The limit of a value that is constant in the window is that of the last sample. A
-    limit that needs something that was not measured, or that lies before the data, has no bounds.
-    """
-    x, u, y, mask = _symbols(s)
-    count, before, here, last = (ca.SX.sym(k) for k in ("k", "before", "here", "last"))
-    H, e = _measured(s, x, u, y, here * mask)
-    A, value = _limited(s, limits, x, u, y)
-    low, high = ca.SX(limits.lower) - value, ca.SX(limits.upper) - value
-    for r in range(chain.n):
-        needed = [mask[int(j)] for j in np.flatnonzero(limits.residual[r])]
-        exists = before if limits.noise[r].any() else here
-        if limits.once[r]:
-            exists = last
-        counts = ca.mmin(ca.vertcat(exists, *needed)) > 0
-        low[r] = ca.if_else(counts, low[r], -np.inf)
-        high[r] = ca.if_else(counts, high[r], np.inf)
-    columns = [_entries(H, chain.H), ca.densify(e), _entries(A, chain.A), low, high]
-    return ca.Function("sample", [count, x, u, y, mask, before, here, last], [count + 1, *columns])
-
-
-def _entries(matrix: ca.SX, pattern: ca.Sparsity) -> ca.SX:
-    """The entries of a matrix at the places of a pattern, as a column."""
-    places = zip(pattern.row(), pattern.get_col(), strict=True)
-    return ca.densify(ca.vertcat(ca.SX(0, 1), *(matrix[r, k] for r, k in places)))
-
-
-def _sparse(matrix: Array) -> ca.SX:
-    return ca.SX(ca.sparsify(ca.DM(matrix)))

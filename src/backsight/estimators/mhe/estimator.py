@@ -13,9 +13,8 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError, nearest
 from backsight.estimators.base import AbstractEstimator, setting
 from backsight.estimators.mhe._inspect import inspection
-from backsight.estimators.mhe._limits import limits_of
 from backsight.estimators.mhe._sample import Parts, recursion
-from backsight.estimators.mhe._window import chain_of
+from backsight.estimators.mhe._window import transition_pattern
 from backsight.estimators.mhe.arrival import (
     ConstantArrival,
     EKFArrival,
@@ -24,7 +23,8 @@ from backsight.estimators.mhe.arrival import (
     SmoothedArrival,
     UKFArrival,
 )
-from backsight.estimators.parts.limits import Limit, names_used_twice
+from backsight.estimators.parts.limits import Limit, hard_bounds, limits_of, names_used_twice
+from backsight.estimators.parts.stages import chain_of
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.solvers.box import GaussNewton
@@ -151,7 +151,8 @@ class MHE(AbstractEstimator):
         return inspection(self._parts(model, dt))
 
     def _parts(self, model: Model, dt: float) -> Parts:
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        whole = setting(model, dt, noise=self.noise, prior=self.prior)
+        s = hard_bounds(whole, self.soft)
         names = [x.name for x in s.model.states]
         for name in self.constant:
             if name not in names:
@@ -159,8 +160,9 @@ class MHE(AbstractEstimator):
         period = s.dt if s.model.continuous else 1.0
         moves = np.array([n not in self.constant for n in names], float)
         inside = dataclasses.replace(s, Q=s.Q * np.outer(moves, moves))
-        limits = limits_of(s, inside.Q * period, self.limits, self.soft)
-        chain = chain_of(s, self.integrator, limits, inside.Q * period, self.N)
+        limits = limits_of(whole, inside.Q * period, self.limits, self.soft)
+        moved = transition_pattern(s, self.integrator)
+        chain = chain_of(s, limits, moved, Q=inside.Q * period, N=self.N)
         return Parts(
             s=s,
             inside=inside,

@@ -4,19 +4,19 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, TypeAlias
 
-import casadi as ca
 import numpy as np
-import scipy
 
 from backsight.description import Description, Sound, Unlimited
-from backsight.engine.loops import scan
-from backsight.errors import ModelError, TuningError
-from backsight.estimators.parts.linear import Linear
-from backsight.models.model import Model
+from backsight.errors import ModelError, TuningError, nearest
+from backsight.estimators.base import Setting
+from backsight.models.affine import moving_states
 from backsight.models.signals import vector
 from backsight.types import Array
 
 Summed: TypeAlias = Literal["state", "residual", "noise"]
+
+TOLERANCE = 1e-10
+"""Violations below this count as rounding errors, in units of the limited quantity."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,96 +58,139 @@ def names_used_twice(limits: Sequence[Limit]) -> Iterator[str]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Rows:
-    """All limits of one sample, on scaled variables.
+class Limits:
+    """All limits of a sample, on scaled variables; every one is of one of three kinds.
 
     Parameters
     ----------
-    state : (n, nx) array
-        Weights of the state; zero for limits on the noise.
-    noise : (n, nx) array
-        Weights of the process noise that led to the sample.
+    state, noise : (n, nx) arrays
+        Weights of the state, and of the process noise that led to the sample.
     residual : (n, ny) array
-        Weights of y - D u, for limits on residuals; their `state` is minus that times C.
+        Weights of y - h(x, u).
+    once : (n,) array
+        1 for limits of a value that is constant in the window: they hold at its last sample.
     lower, upper : (n,) arrays
+    softness : (n,) array
+        Variance of the limit, 0 for hard ones.
+    slack : (n,) array
+        Size of a rounding error.
+    unit : (n,) array
+        Physical size of 1.
     names : tuple of str
     """
 
     state: Array
     noise: Array
     residual: Array
+    once: Array
     lower: Array
     upper: Array
+    softness: Array
+    slack: Array
+    unit: Array
     names: tuple[str, ...]
 
 
-def rows_of(system: Linear, model: Model, limits: Sequence[Limit]) -> Rows:
-    """Limits in scaled variables: the bounds of the states in the model, then those given.
+def limits_of(s: Setting, Q: Array, limits: Sequence[Limit], soft: Mapping[str, float]) -> Limits:
+    """Bounds of the states in the model, then the limits given, in scaled variables.
+
+    Parameters
+    ----------
+    s : Setting
+    Q : (nx, nx) array
+        Covariance of the process noise inside the window.
+    limits : sequence of Limit
+    soft : dict
+        Name of a limit or of a bounded state to the weight of its violation, physical units.
 
     Raises
     ------
     TuningError
-        If a limit names an unknown state or output.
+        If a name is unknown.
     """
-    s, nx, ny = system.s, model.nx, model.ny
+    model = s.model
     boxes = [
-        Limit(x.name, {x.name: 1.0}, x.lower, x.upper)
-        for x in model.states
+        Limit(x.name, {x.name: 1.0}, x.lower * scale, x.upper * scale)
+        for x, scale in zip(model.states, s.sx, strict=True)
         if np.isfinite(x.lower) or np.isfinite(x.upper)
     ]
-    state, noise, residual = np.zeros((0, nx)), np.zeros((0, nx)), np.zeros((0, ny))
     every = (*boxes, *limits)
-    for limit in every:
-        of = model.outputs if limit.of == "residual" else model.states
-        try:
-            w = vector(limit.weights, of, what=f"limit '{limit.name}'", default=np.zeros(len(of)))
-        except ModelError as error:
-            raise TuningError(str(error)) from None
-        scaled = w * (s.sy if limit.of == "residual" else s.sx)
-        on_state, on_noise, on_residual = np.zeros(nx), np.zeros(nx), np.zeros(ny)
-        match limit.of:
-            case "state":
-                on_state = scaled
-            case "noise":
-                on_noise = scaled
-            case _:
-                on_state, on_residual = -scaled @ system.C, scaled
-        state, noise = np.vstack([state, on_state]), np.vstack([noise, on_noise])
-        residual = np.vstack([residual, on_residual])
-    return Rows(
+    names = tuple(limit.name for limit in every)
+    _check(names, soft)
+    rows = [_row(s, Q, limit, float(soft.get(limit.name, np.inf))) for limit in every]
+    constant = ~np.isin(np.arange(model.nx), moving_states(model)) & ~Q.any(axis=0)
+    state = _stack([r.state for r in rows], model.nx)
+    return Limits(
         state=state,
-        noise=noise,
-        residual=residual,
-        lower=np.array([limit.lower for limit in every]),
-        upper=np.array([limit.upper for limit in every]),
-        names=tuple(limit.name for limit in every),
+        noise=_stack([r.noise for r in rows], model.nx),
+        residual=_stack([r.residual for r in rows], model.ny),
+        once=np.array([bool(r.any()) and not r[~constant].any() for r in state], float),
+        lower=np.array([r.lower for r in rows]),
+        upper=np.array([r.upper for r in rows]),
+        softness=np.array([r.softness for r in rows]),
+        slack=np.array([r.slack for r in rows]),
+        unit=np.array([r.unit for r in rows]),
+        names=names,
     )
 
 
-def stacked_rows(rows: Rows, N: int) -> Array:
-    """State part of the rows of N + 1 samples, ((N + 1) n, (N + 1) nx)."""
-    return np.asarray(scipy.linalg.block_diag(*[rows.state] * (N + 1)))
+def hard_bounds(s: Setting, soft: Mapping[str, float]) -> Setting:
+    """Return the setting without the bounds of states that may be violated at a cost."""
+    states = [
+        dataclasses.replace(x, lower=-np.inf, upper=np.inf) if x.name in soft else x
+        for x in s.model.states
+    ]
+    return dataclasses.replace(s, model=dataclasses.replace(s.model, states=tuple(states)))
 
 
-def bounds(system: Linear, rows: Rows, N: int) -> ca.Function:
-    """``(U, Y, M, present) -> (lower, upper)`` of the rows of all samples.
+def _check(names: tuple[str, ...], soft: Mapping[str, float]) -> None:
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise TuningError(f"limits need different names, but '{twice[0]}' is used twice")
+    for name in soft:
+        if name not in names:
+            raise TuningError(f"soft: there is no limit '{name}': {nearest(name, names)}")
 
-    Rows that need something that was not measured, or that lies before the data, have none.
-    """
-    ny, nu = system.D.shape
-    u, y, mask = ca.SX.sym("u", nu), ca.SX.sym("y", ny), ca.SX.sym("m", ny)
-    count, before, here = ca.SX.sym("k"), ca.SX.sym("before"), ca.SX.sym("here")
-    known = ca.mtimes(ca.DM(rows.residual), y - ca.mtimes(ca.DM(system.D), u))
-    low, high = ca.SX(ca.DM(rows.lower)) - known, ca.SX(ca.DM(rows.upper)) - known
-    for i in range(len(rows.names)):
-        needed = [mask[int(j)] for j in np.flatnonzero(rows.residual[i])]
-        exists = before if rows.noise[i].any() else here
-        counts = ca.mmin(ca.vertcat(exists, *needed)) > 0
-        low[i] = ca.if_else(counts, low[i], -np.inf)
-        high[i] = ca.if_else(counts, high[i], np.inf)
-    leaf = ca.Function("bounds", [count, u, y, mask, before, here], [count + 1, low, high])
-    U, Y, M = (ca.MX.sym(n, k, N + 1) for n, k in (("U", nu), ("Y", ny), ("M", ny)))
-    present = ca.MX.sym("present", 1, N + 1)
-    earlier = ca.horzcat(0, present[:, :-1])
-    _, limits = scan(leaf, N + 1, carry=[ca.MX(0)], xs=[U, Y, M, earlier, present])
-    return ca.Function("window_bounds", [U, Y, M, present], [ca.vec(v) for v in limits])
+
+@dataclasses.dataclass(frozen=True)
+class _Row:
+    state: Array
+    noise: Array
+    residual: Array
+    lower: float
+    upper: float
+    softness: float
+    slack: float
+    unit: float
+
+
+def _row(s: Setting, Q: Array, limit: Limit, weight: float) -> _Row:
+    """One limit in units of its own size, so that rounding errors are about 1e-16."""
+    model, residual = s.model, limit.of == "residual"
+    of = model.outputs if residual else model.states
+    try:
+        w = vector(limit.weights, of, what=f"limit '{limit.name}'", default=np.zeros(len(of)))
+    except ModelError as error:
+        raise TuningError(str(error)) from None
+    w = w * (s.sy if residual else s.sx)
+    if not w.any():
+        raise TuningError(f"limit '{limit.name}' has no weight that is not zero")
+    spread = float(np.sqrt(w @ Q @ w)) if limit.of == "noise" else 0.0
+    unit = spread or float(np.abs(w).max())
+    lower, upper = limit.lower / unit, limit.upper / unit
+    nothing = np.zeros(model.nx)
+    finite = [abs(v) for v in (lower, upper) if np.isfinite(v)]
+    return _Row(
+        state=w / unit if limit.of == "state" else nothing,
+        noise=w / unit if limit.of == "noise" else nothing,
+        residual=w / unit if residual else np.zeros(model.ny),
+        lower=lower,
+        upper=upper,
+        softness=1 / (weight * unit**2),
+        slack=TOLERANCE * max([1.0, *finite]),
+        unit=unit,
+    )
+
+
+def _stack(rows: Sequence[Array], width: int) -> Array:
+    return np.vstack([np.zeros((0, width)), *rows])

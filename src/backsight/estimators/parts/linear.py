@@ -100,5 +100,5 @@ def require_observable(model: Model, *, samples: int | None = None) -> None:
 def root(Q: Array) -> Array:
     """G (n, q) with G G' = Q and as many columns as Q has rank."""
     values, vectors = np.linalg.eigh(Q)
-    keep = values > 1e-14 * max(values[-1], 0.0)
+    keep = values > max(1e-14, len(Q) * np.finfo(float).eps) * max(values[-1], 0.0)
     return vectors[:, keep] * np.sqrt(values[keep])

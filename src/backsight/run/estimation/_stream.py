@@ -27,7 +27,7 @@ class Stream:
     """
 
     def __init__(
-        self, estimator: AbstractEstimator, model: Model, dt: float, *, engine: str = "native"
+        self, estimator: AbstractEstimator, model: Model, dt: float, *, engine: Engine = "native"
     ) -> None:
         self._estimator, self._model = estimator, model
         recursion = estimator.compile(model, dt)

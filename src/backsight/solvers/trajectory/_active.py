@@ -4,6 +4,9 @@ First all limits on the wrong side change sides at once, in the whole window (bl
 pivoting, Júdice and Pires 1994, doi:10.1016/0305-0548(94)90106-6): two or three passes forward and
 backward nearly always do. Where that does not end, or limits depend on each other, the dual active
 set method takes over, which always ends (`backsight.solvers.trajectory._dual`).
+
+At the end all limits are looked at, also those that were imposed: where so many are active that
+nothing is free any more, rounding can make limits that contradict each other look compatible.
 """
 
 import casadi as ca
@@ -11,11 +14,14 @@ import casadi as ca
 from backsight.engine.loops import iterate
 from backsight.solvers.trajectory._adjoint import adjoint
 from backsight.solvers.trajectory._dual import dual
-from backsight.solvers.trajectory.chain import Chain
+from backsight.solvers.trajectory.chain import Chain, by_name, naming
 from backsight.solvers.trajectory.smoother import filtered
 
 BLOCK_PASSES = 8
 """Passes in which all wrong limits change sides at once."""
+
+RESULTS = ("x", "eta", "nu", "side", "P_end", "conflict", "residual", "passes", "open")
+"""Results of `solve`."""
 
 
 def solve(chain: Chain) -> ca.Function:
@@ -24,54 +30,127 @@ def solve(chain: Chain) -> ca.Function:
     ``(delta, P, *stages, side) -> (x, eta, nu, side, P_end, conflict, residual, passes, open)``.
     Given is a guess of the active limits. Results are the trajectory, the adjoints of the noise,
     the multipliers of the limits, the active limits, the covariance of the last sample; 1 for
-    limits that contradict each other; `adjoint`'s residual; the number of passes; and 1 if they
-    did not suffice.
+    limits that contradict each other, and then no limit is active; `adjoint`'s residual; the number
+    of passes; and 1 if they did not suffice.
     """
     n, m = chain.n, chain.N + 1
     given = chain.window()
     side0 = ca.MX.sym("side", n, m)
-    results = _sweep(chain)(*given, side0)
+    inputs = [*given, side0]
     if not n:
-        *rest, _ = results
-        return ca.Function("solve", [*given, side0], [*rest, ca.MX(1), ca.MX(0)])
+        found = by_name(_sweep(chain), inputs)
+        return _solution(inputs, found | {"passes": ca.MX(1), "open": ca.MX(0)})
 
-    go, count, side = ca.MX.sym("go"), ca.MX.sym("count"), ca.MX.sym("side", n, m)
-    old = [ca.MX.sym(f"r{k}", *r.shape) for k, r in enumerate(results)]
-    *rest, wrong = _sweep(chain)(*given, side)
-    body = ca.Function(
-        "pivot", [go, count, side, *old, *given], [wrong > 0, count + 1, rest[3], *rest, wrong]
-    )
-    start = [ca.MX(1), ca.MX(0), side0, *(ca.MX.zeros(*r.shape) for r in results)]
-    _, passes, _, *found = iterate(body, BLOCK_PASSES, carry=start, constants=given)
-    failed = ca.fmin(found[-1] + ca.mmax(found[5]), 1)
-    once = ca.Function(
-        "dual_instead",
-        [go, count, *old, *given, side0],
-        _instead(chain, given, side0, count),
-    )
-    carry = [failed, passes, *found]
-    last = iterate(once, 1, carry=carry, constants=[*given, side0])
-    return ca.Function("solve", [*given, side0], [*last[2:-1], last[1], last[-1]])
+    # 1. All limits on the wrong side change sides, until there are none.
+    body, start = _pivot(chain)
+    ends = iterate(body, BLOCK_PASSES, carry=[*start[:2], side0, *start[3:]], constants=given)
+    _, passes, _, *swept = ends
+    found = dict(zip(_sweep(chain).name_out(), swept, strict=True))
+    failed = _any(chain)(found["conflict"], found["broken"], found["wrong"])
+
+    # 2. Where that did not end well: one after the other, from the guess, from none, or without.
+    body, before = _attempt(chain)
+    zeros, kept = ca.MX.zeros(n, m), [found[k] for k in KEPT]
+    carry = [failed, ca.MX(0), side0, found["side"], zeros, passes, ca.MX(0), *kept]
+    last = iterate(body, 3, carry=carry, constants=given)
+    return _solution(inputs, dict(zip(before, last, strict=True)))
+
+
+KEPT = ("x", "eta", "nu", "P_end", "residual")
+"""What is kept of the results of `_sweep`."""
+
+
+def _solution(inputs: list[ca.MX], found: dict[str, ca.MX]) -> ca.Function:
+    return naming("solve", inputs, {k: found[k] for k in RESULTS})
 
 
 def _sweep(chain: Chain) -> ca.Function:
-    """``(delta, P, *stages, side) -> (x, eta, nu, side, P_end, conflict, residual, wrong)``."""
+    """One pass forward and backward with given sides, see `filtered` and `adjoint`.
+
+    ``(delta, P, *stages, side)`` to `KEPT`, and ``conflict``, ``broken`` and ``wrong``.
+    """
     n, m = chain.n, chain.N + 1
     given = chain.window()
     side, force = ca.MX.sym("side", n, m), ca.MX.zeros(n, m)
-    records = filtered(chain)(*given, side, force)
-    wrong, residual, x, eta, nu, side_next, _ = adjoint(chain)(
-        ca.MX(1), *records, *given[2:], side, force
+    records = by_name(filtered(chain), [*given, side, force])
+    back = by_name(adjoint(chain), [ca.MX(1), *records.values(), *given[2:], side, force])
+    found = back | {"P_end": records["P"][:, -1], "conflict": records["conflict"]}
+    names = (*KEPT, "side", "conflict", "broken", "wrong")
+    return naming("sweep", [*given, side], {k: found[k] for k in names})
+
+
+def _pivot(chain: Chain) -> tuple[ca.Function, list[ca.MX]]:
+    """A pass in which all wrong limits change sides, and the carry before it."""
+    go, count, side = ca.MX.sym("go"), ca.MX.sym("count"), ca.MX.sym("side", chain.n, chain.N + 1)
+    given = chain.window()
+    found = by_name(_sweep(chain), [*given, side])
+    old = [ca.MX.sym(k, *v.shape) for k, v in found.items()]
+    body = ca.Function(
+        "pivot",
+        [go, count, side, *old, *given],
+        [found["wrong"] > 0, count + 1, found["side"], *found.values()],
     )
-    end = records[1][:, -1]
+    return body, [ca.MX(1), ca.MX(0), side, *(ca.MX.zeros(*k.shape) for k in old)]
+
+
+def _attempt(chain: Chain) -> tuple[ca.Function, list[str]]:
+    """The dual method and the trajectory of its limits, and the names of what it carries.
+
+    The first attempt is from the guess of active limits, which may be more than there is freedom;
+    if it finds a contradiction, or a limit that is not held in the end, the second one is from no
+    active limits; if that still leaves a limit that is not held, the third is without limits.
+    """
+    n, m = chain.n, chain.N + 1
+    sizes = {
+        "go": (1, 1), "attempt": (1, 1), "start": (n, m), "side": (n, m), "conflict": (n, m),
+        "passes": (1, 1), "open": (1, 1),
+    }  # fmt: skip
+    before = {k: ca.MX.sym(k, *size) for k, size in sizes.items()}
+    given = chain.window()
+    search = by_name(dual(chain), [*given, before["start"], before["attempt"] < LAST])
+    found = by_name(_sweep(chain), [*given, search["side"]])
+    judged = _judge(chain)(
+        before["attempt"], before["conflict"], search["conflict"],
+        search["side"], found["broken"], search["unfinished"],
+    )  # fmt: skip
+    go, start, conflict = judged
+    old = [ca.MX.sym(k, *found[k].shape) for k in KEPT]
+    after = [
+        go, before["attempt"] + 1, start, search["side"], conflict,
+        before["passes"] + search["passes"], search["unfinished"], *(found[k] for k in KEPT),
+    ]  # fmt: skip
+    body = ca.Function("attempt", [*before.values(), *old, *given], after)
+    return body, [*before, *KEPT]
+
+
+LAST = 2
+"""Attempt without limits."""
+
+
+def _judge(chain: Chain) -> ca.Function:
+    """Whether another attempt is needed, from what active limits, and the limits in conflict."""
+    n, m = chain.n, chain.N + 1
+    attempt, unfinished = ca.SX.sym("attempt"), ca.SX.sym("unfinished")
+    known, conflict, side, broken = (ca.SX.sym(k, n, m) for k in ("k", "c", "side", "broken"))
+    some = [ca.mmax(ca.vec(ca.fabs(k))) for k in (conflict, side, broken)]
+    contradicts, held, violated = some
+    violated = ca.logic_and(ca.logic_and(violated, held), ca.logic_not(unfinished))
+    again = ca.if_else(attempt == 0, ca.logic_or(contradicts, violated), violated)
+    named = ca.if_else(violated, ca.fmax(broken, ca.fabs(side)), conflict)
     return ca.Function(
-        "sweep", [*given, side], [x, eta, nu, side_next, end, records[8], residual, wrong]
+        "judge_attempt",
+        [attempt, known, conflict, side, broken, unfinished],
+        [
+            ca.logic_and(again, attempt < LAST),
+            ca.SX.zeros(n, m),
+            ca.if_else(attempt == LAST, known, named),
+        ],
     )
 
 
-def _instead(chain: Chain, given: list[ca.MX], side0: ca.MX, count: ca.MX) -> list[ca.MX]:
-    """The solution by the dual method, as the next carry."""
-    side, conflict, passes, unfinished = dual(chain)(*given, side0)
-    x, eta, nu, _, end, _, residual, _ = _sweep(chain)(*given, side)
-    results = [x, eta, nu, side, end, conflict, residual, unfinished]
-    return [ca.MX(0), count + passes, *results]
+def _any(chain: Chain) -> ca.Function:
+    """1 if one of two marks is set anywhere in the window, or the number is not zero."""
+    n, m = chain.n, chain.N + 1
+    a, b, number = ca.SX.sym("a", n, m), ca.SX.sym("b", n, m), ca.SX.sym("number")
+    marked = ca.fmax(ca.mmax(ca.vec(a)), ca.mmax(ca.vec(b)))
+    return ca.Function("any", [a, b, number], [ca.fmin(marked + number, 1)])

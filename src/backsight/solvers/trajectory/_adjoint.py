@@ -3,17 +3,22 @@
 import casadi as ca
 
 from backsight.engine.loops import scan
-from backsight.solvers.trajectory.chain import Chain, Stage, constant
+from backsight.solvers.trajectory.chain import VIOLATED, Chain, Stage, constant, naming
+
+COLUMNS = ("x", "eta", "nu", "side", "value", "broken")
+"""What the backward pass says of every sample."""
 
 
 def adjoint(chain: Chain) -> ca.Function:
     r"""Backward pass: ``(enter, *records, *stages, side, force) -> (wrong, residual, ...)``.
 
     ``wrong`` counts the limits on the wrong side and ``residual`` is the largest error of
-    :math:`R^{-1} v` as multiplier of the outputs. Then side by side in columns the trajectory
-    :math:`\delta_i`, the :math:`\eta_i` of the noise :math:`w_{i-1} = Q \eta_i` that led there, the
-    multipliers of the limits, the sides on which they should be, and the limited quantities. With
-    ``enter = 0`` limits may only be dropped, those without room are dropped, too.
+    :math:`R^{-1} v` as multiplier of the outputs. Then side by side in columns ``x``, the
+    trajectory :math:`\delta_i`; ``eta``, the :math:`\eta_i` of the noise :math:`w_{i-1} = Q \eta_i`
+    that led there; ``nu``, the multipliers of the limits; ``side``, on which they should be;
+    ``value``, the limited quantities; and ``broken``, 1 for hard limits that are not held, whether
+    they were imposed or not. With ``enter = 0`` limits may only be dropped, those without room are
+    dropped, too.
     """
     n = chain.N + 1
     enter = ca.MX.sym("enter")
@@ -26,7 +31,9 @@ def adjoint(chain: Chain) -> ca.Function:
         constants=[enter],
         backward=True,
     )
-    return ca.Function("adjoint", [enter, *stacks], [wrong, residual, *results])
+    columns = dict(zip(COLUMNS, results, strict=True))
+    sums = {"wrong": wrong, "residual": residual}
+    return naming("adjoint", [enter, *stacks], sums | columns)
 
 
 def _backward(chain: Chain) -> ca.Function:
@@ -34,12 +41,15 @@ def _backward(chain: Chain) -> ca.Function:
     nx, z = chain.nx, Stage.of(chain)
     lam, enter = ca.SX.sym("lam", nx), ca.SX.sym("enter")
     wrong, residual = ca.SX.sym("wrong"), ca.SX.sym("residual")
-    records = [ca.SX.sym(k, size) for k, size in chain.records.items()]
-    d, vP, vK, nu0, g, vKy, nu_y0, _, _, _ = records
-    K, K_y = ca.reshape(vK, nx, chain.n), ca.reshape(vKy, nx, chain.ny)
+    past = {k: ca.SX.sym(k, size) for k, size in chain.records.items()}
+    d, vP, nu0, g, nu_y0 = (past[k] for k in ("delta", "P", "nu", "g", "nu_y"))
+    K, K_y = ca.reshape(past["K"], nx, chain.n), ca.reshape(past["K_y"], nx, chain.ny)
     A, H, F = ca.SX(chain.A, z.A), ca.SX(chain.H, z.H), ca.SX(chain.F, z.F)
+    # Given the whole window the mean is x = d + P lam, with lam after the sample's updates.
     x = d + chain.matrix(vP) @ lam
     left, adj = residual, lam
+    # Before an update with gain K and innovation nu0 the adjoint is lam + a (nu0 - K' lam): the
+    # last output first, then the limits on the state.
     for j in reversed(range(chain.ny)):
         nu_j = nu_y0[j] - ca.dot(K_y[:, j], adj)
         adj = adj + H[j, :].T * nu_j
@@ -49,6 +59,7 @@ def _backward(chain: Chain) -> ca.Function:
         if not chain.noise[r].any():
             nu[r] = nu0[r] - ca.dot(K[:, r], adj)
             adj = adj + A[r, :].T * nu[r]
+    # What is left is the adjoint of the transition; with the limits on its noise that of the noise.
     eta = adj
     for r in reversed(range(chain.n)):
         if chain.noise[r].any():
@@ -57,11 +68,12 @@ def _backward(chain: Chain) -> ca.Function:
     w = z.before * (constant(chain.Q) @ eta)
     value = ca.densify(A @ x + constant(chain.noise) @ w)
     side, change = _sides(chain, z, nu, g, value, enter)
+    broken = _broken(chain, z, value)
     back = ca.densify(F.T @ adj)
     return ca.Function(
         "backward",
-        [lam, wrong, residual, *records, *z.symbols, enter],
-        [back, wrong + change, left, x, eta, nu, side, value],
+        [lam, wrong, residual, *past.values(), *z.symbols, enter],
+        [back, wrong + change, left, x, eta, nu, side, value, broken],
     )
 
 
@@ -80,3 +92,13 @@ def _sides(
         side[r] = ca.if_else(active, ca.if_else(pulls, 0, z.side[r]), ca.if_else(enter, outside, 0))
         changes += side[r] != now
     return side, changes
+
+
+def _broken(chain: Chain, z: Stage, value: ca.SX) -> ca.SX:
+    """1 for hard limits that are violated by more than rounding."""
+    broken = ca.SX.zeros(chain.n)
+    for r in range(chain.n):
+        if chain.softness[r] == 0:
+            excess = ca.fmax(z.low[r] - value[r], value[r] - z.high[r])
+            broken[r] = excess > VIOLATED * float(chain.slack[r])
+    return broken

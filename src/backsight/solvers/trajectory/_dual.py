@@ -15,7 +15,7 @@ import numpy as np
 
 from backsight.engine.loops import iterate, scan
 from backsight.solvers.trajectory._adjoint import adjoint
-from backsight.solvers.trajectory.chain import Chain
+from backsight.solvers.trajectory.chain import Chain, by_name, naming
 from backsight.solvers.trajectory.smoother import filtered
 
 PASSES_PER_LIMIT = 3
@@ -35,8 +35,9 @@ NEVER = 1e300
 
 
 def dual(chain: Chain) -> ca.Function:
-    """``(delta, P, *stages, side) -> (side, conflict, passes, unfinished)``.
+    """``(delta, P, *stages, side, run) -> (side, conflict, passes, unfinished)``.
 
+    With ``run = 0`` nothing is done and the sides are those given.
     Of the given active limits those that do not pull are dropped first. If limits contradict each
     other, ``conflict`` is 1 for them and no limit is active.
     """
@@ -72,14 +73,15 @@ def dual(chain: Chain) -> ca.Function:
         [go_next, turns, count + 1, ca.if_else(drops, length, 0),
          side_next, enter_next, conflict_next],
     )  # fmt: skip
-    side0, zeros = ca.MX.sym("side", n, m), ca.MX.zeros(n, m)
+    side0, run, zeros = ca.MX.sym("side", n, m), ca.MX.sym("run"), ca.MX.zeros(n, m)
     last = iterate(
         body,
         min(PASSES_PER_LIMIT * n * m + 8, MOST_PASSES),
-        carry=[ca.MX(1), ca.MX(1), ca.MX(0), ca.MX(0), side0, zeros, zeros],
+        carry=[run, ca.MX(1), ca.MX(0), ca.MX(0), side0, zeros, zeros],
         constants=given,
     )
-    return ca.Function("dual", [*given, side0], [last[4], last[6], last[2], last[0]])
+    results = {"side": last[4], "conflict": last[6], "passes": last[2], "unfinished": last[0]}
+    return naming("dual", [*given, side0, run], results)
 
 
 def _sweeps(
@@ -108,9 +110,9 @@ def _sweep(chain: Chain) -> ca.Function:
     delta, P, F, c, before, H, e, A, low, high = given = chain.window()
     count, side, force = ca.MX.sym("k"), ca.MX.sym("side", n, m), ca.MX.sym("force", n, m)
     records = filtered(chain)(*given, side, force)
-    wrong, _, _, _, nu, kept, value = adjoint(chain)(ca.MX(0), *records, *given[2:], side, force)
+    found = by_name(adjoint(chain), [ca.MX(0), *records, *given[2:], side, force])
     data, constants = [delta, c, e, low, high, force], [P, F, before, H, A, side]
-    results = [count + 1, wrong, nu, kept, value, records[9]]
+    results = [count + 1, *(found[k] for k in ("wrong", "nu", "side", "value")), records[9]]
     return ca.Function("dual_sweep", [count, *data, *constants], results)
 
 

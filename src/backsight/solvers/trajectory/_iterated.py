@@ -27,7 +27,7 @@ from backsight.errors import TuningError
 from backsight.solvers.box import GaussNewton
 from backsight.solvers.trajectory._active import solve
 from backsight.solvers.trajectory._merit import merit
-from backsight.solvers.trajectory.chain import Chain
+from backsight.solvers.trajectory.chain import Chain, by_name, naming
 
 SHORTEST = 1e-6
 """Steps are not halved below this share of the full one."""
@@ -50,9 +50,11 @@ def iterated(
 ) -> ca.Function:
     """Build the minimiser of a window.
 
-    ``(x_bar, P, free, X, side, *data) -> (X, side, along, *stages, offset, eta, nu, P_end,
-    conflict, residual, passes, open, iterations, limit, rejected)``: the trajectory and the active
-    limits, then the last linear problem, linearised along `along`, its solution, and how it went.
+    ``(x_bar, P, free, X, side, *data)`` to results by name: the trajectory ``X`` and the active
+    limits ``side``; the last linear problem, linearised along ``along``, with the names of
+    `Chain.sizes` and ``offset``; its solution with the names of `LAST`; and how it went:
+    ``iterations``, and 1 for ``limit``, reached without convergence, and ``rejected``, no step that
+    lowers the merit.
 
     Parameters
     ----------
@@ -88,21 +90,20 @@ def _fixed(
     X, side = ca.MX.sym("X", *X0.shape), ca.MX.sym("side", *side0.shape)
     stages = linearise.call([X, *data])
     offset = _offset(chain, proximal)(x_bar, X[:, 0], free)
-    x, eta, nu, side_next, *rest = step(offset, P, *stages, side)
-    results = [X, *stages, offset, eta, nu, *rest]
-    ignored = [ca.MX.sym(f"r{k}", *r.shape) for k, r in enumerate(results)]
-    body = ca.Function(
-        "full_step",
-        [X, side, *ignored, x_bar, P, free, *data],
-        [_moved(chain)(X, x), side_next, *results],
-    )
+    found = by_name(step, [offset, P, *stages, side])
+    problem = dict(zip(chain.sizes, stages, strict=True)) | {"offset": offset}
+    results = {"X": _moved(chain)(X, found["x"]), "side": found["side"], "along": X}
+    results |= problem | {k: found[k] for k in LAST}
+    ignored = [ca.MX.sym(k, *v.shape) for k, v in list(results.items())[2:]]
+    body = ca.Function("full_step", [X, side, *ignored, x_bar, P, free, *data], [*results.values()])
     last, _ = scan(
         body,
         method.max_iterations,
-        carry=[X0, side0, *(ca.MX.zeros(*r.shape) for r in results)],
+        carry=[X0, side0, *(ca.MX.zeros(*k.shape) for k in ignored)],
         constants=[x_bar, P, free, *data],
     )
-    return ca.Function("iterated", given, [*last, ca.MX(method.max_iterations), ca.MX(0), ca.MX(0)])
+    course = {"iterations": ca.MX(method.max_iterations), "limit": ca.MX(0), "rejected": ca.MX(0)}
+    return naming("iterated", given, dict(zip(results, last, strict=True)) | course)
 
 
 def _offset(chain: Chain, proximal: bool) -> ca.Function:
@@ -128,20 +129,24 @@ def _controlled(
     nx, m = chain.nx, chain.N + 1
     before = [ca.MX.sym(k, nx, m) for k in ("X", "eta", "dX", "deta")]
     numbers = [ca.MX.sym(k, size) for k, size in _numbers(chain).items()]
-    go, t = numbers[:2]
+    t = numbers[1]
     side = ca.MX.sym("side", chain.n, m)
 
     X, eta = _ahead(chain)(*before, t)
     stages = linearise.call([X, *data])
     offset = _offset(chain, proximal)(x_bar, X[:, 0], free)
-    dX, eta_next, nu, side_next, *rest = solve(chain)(offset, P, *stages, side)
-    sums = merit(chain, proximal)(offset, P, free, *stages, eta, dX, eta_next, nu)
-    judged = _judge(chain, method)(*numbers, rest[0], *sums)
+    # The linear problem at the point, and whether the point is better than the one before.
+    found = by_name(solve(chain), [offset, P, *stages, side])
+    dX, eta_next = found["x"], found["eta"]
+    sums = merit(chain, proximal)(offset, P, free, *stages, eta, dX, eta_next, found["nu"])
+    judged = _judge(chain, method)(*numbers, found["P_end"], *sums)
     accept, restart, *after = judged
-    deta = eta_next - eta
-    new = [X, eta, dX, deta, side_next, *stages, offset, nu, *rest]
-    old = [*before, side, *(ca.MX.sym(f"r{k}", *r.shape) for k, r in enumerate(new[5:]))]
-    kept = _select(accept, new, old)
+    point = {"along": X, "eta": eta, "dX": dX, "deta": eta_next - eta, "side": found["side"]}
+    problem = dict(zip(chain.sizes, stages, strict=True)) | {"offset": offset}
+    new = point | problem | {k: found[k] for k in LAST if k != "eta"}
+    later = list(new.items())[len(point) :]
+    old = [*before, side, *(ca.MX.sym(k, *v.shape) for k, v in later)]
+    kept = _select(accept, [*new.values()], old)
     kept[0] = _select(restart, [ca.repmat(x_bar, 1, m)], kept[:1])[0]
     body = ca.Function("controlled_step", [*numbers, *old, x_bar, P, free, *data], [*after, *kept])
     none = [ca.MX.zeros(*k.shape) for k in old]
@@ -153,13 +158,17 @@ def _controlled(
         carry=[*start, X0, *none[1:4], side0, *none[5:]],
         constants=[x_bar, P, free, *data],
     )
-    (go, t, J, _, _, _, count, rejected, _), kept = last[:9], last[9:]
-    along, eta, dX, deta, side, *kept = kept
-    X, eta = _ahead(chain)(along, eta, dX, deta, _or_nan()(t, J))
-    m = len(chain.sizes)
-    stages, (offset, nu, *rest) = kept[:m], kept[m:]
-    results = [X, side, along, *stages, offset, eta, nu, *rest, count, go, rejected]
-    return ca.Function("iterated", given, results)
+    course = dict(zip(_numbers(chain), last[: len(numbers)], strict=True))
+    ends = dict(zip(new, last[len(numbers) :], strict=True))
+    length = _or_nan()(course["t"], course["J"])
+    steps = [ends.pop(k) for k in ("eta", "dX", "deta")]
+    X, eta = _ahead(chain)(ends["along"], *steps, length)
+    how = {"iterations": course["count"], "limit": course["go"], "rejected": course["rejected"]}
+    return naming("iterated", given, {"X": X, "eta": eta} | ends | how)
+
+
+LAST = ("eta", "nu", "P_end", "conflict", "residual", "passes", "open")
+"""What is kept of the last linear problem, see `solve`."""
 
 
 def _numbers(chain: Chain) -> dict[str, int]:

@@ -64,6 +64,9 @@ def _of_sample(chain: Chain) -> ca.Function:
     J_next = J + ca.sumsqr(e) / 2 + ca.dot(eta, w) / 2
     slope_next = slope - ca.dot(e, ca.SX(chain.H, vH) @ x) + ca.dot(eta, dw)
     A, violated = ca.SX(chain.A, vA), ca.SX.zeros(n)
+    # The noise is Q (lam + a nu): of its adjoint only lam is the multiplier of the defects. Where a
+    # limit holds the noise against the data, lam is much larger than the sum.
+    lam = eta_next - constant(chain.noise).T @ nu
     for r in range(n):
         a = constant(chain.noise[r]).T
         value, change = a @ w, a @ dw + A[r, :] @ x
@@ -77,7 +80,7 @@ def _of_sample(chain: Chain) -> ca.Function:
         J_next,
         slope_next,
         defects + ca.vertcat(ca.fabs(c + w), violated),
-        ca.fmax(adjoints, ca.fabs(ca.vertcat(eta_next, nu))),
+        ca.fmax(adjoints, ca.fabs(ca.vertcat(lam, nu))),
         ca.fmax(steps, ca.fabs(x)),
     ]
     return ca.Function("merit_of_sample", [J, slope, *sums, *stage, *paths, nu], results)

@@ -73,8 +73,9 @@ def _rows(chain: Chain, records: list, A, H) -> list[tuple]:
 
     Before an update the information is (I - a K') L (I - K a') + g a a'.
     """
-    _, _, vK, _, g, vKy, _, g_y, _, _ = records
-    K, K_y = ca.reshape(vK, chain.nx, chain.n), ca.reshape(vKy, chain.nx, chain.ny)
+    z = dict(zip(chain.records, records, strict=True))
+    g, g_y = z["g"], z["g_y"]
+    K, K_y = ca.reshape(z["K"], chain.nx, chain.n), ca.reshape(z["K_y"], chain.nx, chain.ny)
     outputs = [(K_y[:, j], H[j, :].T, g_y[j]) for j in range(chain.ny)]
     on_state = [r for r in range(chain.n) if not chain.noise[r].any()]
     limits = [(K[:, r], A[r, :].T, g[r]) for r in on_state]

@@ -1,6 +1,7 @@
 """Sizes and constants of a linear window, and the symbols of one sample of it."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -8,6 +9,9 @@ import numpy as np
 from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.dense import UNROLL
 from backsight.types import Array
+
+VIOLATED = 1e4
+"""A hard limit that is violated by more than so many of its rounding errors is not held."""
 
 ROOM = 1e-12
 """Share of a row's variance below which it counts as fixed by what was imposed before."""
@@ -106,6 +110,11 @@ class Chain:
         P = ca.SX.sym("P", self.size_P)
         return ca.Function("triangle", [P], [vech(self.matrix(P))])
 
+    def whole(self) -> ca.Function:
+        """From the lower triangle of a covariance to how it is stored."""
+        P = ca.SX.sym("P", self.nx * (self.nx + 1) // 2)
+        return ca.Function("whole", [P], [ca.vec(unvech(P)) if self.dense else P])
+
     def window(self) -> list[ca.MX]:
         """Symbols of the first sample's mean and covariance and of the description of all."""
         start = [ca.MX.sym("delta", self.nx), ca.MX.sym("P", self.size_P)]
@@ -146,6 +155,17 @@ class Stage:
         """Value that row r is set to, 0 if it is free."""
         limit = ca.if_else(self.side[r] > 0, self.low[r], self.high[r])
         return ca.if_else(self.active(r), limit, 0)
+
+
+def naming(name: str, inputs: Sequence[ca.MX], results: Mapping[str, ca.MX]) -> ca.Function:
+    """Build a function whose results have names."""
+    places = [f"i{k}" for k in range(len(inputs))]
+    return ca.Function(name, [*inputs], [*results.values()], places, [*results])
+
+
+def by_name(function: ca.Function, arguments: Sequence[ca.MX]) -> dict[str, ca.MX]:
+    """Results of a function by their names."""
+    return dict(zip(function.name_out(), function.call(arguments), strict=True))
 
 
 def constant(matrix: Array) -> ca.SX:

@@ -21,7 +21,7 @@ from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.loops import scan
 from backsight.solvers.trajectory import _smoother_dense as dense
 from backsight.solvers.trajectory._imposed import impose, limited_noise, sizes, symmetric
-from backsight.solvers.trajectory.chain import Chain, Stage
+from backsight.solvers.trajectory.chain import Chain, Stage, naming
 
 
 def filtered(chain: Chain) -> ca.Function:
@@ -40,7 +40,15 @@ def filtered(chain: Chain) -> ca.Function:
     delta, P = ca.MX.sym("delta", chain.nx), ca.MX.sym("P", chain.size_P)
     stages = [ca.MX.sym(k, size, chain.N + 1) for k, size in chain.inputs.items()]
     _, records = scan(_forward(chain), chain.N + 1, carry=[delta, P], xs=stages)
-    return ca.Function("filtered", [delta, P, *stages], records)
+    return naming("filtered", [delta, P, *stages], dict(zip(chain.records, records, strict=True)))
+
+
+def end_covariance(chain: Chain) -> ca.Function:
+    """``(delta, P, *stages, side, force) -> P`` of the last sample, given all of them."""
+    delta, P = ca.MX.sym("delta", chain.nx), ca.MX.sym("P", chain.size_P)
+    stages = [ca.MX.sym(k, size, chain.N + 1) for k, size in chain.inputs.items()]
+    (_, P_end), _ = scan(_forward(chain), chain.N + 1, carry=[delta, P], xs=stages)
+    return ca.Function("end_covariance", [delta, P, *stages], [P_end])
 
 
 def _forward(chain: Chain) -> ca.Function:

@@ -1,0 +1,144 @@
+"""The samples of a window as the trajectory solver wants them: outputs and limits."""
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra.factor import cholesky_semidefinite
+from backsight.algebra.update import masked
+from backsight.engine.loops import iterate, scan
+from backsight.estimators.base import Setting
+from backsight.estimators.parts.limits import Limits
+from backsight.solvers.trajectory import Chain, end_covariance
+from backsight.types import Array
+
+
+def chain_of(s: Setting, limits: Limits, F: ca.Sparsity, *, Q: Array, N: int) -> Chain:
+    """Sizes and constants of a window; F is where its transition matrices can differ from zero."""
+    x, u, y, mask = _symbols(s)
+    return Chain(
+        N=N,
+        Q=Q,
+        F=F,
+        H=measured_rows(s, x, u, y, mask)[0].sparsity(),
+        noise=limits.noise,
+        A=limited_rows(s, limits, x, u, y)[0].sparsity(),
+        softness=limits.softness,
+        slack=limits.slack,
+    )
+
+
+def outputs_and_limits(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
+    """``(X, U, Y, M, present) -> (before, H, e, A, low, high)`` of all samples, see `Chain.sizes`.
+
+    X is the trajectory along which outputs and residuals are linearised.
+    """
+    nx, nu, ny, N = s.model.nx, s.model.nu, s.model.ny, chain.N
+    sizes = {"X": nx, "U": nu, "Y": ny, "M": ny, "present": 1}
+    X, U, Y, M, present = given = [ca.MX.sym(k, size, N + 1) for k, size in sizes.items()]
+    before = ca.horzcat(0, present[:, :-1])
+    last = ca.MX(ca.DM([[0.0] * N + [1.0]]))
+    _, seen = scan(
+        _sample(s, limits, chain), N + 1, carry=[ca.MX(0)], xs=[X, U, Y, M, before, present, last]
+    )
+    return ca.Function("outputs_and_limits", given, [before, *seen])
+
+
+def equations(chain: Chain) -> ca.Function:
+    """``(side, low, high) -> (side, dropped)``: of the active limits those that are equations.
+
+    An equation, a limit whose ends are the same, is known to hold; that another limit is active is
+    known from the data only, and does not make the state there any surer. ``dropped`` counts those.
+    """
+    side, low, high = symbols = [ca.SX.sym(k, chain.n) for k in ("side", "low", "high")]
+    count = ca.SX.sym("count")
+    width = (high - low) / ca.SX(np.maximum(chain.slack, 1e-300))
+    kept = ca.if_else(width <= 1, side, 0)
+    change = ca.sum1(ca.fabs(side - kept)) if chain.n else ca.SX(0)
+    body = ca.Function("equations", [count, *symbols], [count + change, ca.densify(kept)])
+    stacks = [ca.MX.sym(k, chain.n, chain.N + 1) for k in ("side", "low", "high")]
+    (dropped,), (free,) = scan(body, chain.N + 1, carry=[ca.MX(0)], xs=stacks)
+    return ca.Function("equations_of_window", stacks, [free, dropped])
+
+
+def covariance_of(chain: Chain) -> ca.Function:
+    """``(dropped, P, *problem) -> P`` of the last sample without the limits that were dropped.
+
+    P is with them, and is what it is without them if there were none.
+    """
+    if not chain.n:
+        P = ca.MX.sym("P", chain.size_P)
+        problem = chain.window() + [ca.MX.sym(k, 0, chain.N + 1) for k in ("side", "force")]
+        return ca.Function("covariance_of_end", [ca.MX.sym("go"), P, *problem], [P])
+    problem = chain.window() + [ca.MX.sym(k, chain.n, chain.N + 1) for k in ("side", "force")]
+    go, P = ca.MX.sym("go"), ca.MX.sym("P_all", chain.size_P)
+    free = ca.Function(
+        "without_limits", [go, P, *problem], [ca.MX(0), end_covariance(chain)(*problem)]
+    )
+    return ca.Function(
+        "covariance_of_end",
+        [go, P, *problem],
+        [iterate(free, 1, carry=[go, P], constants=problem)[1]],
+    )
+
+
+def _symbols(s: Setting) -> list[ca.SX]:
+    m = s.model
+    return [ca.SX.sym(k, size) for k, size in (("x", m.nx), ("u", m.nu), ("y", m.ny), ("m", m.ny))]
+
+
+def measured_rows(s: Setting, x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Derivative of the outputs (ny, nx) and residuals (ny,), both with unit noise."""
+    output = s.model.output(x, u)
+    H, e = ca.jacobian(output, x), y - output
+    if np.count_nonzero(s.R - np.diag(np.diag(s.R))) == 0:
+        weights = mask / np.sqrt(np.diag(s.R))
+        return ca.sparsify(ca.diag(weights) @ H), weights * e
+    H, e, R = masked(H, e, ca.SX(s.R), mask)
+    L = cholesky_semidefinite(R)
+    rows: list[ca.SX] = []
+    for j, row in enumerate(ca.vertsplit(ca.horzcat(e, H))):
+        known = sum((L[j, k] * done for k, done in enumerate(rows)), ca.SX(*row.shape))
+        rows.append((row - known) / L[j, j])
+    white = ca.vertcat(*rows)
+    return ca.sparsify(white[:, 1:]), white[:, 0]
+
+
+def limited_rows(s: Setting, limits: Limits, x: ca.SX, u: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Derivatives of the limited quantities by the state (n, nx), and their values (n,)."""
+    of_state, of_residual = (_sparse(w) for w in (limits.state, limits.residual))
+    output = s.model.output(x, u)
+    rows = of_state - of_residual @ ca.jacobian(output, x)
+    return ca.sparsify(rows), ca.densify(of_state @ x + of_residual @ (y - output))
+
+
+def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
+    """Outputs and limits of a sample: ``(k, x, u, y, m, before, here, last) -> (k, *stage)``.
+
+    The limit of a value that is constant in the window is that of the last sample. A
+    limit that needs something that was not measured, or that lies before the data, has no bounds.
+    """
+    x, u, y, mask = _symbols(s)
+    count, before, here, last = (ca.SX.sym(k) for k in ("k", "before", "here", "last"))
+    H, e = measured_rows(s, x, u, y, here * mask)
+    A, value = limited_rows(s, limits, x, u, y)
+    low, high = ca.SX(limits.lower) - value, ca.SX(limits.upper) - value
+    for r in range(chain.n):
+        needed = [mask[int(j)] for j in np.flatnonzero(limits.residual[r])]
+        exists = before if limits.noise[r].any() else here
+        if limits.once[r]:
+            exists = last
+        counts = ca.mmin(ca.vertcat(exists, *needed)) > 0
+        low[r] = ca.if_else(counts, low[r], -np.inf)
+        high[r] = ca.if_else(counts, high[r], np.inf)
+    columns = [entries(H, chain.H), ca.densify(e), entries(A, chain.A), low, high]
+    return ca.Function("sample", [count, x, u, y, mask, before, here, last], [count + 1, *columns])
+
+
+def entries(matrix: ca.SX, pattern: ca.Sparsity) -> ca.SX:
+    """The entries of a matrix at the places of a pattern, as a column."""
+    places = zip(pattern.row(), pattern.get_col(), strict=True)
+    return ca.densify(ca.vertcat(ca.SX(0, 1), *(matrix[r, k] for r, k in places)))
+
+
+def _sparse(matrix: Array) -> ca.SX:
+    return ca.SX(ca.sparsify(ca.DM(matrix)))

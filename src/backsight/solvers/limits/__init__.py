@@ -1,3 +1,0 @@
-"""Limits imposed on the result of a linear window."""
-
-from backsight.solvers.limits.inequalities import limited as limited
