@@ -9,15 +9,14 @@ import numpy as np
 
 from backsight.description import Horizon, Share, Sound
 from backsight.discrete.runge_kutta import Hold
-from backsight.engine.loops import iterate, scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.kf import predict_linear
+from backsight.estimators.linear_windows._least_squares import Window, least_squares, start_of
 from backsight.estimators.linear_windows._limited import limited
-from backsight.estimators.linear_windows._window_filter import window_filter
-from backsight.estimators.linear_windows.stacked import Gains, gains, in_units, product
-from backsight.estimators.parts.covariance import Covariance, packed
+from backsight.estimators.linear_windows.stacked import Gains, gains, in_units
+from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.limits import Limit, Limits, limits_of, names_used_twice
@@ -171,15 +170,13 @@ class LinearMHE(AbstractEstimator):
 
 
 Results = dict[str, ca.MX]
-Window = Sequence[ca.MX]
-"""Inputs, outputs, masks and presence of the samples, side by side."""
 
 
 def _without_limits(
     system: Linear, e: LinearMHE, start: Sequence[ca.MX], window: Window
 ) -> Results:
     """x, P and flags of the last sample of a window."""
-    lacking, x, P = _solve(system, e, start, window, samples=(-1,))
+    lacking, x, P = least_squares(system, e.N, e.arrival, start, window, samples=(-1,))
     return {"x": x, "P": P, "flags": Flags(unobserved=lacking).vector()}
 
 
@@ -198,12 +195,14 @@ def _with_limits(
     """
     full = window[3][0]
     if e.arrival == 0:
-        lacking, x, P, *first = _solve(system, e, start, window, samples=(-1, 0))
+        lacking, x, P, *first = least_squares(
+            system, e.N, e.arrival, start, window, samples=(-1, 0)
+        )
         free, wide = [x, P], _wide()(full, lacking)
         start = choose(wide, first, start)
     else:
         lacking = wide = ca.MX(0)
-        start = [start[0], _plan(system.s, e.arrival)(1, full, start[1])[2]]
+        start = [start[0], start_of(system.s, e.arrival)(1, full, start[1])[2]]
         free = start
     found = by_name(limited(system, limits, e.N), [*start, wide, *window, tried])
     course = [found[k] for k in ("x", "P", "side", "held", "conflict", "open")]
@@ -243,85 +242,4 @@ def _verdict(s: Setting, n: int, m: int) -> ca.Function:
         "verdict",
         [x_free, vP_free, wide, x, vP, side, held, conflict, unfinished],
         [found, known, named, flags.vector()],
-    )
-
-
-DEFICIENT = 2
-"""Place of the flag among the results of `window_filter`."""
-
-
-def _solve(
-    system: Linear,
-    e: LinearMHE,
-    start: Sequence[ca.MX],
-    window: Window,
-    *,
-    samples: Sequence[int],
-) -> list[ca.MX]:
-    """Solve a window without its limits: 1 if its measurements do not suffice, x and P of samples.
-
-    The samples are the last one, or the last and the first. A full window without gaps is a product
-    with constant gains; others are gone through sample by sample.
-    """
-    U, Y, M, present = window
-    through = window_filter(system, e.N)
-    go, diffuse, P_lead = _plan(system.s, e.arrival)(_all(M), present[0], start[1])
-    results = [through.size_out(i) for i in range(through.n_out()) if i != DEFICIENT]
-    found = [ca.MX.zeros(*size) for size in results[: 2 * len(samples)]]
-    if e.arrival == 0:
-        fixed = [gains(system, e.N, at=at) for at in samples]
-        found = [
-            k
-            for g in fixed
-            for k in (
-                product(g.M, ca.vec(Y)) + product(g.N_u, ca.vec(U)),
-                ca.MX(packed(g.P)),
-            )
-        ]
-    last = iterate(
-        _pass(through, len(found)),
-        2,
-        carry=[go, diffuse, ca.MX(0), *found],
-        constants=[start[0], P_lead, start[1], *window],
-    )
-    return last[2:]
-
-
-def _all(M: ca.MX) -> ca.MX:
-    """1 if every sample of the window was measured, and with the nominal noise."""
-    ny, n = M.shape
-    so_far, mask = ca.SX.sym("so_far"), ca.SX.sym("mask", ny)
-    body = ca.Function("all", [so_far, mask], [ca.fmin(so_far, ca.mmin(mask == 1))])
-    return scan(body, n, carry=[ca.MX(1)], xs=[M])[0][0]
-
-
-def _plan(s: Setting, arrival: float) -> ca.Function:
-    """Whether to go through the window, whether its start is unknown, and its covariance."""
-    measured, full = ca.SX.sym("measured"), ca.SX.sym("full")
-    P = ca.SX.sym("P", len(packed(s.P0)))
-    if arrival == 0:
-        plan = [1 - full * measured, full, P]
-    else:
-        plan = [ca.SX(1), ca.SX(0), P / ca.if_else(full, arrival, 1)]
-    return ca.Function("plan", [measured, full, P], plan)
-
-
-def _pass(through: ca.Function, wanted: int) -> ca.Function:
-    """Go through the window; where nothing is known of its start, but must be, once more.
-
-    Of the results of `window_filter` only so many are wanted.
-    """
-    start = [ca.MX.sym(through.name_in(i), *through.size_in(i)) for i in range(through.n_in())]
-    x_start, P_lead, diffuse, *window = start
-    P_start = ca.MX.sym("P_start", P_lead.numel())
-    go, lacking = ca.MX.sym("go"), ca.MX.sym("lacking")
-    (P,) = choose(lacking, [P_start], [P_lead])
-    x, P_now, deficient, *more = through(x_start, P, diffuse, *window)
-    (lacks,) = choose(deficient, [ca.MX(1)], [lacking])
-    results = [x, P_now, *more][:wanted]
-    ignored = [ca.MX.sym(f"r{i}", *r.shape) for i, r in enumerate(results)]
-    return ca.Function(
-        "pass",
-        [go, diffuse, lacking, *ignored, x_start, P_lead, P_start, *window],
-        [deficient, ca.MX(0), lacks, *results],
     )

@@ -13,16 +13,16 @@ from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.mhe.arrival import Arrival, Leaving
-from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, physical
+from backsight.estimators.parts.filtering import choose, data_inputs, physical
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.limits import Limits
+from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.stages import covariance_of, equations
 from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import (
-    as_columns,
     empty_queue,
-    empty_window,
     moved_on,
+    no_window,
     queued,
 )
 from backsight.solvers.box import GaussNewton
@@ -70,6 +70,7 @@ class Solved:
 
     Parameters
     ----------
+    memory : Memory
     inputs : list
         Memory and data of the sample.
     prior : list
@@ -91,6 +92,7 @@ class Solved:
         Covariance of the newest sample in this problem.
     """
 
+    memory: Memory
     inputs: list[ca.MX]
     prior: list[ca.MX]
     data: list[ca.MX]
@@ -106,20 +108,20 @@ class Solved:
     P_end: ca.MX
 
 
-def memory0(parts: Parts) -> dict[str, Array]:
-    """The memory before the first sample."""
+def memory(parts: Parts) -> Memory:
+    """What is kept from sample to sample."""
     s, samples = parts.s, parts.chain.N + 1
-    return {
-        "x_start": s.x0,
-        "spread": parts.arrival.spread0,
-        "x_last": s.x0,
-        "P_last": parts.chain.stored(s.P0),
-        **empty_window(s, samples),
-        "present": np.zeros(samples),
-        "X": np.tile(s.x0, samples),
-        "side": np.zeros(parts.chain.n * samples),
-        "late": empty_queue(s, parts.lag),
-    }
+    return Memory(
+        x_start=s.x0,
+        spread=parts.arrival.spread0,
+        x_last=s.x0,
+        P_last=parts.chain.stored(s.P0),
+        **no_window(s, samples),
+        present=np.zeros((1, samples)),
+        X=np.tile(s.x0[:, None], samples),
+        side=np.zeros((parts.chain.n, samples)),
+        late=empty_queue(s, parts.lag),
+    )
 
 
 def solved(parts: Parts) -> Solved:
@@ -127,21 +129,16 @@ def solved(parts: Parts) -> Solved:
     s, chain, N = parts.s, parts.chain, parts.chain.N
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    memory = memory0(parts)
-    symbol, values = carry_inputs(list(memory.values()))
-    kept = dict(zip(memory, values, strict=True))
-    columns = ("U", "Y", "M", "present", "X", "side")
-    before = dict(zip(columns, as_columns([kept[k] for k in columns], N + 1), strict=True))
+    m = memory(parts)
 
     # The window moves on by one sample; the newest one gets the prediction as its guess.
-    called, moved = before["present"][N], before["present"][0]
-    window = [before[k] for k in ("U", "Y", "M", "present")]
-    U, Y, M, present = moved_on(window, (u, y, mask, 1))
-    last = [kept["x_last"], kept["P_last"]]
+    called, moved = m.present[N], m.present[0]
+    U, Y, M, present = moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))
+    last = [m.x_last, m.P_last]
     ahead = ekf.predict(parts.inside, parts.integrator, "discrete")
     prior = choose(called, ahead.call([*last, U[:, N - 1], u]), last)
-    guess = ca.horzcat(before["X"][:, 1:], within(s)(prior[0], 0))
-    tried = ca.horzcat(before["side"][:, 1:], before["side"][:, N])
+    guess = ca.horzcat(m.X[:, 1:], within(s)(prior[0], 0))
+    tried = ca.horzcat(m.side[:, 1:], m.side[:, N])
 
     # Gauss-Newton steps, from the guess and the limits that were active a sample ago.
     solver = iterated(
@@ -150,24 +147,25 @@ def solved(parts: Parts) -> Solved:
         parts.optimiser,
         proximal=parts.arrival.free,
     )
-    P_start = parts.arrival.covariance(kept["spread"])
-    found = by_name(solver, [kept["x_start"], P_start, moved, guess, tried, U, Y, M, present])
+    P_start = parts.arrival.covariance(m.spread)
+    found = by_name(solver, [m.x_start, P_start, moved, guess, tried, U, Y, M, present])
 
     # The covariance: of the last linear problem without the limits that happen to be active.
     stages = [found[k] for k in chain.sizes]
     free, dropped = equations(chain)(found["side"], found["low"], found["high"])
     problem = [found["offset"], P_start, *stages, free, ca.MX.zeros(*free.shape)]
     return Solved(
-        inputs=[symbol, *data],
+        memory=m,
+        inputs=[m.symbol, *data],
         prior=prior,
         data=[u, y, mask],
         U=U,
         Y=Y,
         M=M,
         present=present,
-        x_start=kept["x_start"],
-        spread=kept["spread"],
-        late=kept["late"],
+        x_start=m.x_start,
+        spread=m.spread,
+        late=m.late,
         found=found,
         problem=problem,
         P_end=covariance_of(chain)(dropped, found["P_end"], *problem)
@@ -190,24 +188,30 @@ def recursion(name: str, parts: Parts) -> Recursion:
         w.present[0], parts.arrival.advance(w.x_start, w.spread, _leaving(w, chain)),
         [w.x_start, w.spread],
     )  # fmt: skip
-    window = (w.U, w.Y, w.M, w.present, found["X"], found["side"])
     critical = [x_start, spread, found["X"][:, N], w.P_end]
-    carry = ca.vertcat(*critical, *(ca.vec(k) for k in window), late)
-    carry0 = np.concatenate(list(memory0(parts).values()))
+    after = {
+        "x_start": x_start, "spread": spread, "x_last": found["X"][:, N], "P_last": w.P_end,
+        "U": w.U, "Y": w.Y, "M": w.M, "present": w.present, "X": found["X"],
+        "side": found["side"], "late": late,
+    }  # fmt: skip
+    carry = _unless_broken(critical, w.memory.joined(after), w.memory.start)
 
     course = [found[k] for k in ("conflict", "limit", "open", "rejected")]
     names, infeasible, flags, P = _verdict(chain)(found["side"][:, end], *course, P, w.prior[1])
     x = within(s)(found["X"][:, end], infeasible)
-    outputs = [
-        *physical(s, x=x, P=P, u=w.U[:, end], e=e, S=S, flags=flags).values(),
-        found["iterations"], found["passes"], ca.fmax(found["residual"], SMALL),
-    ]  # fmt: skip
+    outputs = {
+        **physical(s, x=x, P=P, u=w.U[:, end], e=e, S=S, flags=flags),
+        "iterations": found["iterations"],
+        "passes": found["passes"],
+        "kkt": ca.fmax(found["residual"], SMALL),
+    }
     channels = (*ESTIMATE_CHANNELS, *(Channel(k) for k in ("iterations", "passes", "kkt")))
     if parts.limits.names:
-        outputs.append(names)
+        outputs["infeasible"] = names
         channels = (*channels, Channel("infeasible", ("limit",), labels=parts.limits.names))
-    step = ca.Function(name, w.inputs, [_unless_broken(critical, carry, carry0), *outputs])
-    return Recursion(step=step, carry0=carry0, channels=channels, dt=s.dt, lag=parts.lag)
+    return w.memory.recursion(
+        name, w.inputs[1:], next=carry, outputs=outputs, channels=channels, dt=s.dt, lag=parts.lag
+    )
 
 
 def _leaving(w: Solved, chain: Chain) -> Leaving:

@@ -75,13 +75,6 @@ def data_inputs(s: Setting) -> list[ca.MX]:
     return [ca.MX.sym(n, k) for n, k in (("u", s.model.nu), ("y", s.model.ny), ("m", s.model.ny))]
 
 
-def carry_inputs(memory: Sequence[Array]) -> tuple[ca.MX, list[ca.MX]]:
-    """Symbol of the whole carry and its parts, one for each (flat) array of the memory."""
-    ends = np.cumsum([0, *(len(part) for part in memory)])
-    symbol = ca.MX.sym("carry", int(ends[-1]))
-    return symbol, ca.vertsplit(symbol, [int(e) for e in ends])
-
-
 def choose(flag: ca.MX, then: Sequence[ca.MX], otherwise: Sequence[ca.MX]) -> list[ca.MX]:
     """Elementwise `then` where the scalar flag is not zero, else `otherwise`."""
     shapes = [t.shape for t in then]

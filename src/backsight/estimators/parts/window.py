@@ -20,16 +20,6 @@ def moved_on(window: Sequence[ca.MX], sample: Sequence[ca.MX | int]) -> Iterator
     return (ca.horzcat(w[:, 1:], new) for w, new in zip(window, sample, strict=True))
 
 
-def empty_window(s: Setting, samples: int) -> dict[str, Array]:
-    """The same as `no_window`, flat."""
-    return {name: value.ravel() for name, value in no_window(s, samples).items()}
-
-
-def as_columns(stored: Sequence[ca.MX], samples: int) -> Iterator[ca.MX]:
-    """Parts of a flat memory as matrices with one column per sample, the oldest first."""
-    return (ca.reshape(w, w.numel() // samples, samples) for w in stored)
-
-
 def queued(late: ca.MX, new: Sequence[ca.MX], lag: int) -> tuple[list[ca.MX], ca.MX]:
     """The values of `lag` samples ago, and those that still wait.
 
