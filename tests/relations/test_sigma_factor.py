@@ -30,7 +30,7 @@ from backsight.estimators import (
 )
 from backsight.models.lti import lti
 from backsight.models.second_order import second_order
-from backsight.run.estimation import estimate, estimate_many, match, stream, window
+from backsight.run.estimation import estimate, estimate_many, match, solve_window, stream
 from backsight.solvers.box import GaussNewton
 from closeness import assert_close
 from oracles.kalman import kalman_filter
@@ -212,7 +212,7 @@ def test_residuals_of_the_window_are_those_of_the_measurement():
     u, y = record(30, seed=8, missing=0.0)
     factor = np.ones(y.shape)
     factor[28] = 1e-4
-    found = window(KALMAN["mhe"], model(), recording(u, y, factor))
+    found = solve_window(KALMAN["mhe"], model(), recording(u, y, factor))
     expected = y[-5:] - found["x"].values @ C.T
     assert_close(found["v"].values, expected, 1e-10)
     assert np.abs(expected[-2]).max() < 1e-5 < np.abs(expected[-1]).max()

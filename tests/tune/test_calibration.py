@@ -36,13 +36,13 @@ def by_frequencies(values):
 
 def test_thickness_and_forces_are_found_from_a_tenth_away():
     start = estimator(0.0027)
-    wrong = bs.forces.sparse_forces(start, struck_beam.model(0.0027), recording())
+    wrong = bs.forces.find_sparse_forces(start, struck_beam.model(0.0027), recording())
     found = bs.tune.calibrate(by_thickness, recording(), start, {"h": 0.0027}, points=9)
     assert found.values["h"] == pytest.approx(0.003, rel=1e-9)
     assert found.cost < 0.5 * found.before
-    forces = bs.forces.sparse_forces(start, found.model, recording())
+    forces = bs.forces.find_sparse_forces(start, found.model, recording())
     np.testing.assert_allclose(forces["d_hat"], struck_beam.forces(), atol=1e-6)
-    assert not bs.forces.force_errors(wrong["d_hat"], struck_beam.forces()).exact
+    assert not bs.forces.compare_forces(wrong["d_hat"], struck_beam.forces()).exact
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.run.estimation import estimate
 from backsight.run.simulation import simulate
-from backsight.tune import propose_gamma, propose_lambda
+from backsight.tune import propose_gain, propose_gamma
 
 DT, LAM = 0.01, 25.0
 K, B = 90.0, 4.0
@@ -116,10 +116,10 @@ def test_lambda_follows_the_faster_of_model_and_motion():
     """2.5 times the natural frequency in slow motion, and with fast motion its frequency."""
     t = np.arange(4000) * 1e-3
     slow = simulate(plant(), 20 * np.sin(1.0 * t), dt=1e-3)
-    assert propose_lambda(joint(), slow) == pytest.approx(2.5 * np.sqrt(K), rel=1e-3)
+    assert propose_gain(joint(), slow) == pytest.approx(2.5 * np.sqrt(K), rel=1e-3)
     fast = simulate(plant(), 1e4 * np.sin(200.0 * t), dt=1e-3).isel(time=slice(2500, None))
-    assert propose_lambda(joint(), fast) == pytest.approx(2.5 * 200.0, rel=0.02)
-    assert propose_lambda(joint(), slow, factor=1.0) == pytest.approx(np.sqrt(K), rel=1e-3)
+    assert propose_gain(joint(), fast) == pytest.approx(2.5 * 200.0, rel=0.02)
+    assert propose_gain(joint(), slow, factor=1.0) == pytest.approx(np.sqrt(K), rel=1e-3)
 
 
 def test_a_motion_that_does_not_excite():
@@ -127,7 +127,7 @@ def test_a_motion_that_does_not_excite():
     with pytest.raises(TuningError, match="does not excite k, b"):
         propose_gamma(joint(), rest, lam=LAM)
     with pytest.raises(TuningError, match="at rest: 'v' does not change"):
-        propose_lambda(joint(), rest)
+        propose_gain(joint(), rest)
     # In free motion that only decays, displacement and speed are the same function.
     decaying = simulate(
         plant(), np.zeros(400), dt=DT, parameters={"k": 3.0, "b": 4.0}, x0={"q": 1.0, "v": -1.0}
@@ -162,7 +162,7 @@ def test_wrong_motions(motion):
     with pytest.raises(DataError, match="not finite"):
         propose_gamma(joint(), motion.assign(x_true=gap), lam=LAM)
     with pytest.raises(ModelError, match="canonical form"):
-        propose_lambda(
+        propose_gain(
             Model(f=lambda x, u, p: [x.a], h=lambda x, u, p: [x.a], states={"a": ""},
                   inputs={"F": ""}, outputs={"y": ""}, dt=DT),
             motion,

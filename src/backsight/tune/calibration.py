@@ -115,8 +115,8 @@ def calibrate(
         ``{name: value}`` to a model, such as ``lambda v: bs.modal([v["f1"], v["f2"]], ...)``.
     recording : xarray.Dataset
     estimator : CompressiveSensingMHE
-        As for `sparse_forces`. A small `sigma_force`, well below the forces looked for, makes the
-        recording tell most.
+        As for `find_sparse_forces`. A small `sigma_force`, well below the forces looked for, makes
+        the recording tell most.
     start : dict
         Names and values to start from; all positive.
     selection : L1 or Greedy, optional
@@ -136,7 +136,7 @@ def calibrate(
     TuningError
         If a setting is not possible, the recording does not tell the values, or no force is found.
     ModelError, DataError
-        As `sparse_forces`, at the start.
+        As `find_sparse_forces`, at the start.
 
     References
     ----------

@@ -99,7 +99,7 @@ def propose_gamma(
     return rate * np.outer(theta, theta) * inverse
 
 
-def propose_lambda(model: Model, motion: xr.Dataset, *, factor: float = 2.5) -> float:
+def propose_gain(model: Model, motion: xr.Dataset, *, factor: float = 2.5) -> float:
     r"""Gain lambda [1/s] that is well above the frequencies of model and motion.
 
     The larger of the fastest eigenvalue of the linearised model (for one mass on a spring

@@ -70,7 +70,7 @@ def lambda_from_noise(
     Raises
     ------
     TuningError, ModelError, DataError
-        As `sparse_forces`, or if `false_alarm` is not a probability.
+        As `find_sparse_forces`, or if `false_alarm` is not a probability.
     """
     if not (0 < false_alarm < 1 and draws >= 1 / false_alarm):
         raise TuningError(
@@ -120,7 +120,7 @@ def lambda_from_whiteness(
     Raises
     ------
     TuningError, ModelError, DataError
-        As `sparse_forces`.
+        As `find_sparse_forces`.
     """
     search = unweighted(estimator, model, recording)
     path = whole_path(search, LEAST)
@@ -203,9 +203,9 @@ def lambda_from_sensors(
     Raises
     ------
     TuningError, ModelError
-        As `sparse_forces`.
+        As `find_sparse_forces`.
     DataError
-        As `sparse_forces`, or if there is only one sensor.
+        As `find_sparse_forces`, or if there is only one sensor.
     """
     outputs = [s.name for s in model.outputs]
     if len(outputs) < 2:

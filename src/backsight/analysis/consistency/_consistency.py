@@ -107,7 +107,7 @@ class Consistency:
         return "\n".join(lines)
 
 
-def consistency(result: xr.Dataset) -> Consistency:
+def check_consistency(result: xr.Dataset) -> Consistency:
     """Judge how a result agrees with its own covariances; see `Consistency`.
 
     Parameters

@@ -100,7 +100,7 @@ class Observability:
         return found
 
 
-def observability(
+def check_observability(
     model: Model,
     *,
     candidates: Mapping[str, Sensor] | None = None,
@@ -124,7 +124,7 @@ def observability(
     Raises
     ------
     ModelError
-        If the model is not linear; use `observability_along`.
+        If the model is not linear; use `check_observability_along`.
     """
     A, _, C, _ = state_space(model)
     _, (size, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
@@ -151,7 +151,7 @@ def observability(
     )
 
 
-def observability_along(
+def check_observability_along(
     model: Model,
     u: Array,
     *,
@@ -177,7 +177,7 @@ def observability_along(
     x0 : (nx,) array, optional
         First state; the values in the model if not given.
     integrator, candidates, tolerance
-        As elsewhere; see `observability`.
+        As elsewhere; see `check_observability`.
 
     Raises
     ------

@@ -27,7 +27,7 @@ START = 0.1
 """Share of the recording in which the estimates settle; it has no vote."""
 
 
-def alignment(
+def check_alignment(
     estimator: AbstractEstimator, model: Model, recording: xr.Dataset, *, reach: int = REACH
 ) -> Alignment:
     """Look for a delay between outputs and inputs, and for wrong units and signs.

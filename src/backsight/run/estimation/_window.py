@@ -11,7 +11,9 @@ from backsight.models.model import Model
 from backsight.run.estimation._match import match
 
 
-def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1) -> xr.Dataset:
+def solve_window(
+    estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1
+) -> xr.Dataset:
     """Everything that the estimator knows of its window after a sample.
 
     Parameters
