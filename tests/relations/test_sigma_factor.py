@@ -42,7 +42,7 @@ KALMAN = {
     "ukf": UKF(**GAUSSIANS),
     "kf": KalmanFilter(**GAUSSIANS),
     "mho": MHO(**GAUSSIANS, N=4, alpha=0.0),
-    "lmhe": LinearMHE(**GAUSSIANS, N=4, arrival=1.0),
+    "lmhe": LinearMHE(**GAUSSIANS, N=4, arrival_weight=1.0),
     "mhe": MHE(**GAUSSIANS, N=4, arrival=SmoothedArrival(), optimiser=ONCE),
     "mhe, ekf": MHE(**GAUSSIANS, N=4, arrival=EKFArrival(), optimiser=ONCE),
     "mhe, ukf": MHE(**GAUSSIANS, N=4, arrival=UKFArrival(), optimiser=ONCE),
@@ -81,14 +81,14 @@ OTHER = {
     "lmhe, limits": (LinearMHE(**GAUSSIANS, N=4, limits=(NARROW,)), DECAYING),
     "luenberger": (Luenberger(**GAUSSIANS, poles=(0.4, 0.5, 0.6)), DECAYING),
     "prediction": (Luenberger(**GAUSSIANS, poles=(0.4, 0.5, 0.6), form="prediction"), DECAYING),
-    "joint input": (JointInput(WALK, Prior(1.0), forces=("F",), sigma_forces={"F": 1.0}), FORCED),
+    "joint input": (JointInput(WALK, Prior(1.0), forces=("F",), sigma_force={"F": 1.0}), FORCED),
 }
 """Estimators in settings in which they are not the Kalman filter, and models for them."""
 
 ONE = Noise(R=R[:1, :1], sigma_w=0.05)
 REFUSING = {
-    "hgo": HGO(ONE, Prior(1.0), lam=5.0),
-    "ahg": AHG(ONE, Prior(1.0), lam=5.0, Gamma=1.0),
+    "hgo": HGO(ONE, Prior(1.0), gain=5.0),
+    "ahg": AHG(ONE, Prior(1.0), gain=5.0, Gamma=1.0),
     "rmhe": RecursiveMHE(ONE, Prior(1.0), N=5),
     "csmhe": CompressiveSensingMHE(ONE, Prior(1.0), forces=("F",), lam=1.0, N=5),
 }

@@ -22,12 +22,12 @@ def found(lam: float, given):
 
 def test_noise_alone_makes_a_force_as_seldom_as_wanted():
     model, made, alarms = struck_beam.model(0.003), estimator(), 0
-    lam = bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.2)
+    lam = bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.2).lam
     for seed in range(25):
         noise = recording(1e-5, seed, background=0.0739**0.5, hits=0.0)
         alarms += bs.tune.trace_force_path(made, model, noise, least=0.9)["lam"].values[0] > lam
     assert 1 <= alarms <= 11
-    assert bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.01) > lam
+    assert bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.01).lam > lam
 
 
 @pytest.mark.parametrize("choose", [bs.tune.lambda_from_whiteness, bs.tune.lambda_from_sensors])

@@ -86,9 +86,9 @@ class Calibration:
 
 
 def calibrate(
+    estimator: CompressiveSensingMHE,
     model_of: ModelOf,
     recording: xr.Dataset,
-    estimator: CompressiveSensingMHE,
     start: Mapping[str, float],
     *,
     selection: L1 | Greedy | None = None,
@@ -111,12 +111,12 @@ def calibrate(
 
     Parameters
     ----------
-    model_of : callable
-        ``{name: value}`` to a model, such as ``lambda v: bs.modal([v["f1"], v["f2"]], ...)``.
-    recording : xarray.Dataset
     estimator : CompressiveSensingMHE
         As for `find_sparse_forces`. A small `sigma_force`, well below the forces looked for, makes
         the recording tell most.
+    model_of : callable
+        ``{name: value}`` to a model, such as ``lambda v: bs.modal([v["f1"], v["f2"]], ...)``.
+    recording : xarray.Dataset
     start : dict
         Names and values to start from; all positive.
     selection : L1 or Greedy, optional

@@ -27,7 +27,7 @@ def propose_gamma(
     model: Model,
     motion: xr.Dataset,
     *,
-    lam: float,
+    gain: float,
     rate: float = 10.0,
     poles: complex | tuple[complex, ...] = -1.0,
     hold: str = "zoh",
@@ -51,7 +51,7 @@ def propose_gamma(
         As for the observer; the values of the parameters are the nominal ones.
     motion : xarray.Dataset
         Inputs and states: a recording with ``x_true``, or a result with ``x_hat``.
-    lam : float
+    gain : float
         The observer's gain lambda [1/s]; lambda_max if it adapts.
     rate : float
         g [1/s].
@@ -78,7 +78,7 @@ def propose_gamma(
     DataError
         If the motion lacks a signal or is too short.
     """
-    for name, value in (("lam", lam), ("rate", rate)):
+    for name, value in (("gain", gain), ("rate", rate)):
         if not (np.isfinite(value) and value > 0):
             raise TuningError(f"{name} is {value}; it must be positive")
     form = affine_form(model)
@@ -91,8 +91,8 @@ def propose_gamma(
     begins = np.asarray(psi(x[:-1].T, u[:-1].T)).T * theta
     ends = np.asarray(psi(x[1:].T, ahead.T)).T * theta
     dt = float(motion.attrs["dt"])
-    count = _samples(len(begins), SETTLING / (lam * dt), None if period is None else period / dt)
-    Y = _upsilon(begins, ends, lam * dt, gain_vector(poles, form.n))[-count:]
+    count = _samples(len(begins), SETTLING / (gain * dt), None if period is None else period / dt)
+    Y = _upsilon(begins, ends, gain * dt, gain_vector(poles, form.n))[-count:]
     M = Y.T @ Y / len(Y)
     _check_excited(M, form)
     inverse = np.diag(1 / np.diag(M)) if diagonal else np.linalg.inv(M)

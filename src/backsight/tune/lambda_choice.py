@@ -47,7 +47,7 @@ def lambda_from_noise(
     false_alarm: float = 0.05,
     draws: int = 400,
     seed: int = 0,
-) -> float:
+) -> LambdaChoice:
     r"""Weight at which noise alone seldom makes a force.
 
     Of a recording of noise with the stated deviations, and of background forces, the l1 norm finds
@@ -67,6 +67,12 @@ def lambda_from_noise(
     draws, seed : int
         Recordings of noise that are drawn.
 
+    Returns
+    -------
+    LambdaChoice
+        ``table`` has ``false_alarm``, the share of the drawn recordings in which a force is found,
+        over ``lam``. `reached` is always true.
+
     Raises
     ------
     TuningError, ModelError, DataError
@@ -83,7 +89,10 @@ def lambda_from_noise(
     reach = noise @ search.regression.columns[measured]
     side = search.regression.side
     reach = np.maximum(np.where(side >= 0, reach, 0.0), np.where(side <= 0, -reach, 0.0))
-    return 2 * float(np.quantile(reach.max(axis=1), 1 - false_alarm))
+    weights = 2 * np.sort(reach.max(axis=1))
+    share = 1 - np.arange(1, draws + 1) / draws
+    table = xr.Dataset({"false_alarm": ("lam", share)}, coords={"lam": weights})
+    return LambdaChoice(float(np.quantile(weights, 1 - false_alarm)), table, reached=True)
 
 
 def lambda_from_whiteness(

@@ -121,7 +121,7 @@ def recorded(job: tuple[int, float]) -> tuple[dict[str, Outcome], list[float]]:
     s, thickness = scenario(seed), THICKNESS[mismatch]
     by = ByFrequencies(thickness)
     unsure = whole(thickness, WEIGHTS[""])
-    fit = calibrate(by, s.recording, unsure, by.start(), span=SPAN, points=POINTS)
+    fit = calibrate(unsure, by, s.recording, by.start(), span=SPAN, points=POINTS)
     outcomes = {}
     for suffix, chosen in (("", model(thickness)), (CALIBRATED, fit.model)):
         made = whole(thickness, WEIGHTS[suffix])

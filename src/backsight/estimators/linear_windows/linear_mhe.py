@@ -54,7 +54,7 @@ class LinearMHE(AbstractEstimator):
         Used until the window is full.
     N : int
         Horizon in sampling periods; the window holds N + 1 samples.
-    arrival : float
+    arrival_weight : float
         Weight a of what is known from before the window: :math:`\bar x, \bar P` are the
         prediction of a Kalman filter for the first sample of the window.
     hold : {"zoh", "foh"}
@@ -87,15 +87,15 @@ class LinearMHE(AbstractEstimator):
     noise: Noise
     prior: Prior
     N: int = 20
-    arrival: float = 0.0
+    arrival_weight: float = 0.0
     hold: str = "zoh"
     limits: tuple[Limit, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.N, numbers.Integral) or self.N < 1:
             raise TuningError(f"the horizon N is {self.N}; it must be a whole number from 1 on")
-        if not 0 <= self.arrival <= 1:
-            raise TuningError(f"the weight arrival is {self.arrival}; it must be from 0 to 1")
+        if not 0 <= self.arrival_weight <= 1:
+            raise TuningError(f"arrival_weight is {self.arrival_weight}; it must be from 0 to 1")
 
     def gains(self, model: Model, dt: float) -> Gains:
         """Gains of a full window without arrival cost, physical units, see `Gains`."""
@@ -107,7 +107,7 @@ class LinearMHE(AbstractEstimator):
         """See `AbstractEstimator.compile`."""
         system = self._system(model, dt)
         s, N = system.s, self.N
-        if self.arrival == 0:
+        if self.arrival_weight == 0:
             require_observable(model, samples=N + 1)
         rows = rows_of(system, model, self.limits)
         n = len(rows.names)
@@ -137,7 +137,8 @@ class LinearMHE(AbstractEstimator):
         U, Y, M, present = advance((U, Y, M, present), (u, y, mask, 1))
 
         window = (U, Y, M, present)
-        lacking, x, P, *quantities = _solve(system, rows, N, self.arrival, x_start, P_start, window)
+        weight = self.arrival_weight
+        lacking, x, P, *quantities = _solve(system, rows, N, weight, x_start, P_start, window)
         flags, channels, named, active = [lacking], ESTIMATE_CHANNELS, [], before
         if n:
             limits = bounds(system, rows, N)(*window)

@@ -60,7 +60,7 @@ def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
 def check_gain(lam: float, interpolation: str) -> None:
     """Raise `TuningError` if lambda is not positive or the interpolation unknown."""
     if not (np.isfinite(lam) and lam > 0):
-        raise TuningError(f"lam is {lam}; it must be positive")
+        raise TuningError(f"gain is {lam}; it must be positive")
     if interpolation not in INTERPOLATIONS:
         hint = nearest(interpolation, INTERPOLATIONS)
         raise TuningError(f"unknown interpolation '{interpolation}': {hint}")

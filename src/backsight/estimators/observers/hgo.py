@@ -43,7 +43,7 @@ class HGO(AbstractEstimator):
     ----------
     noise : Noise
     prior : Prior
-    lam : float
+    gain : float
         Gain lambda [1/s]. The error decays like exp(-lambda t), the noise of the velocity grows
         with lambda^1.5.
     poles : number or n numbers
@@ -64,13 +64,13 @@ class HGO(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    lam: float
+    gain: float
     poles: complex | tuple[complex, ...] = -1.0
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
     interpolation: str = "model"
 
     def __post_init__(self) -> None:
-        check_gain(self.lam, self.interpolation)
+        check_gain(self.gain, self.interpolation)
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
@@ -78,12 +78,12 @@ class HGO(AbstractEstimator):
         n = len(moving_states(model))
         form = affine_form(_chain(model, n, x0[n:]))
         k0 = gain_vector(self.poles, form.n)
-        check_step(self.lam, k0, self.integrator, dt)
+        check_step(self.gain, k0, self.integrator, dt)
         lower, upper = bounds(model)
         plan = Plan(
             states=States(form, np.zeros(0), lower, upper),
             gains=Gains(k0, np.zeros((0, 0))),
-            lam=self.lam,
+            lam=self.gain,
             integrator=self.integrator,
             interpolation=self.interpolation,
             dt=dt,
