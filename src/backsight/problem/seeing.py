@@ -2,7 +2,11 @@
 
 import xarray as xr
 
-from backsight.analysis.observability import Observability, observability, observability_along
+from backsight.analysis.observability import (
+    Observability,
+    check_observability,
+    check_observability_along,
+)
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ModelError
 from backsight.estimators.uncertainty import Prior
@@ -24,14 +28,14 @@ def examine(problem: Problem, data: xr.Dataset) -> Observability:
         If the motion does not stay finite.
     """
     try:
-        return observability(problem.model)
+        return check_observability(problem.model)
     except ModelError:
         u = matched_inputs(problem.model, data)
     first = next(iter(problem.estimators.values()))
     prior, integrator = getattr(first, "prior", None), getattr(first, "integrator", None)
     samples = FIRST_SAMPLES
     while True:
-        found = observability_along(
+        found = check_observability_along(
             problem.model,
             u[:samples],
             dt=float(data.attrs["dt"]),

@@ -53,7 +53,7 @@ class LinearMHE(AbstractEstimator):
         Used until the window is full.
     N : int
         Horizon in sampling periods; the window holds N + 1 samples.
-    arrival : float
+    arrival_weight : float
         Weight a of what is known from before the window: :math:`\bar x, \bar P` are the
         prediction of a Kalman filter for the first sample of the window.
     hold : {"zoh", "foh"}
@@ -86,7 +86,7 @@ class LinearMHE(AbstractEstimator):
     noise: Noise
     prior: Prior
     N: Horizon = 20
-    arrival: Share = 0.0
+    arrival_weight: Share = 0.0
     hold: Hold = "zoh"
     limits: tuple[Limit, ...] = ()
 
@@ -105,7 +105,7 @@ class LinearMHE(AbstractEstimator):
         """See `AbstractEstimator.compile`."""
         system = self._system(model, dt)
         s, N = system.s, self.N
-        if self.arrival == 0:
+        if self.arrival_weight == 0:
             require_observable(model, samples=N + 1)
         limits = limits_of(s, s.Q, self.limits, {})
         n = len(limits.names)
@@ -191,13 +191,13 @@ def _with_limits(
     `limited` needs, and the estimate where no limit is active.
     """
     full = window[3][0]
-    if e.arrival == 0:
+    if e.arrival_weight == 0:
         lacking, x, P, *first = _solve(system, e, start, window, samples=(-1, 0))
         free, wide = [x, P], _wide()(full, lacking)
         start = choose(wide, first, start)
     else:
         lacking = wide = ca.MX(0)
-        start = [start[0], _plan(system.s, e.arrival)(1, full, start[1])[2]]
+        start = [start[0], _plan(system.s, e.arrival_weight)(1, full, start[1])[2]]
         free = start
     found = by_name(limited(system, limits, e.N), [*start, wide, *window, tried])
     course = [found[k] for k in ("x", "P", "side", "held", "conflict", "open")]
@@ -259,10 +259,10 @@ def _solve(
     """
     U, Y, M, present = window
     through = window_filter(system, e.N)
-    go, diffuse, P_lead = _plan(system.s, e.arrival)(_all(M), present[0], start[1])
+    go, diffuse, P_lead = _plan(system.s, e.arrival_weight)(_all(M), present[0], start[1])
     results = [through.size_out(i) for i in range(through.n_out()) if i != DEFICIENT]
     found = [ca.MX.zeros(*size) for size in results[: 2 * len(samples)]]
-    if e.arrival == 0:
+    if e.arrival_weight == 0:
         fixed = [gains(system, e.N, at=at) for at in samples]
         found = [
             k

@@ -56,7 +56,7 @@ ARRIVALS: dict[str, AbstractArrival] = {
 }
 """What is tried in the place of an arrival cost that is a part."""
 
-WEIGHTS = {"arrival = 1": 1.0, "arrival = 0": 0.0}
+WEIGHTS = {"arrival_weight = 1": 1.0, "arrival_weight = 0": 0.0}
 """The same where it is a number."""
 
 
@@ -80,7 +80,8 @@ def certify(
     Parameters
     ----------
     estimator : AbstractEstimator
-        With a noise and a prior. If it has a field ``arrival``, other arrival costs are tried in
+        With a noise and a prior. If it has a field ``arrival`` or
+        ``arrival_weight``, others are tried in
         its place, and the certificate says for which of them the claim holds.
     model : Model
         As for the estimator.
@@ -180,19 +181,20 @@ def _plain(model: Model, system: LinearGaussian, dt: float) -> Model:
 
 def _variants(estimator: AbstractEstimator) -> dict[str, AbstractEstimator]:
     """The estimator with its own arrival cost, first, and with others; by their names."""
-    own = getattr(estimator, "arrival", None)
+    field = "arrival_weight" if hasattr(estimator, "arrival_weight") else "arrival"
+    own = getattr(estimator, field, None)
     known: dict[str, Any] = {}
     if isinstance(own, AbstractArrival):
         known = dict(ARRIVALS)
-    elif isinstance(own, float | int):
+    elif field == "arrival_weight":
         known = dict(WEIGHTS)
     named = next((name for name, part in known.items() if part == own), None)
     if own is None:
         return {"": estimator}
-    name = named or (f"arrival = {own:g}" if isinstance(own, float | int) else str(own))
-    others = {n: part for n, part in known.items() if n != named}
+    name = named or (f"arrival_weight = {own:g}" if field == "arrival_weight" else str(own))
+    others: dict[str, Any] = {n: part for n, part in known.items() if n != named}
     return {name: estimator} | {
-        n: dataclasses.replace(estimator, arrival=p) for n, p in others.items()
+        n: dataclasses.replace(estimator, **{field: p}) for n, p in others.items()
     }
 
 

@@ -13,7 +13,9 @@ from backsight.run.estimation._match import match
 
 
 @checked()
-def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1) -> xr.Dataset:
+def solve_window(
+    estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1
+) -> xr.Dataset:
     """Everything that the estimator knows of its window after a sample.
 
     Parameters
