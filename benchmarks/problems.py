@@ -168,7 +168,7 @@ def punch_observer(*, adaptive: bool) -> Problem:
         ]
     )
     gain = AdaptiveGain(lower=100.0, gamma=6e-7, beta=3e7, window=0.04, every=1e-3)
-    ahg = AHG(noise, prior, lam=1000.0, Gamma=Gamma, adaptive=gain if adaptive else None)
+    ahg = AHG(noise, prior, gain=1000.0, Gamma=Gamma, adaptive=gain if adaptive else None)
     return Problem(ahg, model, punch())
 
 

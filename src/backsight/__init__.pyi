@@ -50,8 +50,8 @@ from backsight.report import report as report
 from backsight.run.compare import compare as compare
 from backsight.run.estimation import estimate as estimate
 from backsight.run.estimation import estimate_many as estimate_many
+from backsight.run.estimation import solve_window as solve_window
 from backsight.run.estimation import stream as stream
-from backsight.run.estimation import window as window
 from backsight.run.simulation import simulate as simulate
 from backsight.run.simulation import simulate_closed_loop as simulate_closed_loop
 

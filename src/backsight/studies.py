@@ -48,6 +48,7 @@ class Run(Protocol):
         seeds: Sequence[int],
         recordings: Sequence[Path],
         progress: Callable[[str, float], None],
+        force: bool,
     ) -> Any:
         """See `Run`."""
         ...

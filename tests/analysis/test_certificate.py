@@ -158,11 +158,11 @@ def test_linear_estimators_and_their_weights():
     recording = from_arrays(u=u, y=y, dt=linear.DT, **names)
     assert certify(KalmanFilter(NOISE, PRIOR), model, recording).holds
     for weight, holds in ((1.0, True), (0.5, False), (0.0, False)):
-        certificate = certify(LinearMHE(NOISE, PRIOR, N=6, arrival=weight), model, recording)
+        certificate = certify(LinearMHE(NOISE, PRIOR, N=6, arrival_weight=weight), model, recording)
         assert certificate.holds == holds
         others = {c.name: certificate.equal(c) for c in certificate.claims if not c.own}
-        assert others == {n: n == "arrival = 1" for n in others}
-        assert f"arrival = {weight:g}" not in others
+        assert others == {n: n == "arrival_weight = 1" for n in others}
+        assert f"arrival_weight = {weight:g}" not in others
 
 
 def test_point_may_be_given(oscillator):

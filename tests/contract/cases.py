@@ -47,13 +47,13 @@ CASES: dict[str, Case] = {
     ),
     "ukf": Case(lambda on, integrator: UKF(on.noise, on.prior, integrator=integrator)),
     "hgo": Case(
-        lambda on, integrator: HGO(on.noise, on.prior, lam=15.0, integrator=integrator),
+        lambda on, integrator: HGO(on.noise, on.prior, gain=15.0, integrator=integrator),
         k_known=True,
         outputs=("position",),
     ),
     "ahg": Case(
         lambda on, integrator: AHG(
-            on.noise, on.prior, lam=15.0, Gamma=500 / on.length**2, integrator=integrator
+            on.noise, on.prior, gain=15.0, Gamma=500 / on.length**2, integrator=integrator
         ),
         outputs=("position",),
     ),

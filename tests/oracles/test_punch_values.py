@@ -166,7 +166,7 @@ def test_proposed_gamma(motions, name):
     reading = next(r for r in READINGS if r.stiffness == v["stiffness"])
     model = joint(reading)
     order = [affine_form(model).combinations.index(c) for c in ("c/m", "d/m", "1/m")]
-    settings = {"lam": v["lam"], "rate": v["rate"], "period": PERIOD}
+    settings = {"gain": v["lam"], "rate": v["rate"], "period": PERIOD}
     motion = motions[reading.name]
     full = propose_gamma(model, motion, **settings)[np.ix_(order, order)]
     diagonal = propose_gamma(model, motion, diagonal=True, **settings)[np.ix_(order, order)]

@@ -60,7 +60,7 @@ def test_the_l1_solution_is_exact(case, accelerations):
         of, y, u, x0=struck.X0, P0=struck.P0, shapes=made.dictionary.shapes(4), lam=made.lam,
         tail=np.zeros((SAMPLES, 4)), sign=1 if made.nonnegative else 0,
     )  # fmt: skip
-    found = bs.forces.sparse_forces(
+    found = bs.forces.find_sparse_forces(
         made, struck.model(of), recording(u, y), selection=bs.forces.L1(refit=False)
     )
     assert found.attrs["nonzeros"] == np.count_nonzero(expected.alpha) > 2
@@ -93,7 +93,9 @@ def test_without_forces_it_is_the_kalman_filter(hold):
         "hold": hold,
     }
     made = bs.CompressiveSensingMHE(forces=("F",), lam=1.0, **known)
-    whole = bs.forces.sparse_forces(made, model, given, selection=bs.forces.Greedy(penalty=1e9))
+    whole = bs.forces.find_sparse_forces(
+        made, model, given, selection=bs.forces.Greedy(penalty=1e9)
+    )
     filtered = bs.estimate(bs.KalmanFilter(**known), model, given)
     assert whole.attrs["nonzeros"] == 0
     np.testing.assert_allclose(whole["e"], filtered["e"], rtol=1e-7, atol=1e-10)
@@ -155,25 +157,29 @@ def test_the_hits_on_the_beam_are_found():
     """At three sensors out of eight places and 60 moments, within their standard deviations."""
     made, model, given = beam_estimator(), struck_beam.model(0.003), beam_recording(1e-5)
     true = struck_beam.forces()
-    found = bs.forces.sparse_forces(made, model, given)
+    found = bs.forces.find_sparse_forces(made, model, given)
     d, std = found["d_hat"].values, found["d_std"].values
     at = true != 0
-    assert bs.forces.force_errors(d, true).exact
+    assert bs.forces.compare_forces(d, true).exact
     assert (np.abs(d - true)[at] < 4 * std[at]).all()
     assert std[at].max() < 1
     assert not found["status"].any()
     schema.check_result(found)
     quiet = beam_recording(0.0)
     for selection in (bs.forces.L1(), bs.forces.Reweighted(), bs.forces.Greedy()):
-        exact = bs.forces.sparse_forces(beam_estimator(lam=0.1), model, quiet, selection=selection)
+        exact = bs.forces.find_sparse_forces(
+            beam_estimator(lam=0.1), model, quiet, selection=selection
+        )
         np.testing.assert_allclose(exact["d_hat"], true, atol=1e-8)
 
 
 def test_another_estimators_hits_lose_their_bias():
     made, model, given = beam_estimator(lam=0.1), struck_beam.model(0.003), beam_recording(0.0)
-    biased = bs.forces.sparse_forces(made, model, given, selection=bs.forces.L1(refit=False))
-    free = bs.forces.sparse_forces(made, model, given, selection=bs.forces.Given(biased["d_hat"]))
-    again = bs.forces.sparse_forces(made, model, given, selection=bs.forces.L1())
+    biased = bs.forces.find_sparse_forces(made, model, given, selection=bs.forces.L1(refit=False))
+    free = bs.forces.find_sparse_forces(
+        made, model, given, selection=bs.forces.Given(biased["d_hat"])
+    )
+    again = bs.forces.find_sparse_forces(made, model, given, selection=bs.forces.L1())
     np.testing.assert_allclose(free["d_hat"], again["d_hat"], atol=1e-9)
     true = struck_beam.forces()
     at = true != 0
@@ -184,7 +190,7 @@ def test_another_estimators_hits_lose_their_bias():
 
 def test_forces_below_the_threshold_are_dropped():
     made = dataclasses.replace(beam_estimator(lam=3.0), threshold=2.0)
-    found = bs.forces.sparse_forces(
+    found = bs.forces.find_sparse_forces(
         made, struck_beam.model(0.003), beam_recording(1e-5), selection=bs.forces.L1(refit=False)
     )
     d = found["d_hat"].values
@@ -195,7 +201,7 @@ def test_forces_below_the_threshold_are_dropped():
 def test_nothing_is_found_in_nothing():
     rest = beam_recording(0.0) * 0.0
     rest.attrs = beam_recording(0.0).attrs
-    found = bs.forces.sparse_forces(beam_estimator(), struck_beam.model(0.003), rest)
+    found = bs.forces.find_sparse_forces(beam_estimator(), struck_beam.model(0.003), rest)
     assert found.attrs["nonzeros"] == 0
     assert not found["d_hat"].any()
     assert not found["x_hat"].any()
@@ -204,10 +210,10 @@ def test_nothing_is_found_in_nothing():
 def test_bad_input_is_refused(monkeypatch):
     made, model, given = beam_estimator(), struck_beam.model(0.003), beam_recording(1e-5)
     with pytest.raises(DataError, match=r"shape \(3, 3\).*\(61, 8\)"):
-        bs.forces.sparse_forces(made, model, given, selection=bs.forces.Given(np.eye(3)))
+        bs.forces.find_sparse_forces(made, model, given, selection=bs.forces.Given(np.eye(3)))
     pulses = dataclasses.replace(made, dictionary=HalfSines((2,)))
     with pytest.raises(TuningError, match="Impulses"):
-        bs.forces.sparse_forces(
+        bs.forces.find_sparse_forces(
             pulses, model, given, selection=bs.forces.Given(struck_beam.forces())
         )
     for selection, match in (
@@ -219,4 +225,4 @@ def test_bad_input_is_refused(monkeypatch):
             selection()
     monkeypatch.setattr(force_search, "ROOM", 0.0)
     with pytest.raises(DataError, match="GB of memory"):
-        bs.forces.sparse_forces(made, model, given)
+        bs.forces.find_sparse_forces(made, model, given)

@@ -14,17 +14,19 @@ from tune.struck_beam_recordings import estimator, recording
 
 def found(lam: float, given):
     made = dataclasses.replace(estimator(), lam=lam)
-    return bs.forces.sparse_forces(made, struck_beam.model(0.003), given, selection=bs.forces.L1())
+    return bs.forces.find_sparse_forces(
+        made, struck_beam.model(0.003), given, selection=bs.forces.L1()
+    )
 
 
 def test_noise_alone_makes_a_force_as_seldom_as_wanted():
     model, made, alarms = struck_beam.model(0.003), estimator(), 0
-    lam = bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.2)
+    lam = bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.2).lam
     for seed in range(25):
         noise = recording(1e-5, seed, background=0.0739**0.5, hits=0.0)
-        alarms += bs.tune.force_path(made, model, noise, least=0.9)["lam"].values[0] > lam
+        alarms += bs.tune.trace_force_path(made, model, noise, least=0.9)["lam"].values[0] > lam
     assert 1 <= alarms <= 11
-    assert bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.01) > lam
+    assert bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.01).lam > lam
 
 
 @pytest.mark.parametrize("choose", [bs.tune.lambda_from_whiteness, bs.tune.lambda_from_sensors])
@@ -32,9 +34,11 @@ def test_the_hits_are_found_with_the_weight_that_is_chosen(choose):
     given, true = recording(1e-5, 2, background=0.0739**0.5), struck_beam.forces()
     choice = choose(estimator(), struck_beam.model(0.003), given)
     assert choice.reached
-    largest = bs.tune.force_path(estimator(), struck_beam.model(0.003), given)["lam"].values[0]
+    largest = bs.tune.trace_force_path(estimator(), struck_beam.model(0.003), given)["lam"].values[
+        0
+    ]
     assert 0.02 * largest < choice.lam < 0.7 * largest
-    errors = bs.forces.force_errors(found(choice.lam, given)["d_hat"], true, least=1.0, places=1)
+    errors = bs.forces.compare_forces(found(choice.lam, given)["d_hat"], true, least=1.0, places=1)
     assert not errors.missed
     assert errors.false_alarms <= 2
 
@@ -50,10 +54,10 @@ def test_a_wrong_model_is_told_from_noise():
 
 def test_the_path_is_what_single_weights_give(tmp_path):
     given, model = recording(1e-5), struck_beam.model(0.003)
-    path = bs.tune.force_path(estimator(), model, given, least=0.05)
+    path = bs.tune.trace_force_path(estimator(), model, given, least=0.05)
     for k in (1, 5, path.sizes["lam"] - 1):
         made = dataclasses.replace(estimator(), lam=float(path["lam"][k]))
-        one = bs.forces.sparse_forces(made, model, given, selection=bs.forces.L1(refit=False))
+        one = bs.forces.find_sparse_forces(made, model, given, selection=bs.forces.L1(refit=False))
         assert one.attrs["chi2"] == pytest.approx(float(path["chi2"][k]), rel=1e-6)
         for i in range(path.sizes["atom"]):
             atom = path.isel(atom=i)
@@ -69,7 +73,7 @@ def test_bad_input_is_refused():
     with pytest.raises(TuningError, match="false_alarm = 2"):
         bs.tune.lambda_from_noise(made, model, given, false_alarm=2.0)
     with pytest.raises(TuningError, match="least is 0"):
-        bs.tune.force_path(made, model, given, least=0.0)
+        bs.tune.trace_force_path(made, model, given, least=0.0)
     with pytest.raises(DataError, match="one sensor"):
         bs.tune.lambda_from_sensors(
             dataclasses.replace(made, noise=bs.Noise(sigma_y=1e-5)),
@@ -79,4 +83,4 @@ def test_bad_input_is_refused():
     rest = recording() * 0.0
     rest.attrs = given.attrs
     with pytest.raises(DataError, match="without forces"):
-        bs.tune.force_path(made, model, rest)
+        bs.tune.trace_force_path(made, model, rest)

@@ -47,14 +47,14 @@ def test_hits_are_drawn_as_described():
 def test_what_more_sensors_and_less_noise_do():
     """Three sensors find what one, with more noise, does not."""
     made, model = estimator(), struck_beam.model(0.003)
-    all_three = bs.tune.recovery(
+    all_three = bs.tune.rate_sensors(
         made, model, HITS, dt=struck_beam.DT, selection=bs.forces.Greedy(), runs=12
     )
     assert all_three.attrs["f1"] > 0.9
     assert all_three.attrs["low"] < all_three.attrs["probability"] <= all_three.attrs["high"]
     alone = dataclasses.replace(made, noise=bs.Noise(sigma_y=1e-4))
     one = some_outputs(model, ["s1"])
-    less = bs.tune.recovery(
+    less = bs.tune.rate_sensors(
         alone, one, HITS, dt=struck_beam.DT, selection=bs.forces.Greedy(), runs=12
     )
     assert less.attrs["f1"] < all_three.attrs["f1"] - 0.2
@@ -64,14 +64,16 @@ def test_what_more_sensors_and_less_noise_do():
 def test_a_wrong_model_finds_less():
     made, model = estimator(0.0027), struck_beam.model(0.0027)
     given = {"dt": struck_beam.DT, "selection": bs.forces.Greedy(), "runs": 8}
-    right = bs.tune.recovery(made, model, HITS, **given).attrs["f1"]
-    wrong = bs.tune.recovery(made, model, HITS, truth=struck_beam.model(0.003), **given).attrs["f1"]
+    right = bs.tune.rate_sensors(made, model, HITS, **given).attrs["f1"]
+    wrong = bs.tune.rate_sensors(made, model, HITS, truth=struck_beam.model(0.003), **given).attrs[
+        "f1"
+    ]
     assert wrong < right
 
 
 def test_the_moving_window_can_be_tried_too():
     made = dataclasses.replace(estimator(), threshold=1.0)
-    found = bs.tune.recovery(
+    found = bs.tune.rate_sensors(
         made, struck_beam.model(0.003), HITS, dt=struck_beam.DT, runs=4, seed=1
     )
     assert 0.3 < found.attrs["f1"] <= 1.0
@@ -116,4 +118,4 @@ def test_bad_input_is_refused():
     with pytest.raises(TuningError, match="count is 3"):
         bs.tune.place_sensors(estimator(), model, HITS, dt=struck_beam.DT, count=3)
     with pytest.raises(TuningError, match="runs is 0"):
-        bs.tune.recovery(estimator(), struck_beam.model(0.003), HITS, dt=struck_beam.DT, runs=0)
+        bs.tune.rate_sensors(estimator(), struck_beam.model(0.003), HITS, dt=struck_beam.DT, runs=0)

@@ -16,6 +16,7 @@ from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.kernels import library
 from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal
@@ -30,6 +31,13 @@ class AbstractEstimator(Description, abc.ABC):
     title: ClassVar[str]
     weighs: ClassVar[bool] = False
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
+    kernels: ClassVar[tuple[str, ...]] = ()
+    """Kernels in C that it calls; it cannot be built where they are not compiled."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.kernels:
+            library.path()  # raises where the kernels are not compiled
 
     @property
     def assumed(self) -> tuple[Noise, Prior]:

@@ -19,7 +19,7 @@ def force_path_figure(path: xr.Dataset, *, lam: float | None = None, unit: str =
     Parameters
     ----------
     path : xarray.Dataset
-        From `force_path`.
+        From `trace_force_path`.
     lam : float, optional
         A weight to mark.
     unit : str

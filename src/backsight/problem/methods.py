@@ -8,6 +8,7 @@ from backsight.data.reader import READERS
 from backsight.description import words
 from backsight.errors import PluginError
 from backsight.estimators import ALL_ESTIMATORS
+from backsight.kernels import library
 from backsight.problem._kinds import ALL_KINDS
 from backsight.problem._settings import fields_of, parts_of, required
 
@@ -33,8 +34,10 @@ def methods(*, tell: Callable[[str], None] = lambda _: None) -> str:
             tell(str(error))
             continue
         settings = [f for f in fields_of(kind) if f.name not in _TABLES]
-        title = f"# {kind.title}{_from(ALL_ESTIMATORS.maker(key))}"
-        blocks.append("\n".join([title, f'kind = "{key}"', *map(_line, settings)]))
+        title = [f"# {kind.title}{_from(ALL_ESTIMATORS.maker(key))}"]
+        if kind.kernels and (absent := library.missing()):
+            title.append(f"# not available: {absent}")
+        blocks.append("\n".join([*title, f'kind = "{key}"', *map(_line, settings)]))
     brought = [
         f'# [model] kind = "{key}"{_from(ALL_KINDS.maker(key))}'
         for key in ALL_KINDS

@@ -2,7 +2,11 @@
 
 import xarray as xr
 
-from backsight.analysis.observability import Observability, observability, observability_along
+from backsight.analysis.observability import (
+    Observability,
+    check_observability,
+    check_observability_along,
+)
 from backsight.errors import ModelError, TuningError
 from backsight.problem.problem import Problem
 from backsight.run.estimation import matched_inputs
@@ -22,7 +26,7 @@ def examine(problem: Problem, data: xr.Dataset) -> Observability:
         If the motion does not stay finite.
     """
     try:
-        return observability(problem.model)
+        return check_observability(problem.model)
     except ModelError:
         u = matched_inputs(problem.model, data)
     first = next(iter(problem.estimators.values()))
@@ -32,7 +36,7 @@ def examine(problem: Problem, data: xr.Dataset) -> Observability:
         x0 = None
     samples = FIRST_SAMPLES
     while True:
-        found = observability_along(
+        found = check_observability_along(
             problem.model,
             u[:samples],
             dt=float(data.attrs["dt"]),

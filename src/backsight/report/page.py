@@ -95,7 +95,7 @@ def _sections(
             "<p>Innovations measured with their own covariance. Of a consistent estimator, 95 % "
             "lie in the band; above it the estimator is over-confident, below it too cautious. "
             "They are neither correlated with each other nor explained by inputs.</p>"
-            + tables.consistency(rows, every),
+            + tables.consistency_table(rows, every),
             [nis_plot(every)],
         ),
     ]

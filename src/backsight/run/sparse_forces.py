@@ -17,7 +17,7 @@ from backsight.types import Array
 
 
 @checked()
-def sparse_forces(
+def find_sparse_forces(
     estimator: CompressiveSensingMHE,
     model: Model,
     recording: xr.Dataset,
@@ -61,8 +61,8 @@ def sparse_forces(
 
     Examples
     --------
-    >>> greedy = bs.forces.Greedy()
-    >>> found = bs.forces.sparse_forces(method, beam, recording, selection=greedy)  # doctest: +SKIP
+    >>> find, greedy = bs.forces.find_sparse_forces, bs.forces.Greedy()
+    >>> found = find(method, beam, recording, selection=greedy)  # doctest: +SKIP
     """
     started = time.perf_counter()
     search = prepared(estimator, model, recording)
@@ -82,7 +82,7 @@ def sparse_forces(
 
 
 def prepared(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset) -> ForceSearch:
-    """Check estimator, model and recording, and make the regression of `sparse_forces`."""
+    """Check estimator, model and recording, and make the regression of `find_sparse_forces`."""
     data = match(model, recording)
     forced = estimator.forced(model, float(recording.attrs["dt"]))
     return force_search(

@@ -18,7 +18,7 @@ ANY = 1.0
 
 
 @checked()
-def force_path(
+def trace_force_path(
     estimator: CompressiveSensingMHE,
     model: Model,
     recording: xr.Dataset,
@@ -34,7 +34,7 @@ def force_path(
     Parameters
     ----------
     estimator : CompressiveSensingMHE
-        As for `sparse_forces`; its `lam` is not used.
+        As for `find_sparse_forces`; its `lam` is not used.
     model : Model
     recording : xarray.Dataset
     least : float
@@ -52,7 +52,7 @@ def force_path(
     Raises
     ------
     TuningError, ModelError, DataError
-        As `sparse_forces`; if `least` is not between 0 and 1; or if the recording is at rest.
+        As `find_sparse_forces`; if `least` is not between 0 and 1; or if the recording is at rest.
     """
     search = unweighted(estimator, model, recording)
     path = whole_path(search, least)

@@ -8,7 +8,7 @@ import scipy
 import xarray as xr
 
 from backsight import schema
-from backsight.analysis.forces import ForceErrors, force_errors
+from backsight.analysis.forces import ForceErrors, compare_forces
 from backsight.description import Count, Description, NonNegative, Positive, Sound, Whole, checked
 from backsight.estimators.cs_mhe import CompressiveSensingMHE, Forced
 from backsight.models.model import Model
@@ -37,7 +37,7 @@ class Hits(Description):
     least : float, optional
         Found forces smaller than this are not counted; a third of the smallest size if not given.
     steps, places : int
-        How far off a hit may be found, see `force_errors`.
+        How far off a hit may be found, see `compare_forces`.
     """
 
     samples: Count
@@ -79,11 +79,11 @@ class Hits(Description):
     def judged(self, found: Array, true: Array) -> ForceErrors:
         """Errors of what was found."""
         least = self.sizes[0] / 3 if self.least is None else self.least
-        return force_errors(found, true, least=least, steps=self.steps, places=self.places)
+        return compare_forces(found, true, least=least, steps=self.steps, places=self.places)
 
 
 @checked()
-def recovery(
+def rate_sensors(
     estimator: CompressiveSensingMHE,
     model: Model,
     hits: Hits,
@@ -97,9 +97,9 @@ def recovery(
     r"""Try how surely sparse forces are found by the sensors of a model.
 
     The rank of the observability matrix says how many forces random walks can follow
-    (`force_locations`); of sparse forces at more places there is no such number, for it depends on
-    noise, on places that act alike, and on how close hits follow one another. So hits are drawn,
-    measured with noise of the estimator's `noise`, and looked for.
+    (`check_force_locations`); of sparse forces at more places there is no such number, for it
+    depends on noise, on places that act alike, and on how close hits follow one another. So
+    hits are drawn, measured with noise of the estimator's `noise`, and looked for.
 
     Parameters
     ----------
@@ -112,7 +112,8 @@ def recovery(
         What is simulated; the model itself if not given. With another one, the error of the model
         counts, too.
     selection : L1, Reweighted or Greedy, optional
-        Search in the whole recording, as `sparse_forces` does; if not given, the moving window.
+        Search in the whole recording, as `find_sparse_forces` does; if not given, the moving
+        window.
     runs : int
         Recordings.
     seed : int

@@ -30,7 +30,7 @@ def propose_gamma(
     model: Model,
     motion: xr.Dataset,
     *,
-    lam: Positive,
+    gain: Positive,
     rate: Positive = 10.0,
     poles: complex | tuple[complex, ...] = -1.0,
     hold: Hold = "zoh",
@@ -54,7 +54,7 @@ def propose_gamma(
         As for the observer; the values of the parameters are the nominal ones.
     motion : xarray.Dataset
         Inputs and states: a recording with ``x_true``, or a result with ``x_hat``.
-    lam : float
+    gain : float
         The observer's gain lambda [1/s]; lambda_max if it adapts.
     rate : float
         g [1/s].
@@ -89,15 +89,15 @@ def propose_gamma(
     begins = np.asarray(psi(x[:-1].T, u[:-1].T)).T * theta
     ends = np.asarray(psi(x[1:].T, ahead.T)).T * theta
     dt = float(motion.attrs["dt"])
-    count = _samples(len(begins), SETTLING / (lam * dt), None if period is None else period / dt)
-    Y = _upsilon(begins, ends, lam * dt, gain_vector(poles, form.n))[-count:]
+    count = _samples(len(begins), SETTLING / (gain * dt), None if period is None else period / dt)
+    Y = _upsilon(begins, ends, gain * dt, gain_vector(poles, form.n))[-count:]
     M = Y.T @ Y / len(Y)
     _check_excited(M, form)
     inverse = np.diag(1 / np.diag(M)) if diagonal else np.linalg.inv(M)
     return rate * np.outer(theta, theta) * inverse
 
 
-def propose_lambda(model: Model, motion: xr.Dataset, *, factor: float = 2.5) -> float:
+def propose_gain(model: Model, motion: xr.Dataset, *, factor: float = 2.5) -> float:
     r"""Gain lambda [1/s] that is well above the frequencies of model and motion.
 
     The larger of the fastest eigenvalue of the linearised model (for one mass on a spring

@@ -49,7 +49,7 @@ def lambda_from_noise(
     false_alarm: float = 0.05,
     draws: int = 400,
     seed: Whole = 0,
-) -> float:
+) -> LambdaChoice:
     r"""Weight at which noise alone seldom makes a force.
 
     Of a recording of noise with the stated deviations, and of background forces, the l1 norm finds
@@ -69,10 +69,16 @@ def lambda_from_noise(
     draws, seed : int
         Recordings of noise that are drawn.
 
+    Returns
+    -------
+    LambdaChoice
+        ``table`` has ``false_alarm``, the share of the drawn recordings in which a force is found,
+        over ``lam``. `reached` is always true.
+
     Raises
     ------
     TuningError, ModelError, DataError
-        As `sparse_forces`, or if `false_alarm` is not a probability.
+        As `find_sparse_forces`, or if `false_alarm` is not a probability.
     """
     if not (0 < false_alarm < 1 and draws >= 1 / false_alarm):
         raise TuningError(
@@ -85,7 +91,10 @@ def lambda_from_noise(
     reach = noise @ search.regression.columns[measured]
     side = search.regression.side
     reach = np.maximum(np.where(side >= 0, reach, 0.0), np.where(side <= 0, -reach, 0.0))
-    return 2 * float(np.quantile(reach.max(axis=1), 1 - false_alarm))
+    weights = 2 * np.sort(reach.max(axis=1))
+    share = 1 - np.arange(1, draws + 1) / draws
+    table = xr.Dataset({"false_alarm": ("lam", share)}, coords={"lam": weights})
+    return LambdaChoice(float(np.quantile(weights, 1 - false_alarm)), table, reached=True)
 
 
 @checked()
@@ -123,7 +132,7 @@ def lambda_from_whiteness(
     Raises
     ------
     TuningError, ModelError, DataError
-        As `sparse_forces`.
+        As `find_sparse_forces`.
     """
     search = unweighted(estimator, model, recording)
     path = whole_path(search, LEAST)
@@ -207,9 +216,9 @@ def lambda_from_sensors(
     Raises
     ------
     TuningError, ModelError
-        As `sparse_forces`.
+        As `find_sparse_forces`.
     DataError
-        As `sparse_forces`, or if there is only one sensor.
+        As `find_sparse_forces`, or if there is only one sensor.
     """
     outputs = [s.name for s in model.outputs]
     if len(outputs) < 2:

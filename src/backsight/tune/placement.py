@@ -14,7 +14,7 @@ from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
 from backsight.models.some_outputs import some_outputs
 from backsight.sparse import AbstractSelection
-from backsight.tune._recovery import Hits, recovery
+from backsight.tune._recovery import Hits, rate_sensors
 
 MOST = 100
 """Sets of sensors that are tried one by one; of more, sensors are added one after the other."""
@@ -34,7 +34,7 @@ def place_sensors(
     most: Whole = MOST,
     progress: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
-    """Choose sensors by how surely they find random hits, see `recovery`.
+    """Choose sensors by how surely they find random hits, see `rate_sensors`.
 
     All sets are tried if they are not too many. Otherwise sensors are added one after the other,
     each time the one with which most is found; the first ones find little alone, so that the sets
@@ -47,7 +47,7 @@ def place_sensors(
     model : Model
         Every output is a candidate for a sensor.
     hits, dt, selection, runs, seed
-        As in `recovery`. All sets see the same hits.
+        As in `rate_sensors`. All sets see the same hits.
     count : int
         Sensors to choose.
     most : int
@@ -119,7 +119,7 @@ class _Trial:
             self.estimator, noise=dataclasses.replace(noise, sigma_y=None, R=R)
         )
         try:
-            about = recovery(
+            about = rate_sensors(
                 estimator,
                 some_outputs(self.model, names),
                 self.hits,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from backsight.run.sparse_forces import sparse_forces
+from backsight.run.sparse_forces import find_sparse_forces
 from backsight.sparse import Greedy
 from backsight.types import Array
 from backsight_studies.beam.evaluate import counts, window_mse
@@ -108,7 +108,9 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
     setting = Setting(TABLE[0.0].eps_Q, 12.0)
     made = dataclasses.replace(estimator(THICKNESS[0.0], setting), threshold=0.0)
     for key, found in recordings.items():
-        results = [sparse_forces(made, model(THICKNESS[0.0]), r, selection=Greedy()) for r in found]
+        results = [
+            find_sparse_forces(made, model(THICKNESS[0.0]), r, selection=Greedy()) for r in found
+        ]
         l0[key] = [result["d_hat"].values for result in results]
     return Experiment(windows, l0)
 

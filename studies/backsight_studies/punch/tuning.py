@@ -93,8 +93,8 @@ def observer(
     estimator = AHG(
         Noise(sigma_y=SIGMA_Y),
         Prior(x0=dict(start), sigma_x0=sigma),
-        lam=gain,
-        Gamma=propose_gamma(joint, motion, lam=gain, rate=rate, period=PERIOD, diagonal=diagonal),
+        gain=gain,
+        Gamma=propose_gamma(joint, motion, gain=gain, rate=rate, period=PERIOD, diagonal=diagonal),
         form=form,
         interpolation=interpolation,
         adaptive=adaptive,

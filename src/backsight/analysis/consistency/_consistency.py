@@ -109,7 +109,7 @@ class Consistency(Printed):
 
 
 @checked(DataError)
-def consistency(result: xr.Dataset) -> Consistency:
+def check_consistency(result: xr.Dataset) -> Consistency:
     """Judge how a result agrees with its own covariances; see `Consistency`.
 
     Parameters

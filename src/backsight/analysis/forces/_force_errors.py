@@ -57,7 +57,7 @@ class ForceErrors(Printed):
 
 
 @checked(DataError)
-def force_errors(
+def compare_forces(
     found: ArrayLike, true: ArrayLike, *, least: float = 0.0, steps: int = 0, places: int = 0
 ) -> ForceErrors:
     """Compare forces over time and place with the true ones.

@@ -39,7 +39,7 @@ class Impact(Printed):
 
 
 @checked(DataError)
-def impacts(result: xr.Dataset, *, gap: int = 1, ghost: float = 0.0) -> list[Impact]:
+def find_impacts(result: xr.Dataset, *, gap: int = 1, ghost: float = 0.0) -> list[Impact]:
     """Join the forces of neighbouring steps into hits.
 
     A pulse that lasts for several samples, or whose moment falls between two of them, is found as

@@ -25,7 +25,7 @@ TOLERANCE = 1e-9
 
 
 @checked(ModelError)
-def force_locations(
+def check_force_locations(
     model: Model, dt: Positive, *, forces: Sequence[str] | None = None
 ) -> xr.Dataset:
     r"""Judge a model to which more and more random-walk forces are added as states.
@@ -107,7 +107,7 @@ def force_zeros(
     Parameters
     ----------
     model, dt, forces
-        As in `force_locations`.
+        As in `check_force_locations`.
 
     Raises
     ------
@@ -175,7 +175,8 @@ def _verdict(result: xr.Dataset, model: Model, blind: list[int]) -> str:
     about, total = result.attrs, result.sizes["number"] - 1
     if about["most"] < 0:
         return (
-            f"{model.name}: the states are not observable even without forces; see `observability`"
+            f"{model.name}: the states are not observable even without forces; "
+            "see `check_observability`"
         )
     most = f"random-walk forces at up to {about['most']} of {total} places are observable"
     states = int(result["states"][0]) + about["most"]

@@ -103,7 +103,7 @@ class Observability(Printed):
 
 
 @checked(ModelError)
-def observability(
+def check_observability(
     model: Model,
     *,
     candidates: Mapping[str, Sensor] | None = None,
@@ -127,7 +127,7 @@ def observability(
     Raises
     ------
     ModelError
-        If the model is not linear; use `observability_along`.
+        If the model is not linear; use `check_observability_along`.
     """
     A, _, C, _ = state_space(model)
     _, (size, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
@@ -154,7 +154,7 @@ def observability(
     )
 
 
-def observability_along(
+def check_observability_along(
     model: Model,
     u: Array,
     *,
@@ -180,7 +180,7 @@ def observability_along(
     x0 : (nx,) array, optional
         First state; the values in the model if not given.
     integrator, candidates, tolerance
-        As elsewhere; see `observability`.
+        As elsewhere; see `check_observability`.
 
     Raises
     ------

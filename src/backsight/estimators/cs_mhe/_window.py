@@ -10,6 +10,9 @@ from backsight.engine.loops import scan
 from backsight.estimators.cs_mhe.tables import Forced, Tables
 from backsight.types import Array
 
+KERNEL = "cs_window"
+"""Finds the optimum."""
+
 NO_LIMIT = 1e30
 """A weight of the l1 norm with which no force is found."""
 
@@ -125,7 +128,7 @@ class Solver:
         side = np.tile(self.side, self.tables.steps)
         given = [ca.MX(ca.DM(a)) for a in (*constants, side, np.array(options))]
         alpha, extra, variance, x, P_all, forces, info = foreign.call(
-            "cs_window",
+            KERNEL,
             self.sizes,
             inputs=[*given, *window, P, *weights, warm],
             outputs=[self.shape] * 3 + [(nx, 3), (nx, 3 * nx), (nf, 3), (6, 1)],

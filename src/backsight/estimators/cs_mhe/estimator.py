@@ -20,7 +20,7 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import ModelError, TuningError, nearest
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.cs_mhe._step import cs_recursion
-from backsight.estimators.cs_mhe._window import NO_LIMIT, Solver
+from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
 from backsight.estimators.cs_mhe.tables import Forced, check_forces, tables
@@ -105,6 +105,13 @@ class CompressiveSensingMHE(AbstractEstimator):
 
     A window that is not full yet, or has gaps, is one with samples that were not measured.
 
+    Raises
+    ------
+    EngineError
+        If the C kernels of the package are not compiled.
+    TuningError
+        If a setting is wrong.
+
     References
     ----------
     Kirchner, Croes, Cosco, Desmet, "Exploiting input sparsity for joint state/input moving horizon
@@ -115,6 +122,7 @@ class CompressiveSensingMHE(AbstractEstimator):
 
     key: ClassVar[str] = "csmhe"
     title: ClassVar[str] = "Compressive-sensing moving horizon estimator"
+    kernels: ClassVar[tuple[str, ...]] = (KERNEL,)
 
     noise: Noise
     prior: Prior

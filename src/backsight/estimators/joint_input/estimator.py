@@ -61,7 +61,7 @@ class JointInput(AbstractEstimator):
     hold : {"zoh", "foh"}
         Known inputs between the samples of a continuous model: held, or interpolated. The unknown
         forces are held.
-    sigma_forces : dict or number, optional
+    sigma_force : dict or number, optional
         Standard deviation given to the forces at samples whose measurements do not determine them
         [their unit]; by default 1e4 times what the noise of the sensors alone would make of it.
 
@@ -72,7 +72,7 @@ class JointInput(AbstractEstimator):
     large while a force acts.
 
     Rows that were not measured are left out. If those that remain do not determine all forces, the
-    forces of this sample get the mean zero and the standard deviation `sigma_forces`; the
+    forces of this sample get the mean zero and the standard deviation `sigma_force`; the
     covariances count that, and the status says *unobserved*. The same is said of the force before
     the first sample, without a status.
 
@@ -91,7 +91,7 @@ class JointInput(AbstractEstimator):
     prior: Prior
     forces: Annotated[tuple[str, ...], Distinct(), Called("forces")]
     hold: Hold = "zoh"
-    sigma_forces: Annotated[
+    sigma_force: Annotated[
         Mapping[str, float] | float | None, Range("be positive", 0.0, above=True)
     ] = None
 
@@ -114,18 +114,18 @@ class JointInput(AbstractEstimator):
 
     def _spread(self, found: Forces, joined: Model) -> Array:
         """Covariance of forces that the measurements do not determine, scaled, (m, m)."""
-        if self.sigma_forces is None:
+        if self.sigma_force is None:
             information = found.H.T @ np.linalg.solve(found.system.s.R, found.H)
             return np.asarray(UNKNOWN**2 * np.linalg.inv(information), float)
         signals = joined.inputs[-len(self.forces) :]
         missing = np.full(len(signals), np.nan)
         try:
-            sigma = vector(self.sigma_forces, signals, what="sigma_forces", default=missing)
+            sigma = vector(self.sigma_force, signals, what="sigma_force", default=missing)
         except ModelError as error:
             raise TuningError(str(error)) from None
         bad = [s.name for s, v in zip(signals, sigma, strict=True) if not 0 < v < np.inf]
         if bad:
-            raise TuningError(f"sigma_forces must be positive and finite for {', '.join(bad)}")
+            raise TuningError(f"sigma_force must be positive and finite for {', '.join(bad)}")
         return np.diag((sigma / found.unit) ** 2)
 
 

@@ -52,7 +52,7 @@ class LinearMHE(AbstractEstimator):
         Used until the window is full.
     N : int
         Horizon in sampling periods; the window holds N + 1 samples.
-    arrival : float
+    arrival_weight : float
         Weight a of what is known from before the window: :math:`\bar x, \bar P` are the
         prediction of a Kalman filter for the first sample of the window.
     hold : {"zoh", "foh"}
@@ -85,7 +85,7 @@ class LinearMHE(AbstractEstimator):
     noise: Noise
     prior: Prior
     N: Horizon = 20
-    arrival: Share = 0.0
+    arrival_weight: Share = 0.0
     hold: Hold = "zoh"
     limits: tuple[Limit, ...] = ()
 
@@ -104,7 +104,7 @@ class LinearMHE(AbstractEstimator):
         """See `AbstractEstimator.compile`."""
         system = self._system(model, dt)
         s, N = system.s, self.N
-        if self.arrival == 0:
+        if self.arrival_weight == 0:
             require_observable(model, samples=N + 1)
         limits = limits_of(s, s.Q, self.limits, {})
         n = len(limits.names)
@@ -161,9 +161,11 @@ class LinearMHE(AbstractEstimator):
 
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: the weights 1 and 0 of the arrival cost."""
-        weights = [w for w in (1.0, 0.0) if w != self.arrival]
-        every = {f"arrival = {self.arrival:g}": self}
-        return every | {f"arrival = {w:g}": dataclasses.replace(self, arrival=w) for w in weights}
+        weights = [w for w in (1.0, 0.0) if w != self.arrival_weight]
+        every = {f"arrival_weight = {self.arrival_weight:g}": self}
+        return every | {
+            f"arrival_weight = {w:g}": dataclasses.replace(self, arrival_weight=w) for w in weights
+        }
 
     def _system(self, model: Model, dt: float) -> Linear:
         return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
@@ -176,7 +178,7 @@ def _without_limits(
     system: Linear, e: LinearMHE, start: Sequence[ca.MX], window: Window
 ) -> Results:
     """x, P and flags of the last sample of a window."""
-    lacking, x, P = least_squares(system, e.N, e.arrival, start, window, samples=(-1,))
+    lacking, x, P = least_squares(system, e.N, e.arrival_weight, start, window, samples=(-1,))
     return {"x": x, "P": P, "flags": Flags(unobserved=lacking).vector()}
 
 
@@ -194,15 +196,15 @@ def _with_limits(
     `limited` needs, and the estimate where no limit is active.
     """
     full = window[3][0]
-    if e.arrival == 0:
+    if e.arrival_weight == 0:
         lacking, x, P, *first = least_squares(
-            system, e.N, e.arrival, start, window, samples=(-1, 0)
+            system, e.N, e.arrival_weight, start, window, samples=(-1, 0)
         )
         free, wide = [x, P], _wide()(full, lacking)
         start = choose(wide, first, start)
     else:
         lacking = wide = ca.MX(0)
-        start = [start[0], start_of(system.s, e.arrival)(1, full, start[1])[2]]
+        start = [start[0], start_of(system.s, e.arrival_weight)(1, full, start[1])[2]]
         free = start
     found = by_name(limited(system, limits, e.N), [*start, wide, *window, tried])
     course = [found[k] for k in ("x", "P", "side", "held", "conflict", "open")]

@@ -51,7 +51,7 @@ class AHG(AbstractEstimator):
     ----------
     noise : Noise
     prior : Prior
-    lam : float
+    gain : float
         Gain lambda [1/s]; lambda_max if it adapts.
     Gamma : (p, p) array or p numbers
         Speed of adaptation per combination, in the order of `affine_form(model).combinations`.
@@ -86,7 +86,7 @@ class AHG(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    lam: Positive
+    gain: Positive
     Gamma: Array
     poles: complex | tuple[complex, ...] = -1.0
     form: Literal["consistent", "printed"] = "consistent"
@@ -97,16 +97,16 @@ class AHG(AbstractEstimator):
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
-        if self.adaptive and sound("adaptive", "lam") and not self.adaptive.lower < self.lam:
+        if self.adaptive and sound("adaptive", "gain") and not self.adaptive.lower < self.gain:
             yield (
-                f"adaptive gain: lower = {self.adaptive.lower:g} must be below lam = {self.lam:g}"
+                f"adaptive gain: lower = {self.adaptive.lower:g} must be below gain = {self.gain:g}"
             )
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         form = affine_form(model)
         k0 = gain_vector(self.poles, form.n)
-        check_step(self.lam, k0, self.integrator, dt)
+        check_step(self.gain, k0, self.integrator, dt)
         x0, P0 = self.prior.mean(model), self.prior.covariance(model)
         theta0, J = _combinations(form, x0[form.n :])
         T = np.eye(model.nx)
@@ -114,7 +114,7 @@ class AHG(AbstractEstimator):
         plan = Plan(
             states=States(form, theta0, *state_bounds(model)),
             gains=ObserverGains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
-            lam=self.lam,
+            lam=self.gain,
             integrator=self.integrator,
             interpolation=self.interpolation,
             dt=dt,

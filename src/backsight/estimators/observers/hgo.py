@@ -44,7 +44,7 @@ class HGO(AbstractEstimator):
     ----------
     noise : Noise
     prior : Prior
-    lam : float
+    gain : float
         Gain lambda [1/s]. The error decays like exp(-lambda t), the noise of the velocity grows
         with lambda^1.5.
     poles : number or n numbers
@@ -65,7 +65,7 @@ class HGO(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    lam: Positive
+    gain: Positive
     poles: complex | tuple[complex, ...] = -1.0
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
     interpolation: Interpolation = "model"
@@ -76,12 +76,12 @@ class HGO(AbstractEstimator):
         n = len(moving_states(model))
         form = affine_form(_chain(model, n, x0[n:]))
         k0 = gain_vector(self.poles, form.n)
-        check_step(self.lam, k0, self.integrator, dt)
+        check_step(self.gain, k0, self.integrator, dt)
         lower, upper = state_bounds(model)
         plan = Plan(
             states=States(form, np.zeros(0), lower, upper),
             gains=ObserverGains(k0, np.zeros((0, 0))),
-            lam=self.lam,
+            lam=self.gain,
             integrator=self.integrator,
             interpolation=self.interpolation,
             dt=dt,

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from backsight.analysis.observability import observability
+from backsight.analysis.observability import check_observability
 from backsight.discrete.exact import foh, zoh
 from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Hold
@@ -84,7 +84,7 @@ def without_bounds(s: Setting) -> Setting:
 
 def require_observable(model: Model, *, samples: int | None = None) -> None:
     """Raise `TuningError` unless the outputs see all states, and within so many samples."""
-    found = observability(model)
+    found = check_observability(model)
     if found.hidden:
         raise TuningError(
             f"the outputs of model '{model.name}' do not see {'; '.join(found.hidden)}; add a "

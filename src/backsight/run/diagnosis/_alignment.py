@@ -28,7 +28,7 @@ START = 0.1
 
 
 @checked()
-def alignment(
+def check_alignment(
     estimator: AbstractEstimator,
     model: Model,
     recording: xr.Dataset,

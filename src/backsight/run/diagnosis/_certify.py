@@ -59,7 +59,8 @@ def certify(
     Parameters
     ----------
     estimator : AbstractEstimator
-        With a noise and a prior. If it has a field ``arrival``, other arrival costs are tried in
+        With a noise and a prior. If it has a field ``arrival`` or
+        ``arrival_weight``, others are tried in
         its place, and the certificate says for which of them the claim holds.
     model : Model
         As for the estimator.

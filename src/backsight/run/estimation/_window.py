@@ -13,7 +13,7 @@ from backsight.run.estimation._match import match
 
 
 @checked()
-def window(
+def solve_window(
     estimator: AbstractEstimator, model: Model, recording: xr.Dataset, *, at: int = -1
 ) -> xr.Dataset:
     """Everything that the estimator knows of its window after a sample.
