@@ -14,6 +14,7 @@ from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal
+from backsight.schema import Innovations
 from backsight.types import Array
 
 
@@ -25,6 +26,14 @@ class AbstractEstimator(abc.ABC):
     title: ClassVar[str]
     weighs: ClassVar[bool] = False
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
+
+    @property
+    def innovations(self) -> Innovations:
+        """What its innovations are if model and noise are right, see `schema.Innovations`.
+
+        Those of any gain but the Kalman filter's follow from each other.
+        """
+        return "coloured"
 
     @property
     def horizon(self) -> int:

@@ -10,6 +10,9 @@ from backsight.rounding import significant
 _CLOSE = 0.10
 """Innovations that are so much larger or smaller than predicted do no harm in practice."""
 
+_FINE = "consistent, its innovations are as large as it predicts"
+_ONLY_SIZE = "; no more than their size is judged, since its gain correlates them"
+
 
 def verdicts(rows: Sequence[Row]) -> list[str]:
     """Return a few lines: the recording, the ranking, consistency and final errors of each.
@@ -35,12 +38,11 @@ def consistency(row: Row) -> str:
     if row.hits is not None:
         return _beside_forces(row)
     found = row.consistency
-    seen, why = pattern(found), cause(found, row.aligned)
-    size = _size(row)
-    if not (size or seen or why):
-        return "consistent, its innovations are as large as it predicts"
-    clauses = [size or "inconsistent, although its innovations are as large as it predicts"]
-    clauses += [text for text in (seen, why) if text]
+    if found.consistent:
+        alone = found.kind == "coloured" and found.noise is None
+        return f"{_FINE}{_ONLY_SIZE if alone else ''}"
+    clauses = [_size(row) or "inconsistent, although its innovations are as large as it predicts"]
+    clauses += [text for text in (pattern(found), cause(found, row.aligned)) if text]
     return "; ".join(clauses)
 
 
@@ -57,7 +59,7 @@ def _beside_forces(row: Row) -> str:
             f"its innovations contain the unknown forces and are {_compared(ratio)} it predicts "
             "without them, which says nothing about the bands"
         )
-    return _size(row) or "consistent, its innovations are as large as it predicts"
+    return _size(row) or _FINE
 
 
 def _size(row: Row) -> str:

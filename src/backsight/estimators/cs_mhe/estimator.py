@@ -21,6 +21,7 @@ from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
 from backsight.models.unknown_forces import forces_as_inputs
+from backsight.schema import Innovations
 from backsight.types import Array, ByName
 
 ARRIVALS = ("none", "constant", "filtered", "smoothed")
@@ -146,6 +147,11 @@ class CompressiveSensingMHE(AbstractEstimator):
     def delay(self) -> int:
         """Samples from the newest one back to that of the output."""
         return self.N if self.lag is None else self.lag
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "forced"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

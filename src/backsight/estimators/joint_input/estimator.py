@@ -19,7 +19,7 @@ from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
 from backsight.models.unknown_forces import forces_as_inputs
-from backsight.schema import Status
+from backsight.schema import Innovations, Status
 from backsight.types import Array
 
 UNKNOWN = 1e4
@@ -91,6 +91,11 @@ class JointInput(AbstractEstimator):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "forces", tuple(self.forces))
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "forced"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

@@ -15,6 +15,7 @@ from backsight.estimators.parts import gaussian, large
 from backsight.estimators.parts.filtering import Halves, assemble, packed
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +76,11 @@ class EKF(AbstractEstimator):
             )
         if self.measurement == "continuous" and self.covariance != "transition":
             raise TuningError("measurement='continuous' goes with covariance='transition' only")
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white" if self.measurement == "sampled" else "coloured"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

@@ -23,6 +23,7 @@ from backsight.estimators.parts.linear import (
 )
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 from backsight.types import Array
 
 
@@ -68,6 +69,11 @@ class KalmanFilter(AbstractEstimator):
     prior: Prior
     hold: str = "zoh"
     steady_state: bool = False
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

@@ -20,6 +20,7 @@ from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.gaussian import clip, flow, substep_inputs
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +68,11 @@ class UKF(AbstractEstimator):
     def __post_init__(self) -> None:
         if not self.alpha > 0:
             raise TuningError(f"alpha is {self.alpha}; the spread of sigma points must be positive")
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

@@ -28,7 +28,7 @@ from backsight.estimators.parts.linear import (
 from backsight.estimators.parts.window import advance, as_columns, empty_window
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-from backsight.schema import Status
+from backsight.schema import Innovations, Status
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,6 +96,11 @@ class LinearMHE(AbstractEstimator):
             raise TuningError(f"the horizon N is {self.N}; it must be a whole number from 1 on")
         if not 0 <= self.arrival <= 1:
             raise TuningError(f"the weight arrival is {self.arrival}; it must be from 0 to 1")
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white" if self.arrival == 1 else "coloured"
 
     def gains(self, model: Model, dt: float) -> Gains:
         """Gains of a full window without arrival cost, physical units, see `Gains`."""

@@ -14,6 +14,7 @@ from backsight.estimators.base import Setting
 from backsight.estimators.kalman import UKF, ekf
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.uncertainty import Noise, Prior, covariance
+from backsight.schema import Innovations
 from backsight.solvers.trajectory import Chain, transit, update
 from backsight.types import Array
 
@@ -97,6 +98,11 @@ class AbstractArrival(abc.ABC):
     belong to the first sample of the window, before that sample's measurement.
     """
 
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`: white with the arrival cost of a Kalman filter."""
+        return "white"
+
     @abc.abstractmethod
     def build(self, to: Fitting) -> Arrival:
         """Fit it to a model."""
@@ -121,6 +127,11 @@ class NoArrival(AbstractArrival):
     def __post_init__(self) -> None:
         if not (np.isfinite(self.width) and self.width > 0):
             raise TuningError(f"the width of the prior is {self.width}; it must be positive")
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractArrival.innovations`."""
+        return "coloured"
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
@@ -147,6 +158,11 @@ class ConstantArrival(AbstractArrival):
     """
 
     P: Array | None = None
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractArrival.innovations`."""
+        return "coloured"
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
@@ -213,6 +229,11 @@ class SmoothedArrival(AbstractArrival):
     """
 
     naive: bool = False
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractArrival.innovations`."""
+        return "coloured" if self.naive else "white"
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""

@@ -28,6 +28,7 @@ from backsight.estimators.mhe.arrival import (
 from backsight.estimators.parts.limits import Limit
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 from backsight.solvers.box import GaussNewton
 
 
@@ -124,6 +125,11 @@ class MHE(AbstractEstimator):
             raise TuningError(
                 f"the arrival cost is {self.arrival!r}; use SmoothedArrival() or alike"
             )
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return self.arrival.innovations
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

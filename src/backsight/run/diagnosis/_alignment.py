@@ -9,10 +9,11 @@ from backsight.analysis.recording import Alignment, Ratio, decide, ratio
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.execute import choose, execute, prepare
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError
+from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.kalman import EKF
+from backsight.estimators.kalman import EKF, KalmanFilter
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.run.estimation import match
 from backsight.types import Array
@@ -60,7 +61,7 @@ def alignment(
     """
     if reach < 1:
         raise TuningError(f"the reach is {reach} samples; it must be at least one")
-    predicting = yardstick(estimator)
+    predicting = yardstick(estimator, model)
     data = [part[:MOST] for part in match(model, recording, estimator=predicting)]
     dt = float(recording.attrs["dt"])
     recursion = predicting.compile(model, dt)
@@ -83,8 +84,10 @@ def alignment(
     return decide(scores, sizes, ratios)
 
 
-def yardstick(estimator: AbstractEstimator) -> EKF:
-    """Return the extended Kalman filter with the noise and the prior of an estimator.
+def yardstick(estimator: AbstractEstimator, model: Model) -> EKF | KalmanFilter:
+    """Return the Kalman filter with the noise and the prior of an estimator.
+
+    The extended one, if the model is not linear.
 
     Raises
     ------
@@ -95,8 +98,13 @@ def yardstick(estimator: AbstractEstimator) -> EKF:
     if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
         raise TuningError(f"'{estimator.key}' has no noise and prior to predict the outputs with")
     given = getattr(estimator, "integrator", None)
-    hold = str(getattr(estimator, "hold", "zoh"))
-    return EKF(noise, prior, given if isinstance(given, Integrator) else Integrator(hold=hold))
+    between = given if isinstance(given, Integrator) else None
+    hold = between.hold if between else str(getattr(estimator, "hold", "zoh"))
+    try:
+        state_space(model)
+    except ModelError:
+        return EKF(noise, prior, between or Integrator(hold=hold))
+    return KalmanFilter(noise, prior, hold=hold)
 
 
 def _ratios(
