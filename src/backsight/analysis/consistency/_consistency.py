@@ -13,7 +13,7 @@ from backsight.analysis.consistency._coverage import (
     mean_nees,
 )
 from backsight.analysis.consistency._nis import mean_nis, measured_channels, nis, nis_band
-from backsight.analysis.consistency._noise_factors import NoiseFactors
+from backsight.analysis.consistency._noise_factors import SURE, NoiseFactors
 from backsight.analysis.consistency.whiteness import Colour, colours
 from backsight.errors import DataError
 from backsight.rounding import significant
@@ -93,7 +93,8 @@ class Consistency:
     @property
     def misjudged(self) -> bool:
         """Whether R or Q is wrong for certain, and by so much that it matters."""
-        return self.noise is not None and (self.noise.R_wrong or self.noise.Q_wrong)
+        noise = self.noise
+        return noise is not None and (noise.R_wrong(SURE) or noise.Q_wrong(SURE))
 
     @property
     def consistent(self) -> bool:

@@ -44,8 +44,8 @@ SETTLE = 10
 NEAR_R, NEAR_Q = 1.3, 1.6
 """A factor below this, or above its inverse, does no harm in practice."""
 
-SURE = 3.5
-"""Standard deviations by which a factor must differ from one."""
+SURE, LIKELY = 3.5, 2.5
+"""Deviations by which a factor must be off to raise a doubt, and to be named where there is one."""
 
 APART = 1e-3
 """Share of Q's part in the innovations that must differ from R's, or the two cannot be told."""
@@ -119,15 +119,13 @@ class NoiseFactors:
     R_far: float
     Q_far: float
 
-    @property
-    def R_wrong(self) -> bool:
-        """Whether R does not fit, for certain and by so much that it matters."""
-        return self.R_far >= SURE and not 1 / NEAR_R < self.R < NEAR_R
+    def R_wrong(self, deviations: float) -> bool:
+        """Whether R does not fit, by so many `deviations` and by so much that it matters."""
+        return self.R_far >= deviations and not 1 / NEAR_R < self.R < NEAR_R
 
-    @property
-    def Q_wrong(self) -> bool:
+    def Q_wrong(self, deviations: float) -> bool:
         """The same of Q."""
-        return self.Q_far >= SURE and not 1 / NEAR_Q < self.Q < NEAR_Q
+        return self.Q_far >= deviations and not 1 / NEAR_Q < self.Q < NEAR_Q
 
 
 def noise_factors(path: Path) -> NoiseFactors:

@@ -1,7 +1,7 @@
 """What may be wrong with a result, in words: only as much as the numbers can tell."""
 
 from backsight.analysis.consistency._consistency import WEAK, Consistency
-from backsight.analysis.consistency._noise_factors import NEAR_Q, NoiseFactors
+from backsight.analysis.consistency._noise_factors import LIKELY, NEAR_Q, NoiseFactors
 from backsight.analysis.consistency.whiteness import Colour
 from backsight.rounding import significant
 
@@ -18,7 +18,7 @@ def pattern(found: Consistency) -> str:
 
 
 def cause(found: Consistency, aligned: bool | None = None) -> str:
-    """Say what is the likely cause of an inconsistency; empty if nothing can be said.
+    """Say what is the likely cause of an inconsistency; empty if there is none, or nobody knows.
 
     Parameters
     ----------
@@ -26,6 +26,8 @@ def cause(found: Consistency, aligned: bool | None = None) -> str:
     aligned : bool, optional
         Whether outputs and inputs belong to the same samples, if that is known.
     """
+    if found.consistent:
+        return ""
     driven = found.driven
     if driven is not None:
         return _answered(driven, aligned)
@@ -38,7 +40,7 @@ def cause(found: Consistency, aligned: bool | None = None) -> str:
             "force, a parameter is wrong, or the noise is not white (filtered signals)"
         )
     certain = _by_factors(found.noise)
-    if certain or found.consistent:
+    if certain:
         return certain
     sure = (found.noise.R, found.noise.R_std), (found.noise.Q, found.noise.Q_std)
     told = all(_known(factor, std) for factor, std in sure)
@@ -81,8 +83,8 @@ def _by_signs(found: Consistency, lag1: float) -> str:
 
 
 def _by_factors(noise: NoiseFactors) -> str:
-    R = _size(noise.R, noise.R_std) if noise.R_wrong else ""
-    Q = _size(noise.Q, noise.Q_std) if noise.Q_wrong else ""
+    R = _size(noise.R, noise.R_std) if noise.R_wrong(LIKELY) else ""
+    Q = _size(noise.Q, noise.Q_std) if noise.Q_wrong(LIKELY) else ""
     if R and Q and noise.Q > 0 and 1 / NEAR_Q < noise.R / noise.Q < NEAR_Q:
         return f"Q and R are both {R}"
     if R and Q:
