@@ -1,5 +1,6 @@
 """What innovations are by nature: a gain that is not the Kalman filter's is not blamed for it."""
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import scipy
 import xarray as xr
 
+from backsight.analysis.comparison import ranked_table, verdicts
 from backsight.analysis.comparison._summary import assess
 from backsight.analysis.comparison.verdict import line
 from backsight.analysis.consistency import consistency as judge
@@ -31,7 +33,8 @@ from backsight.estimators.mhe import ConstantArrival, NoArrival, SmoothedArrival
 from backsight.models.lti import lti
 from backsight.run.diagnosis.audit import noise_found
 from backsight.run.diagnosis._noise_factors import with_factors
-from backsight.run.estimation import estimate_many
+from backsight.run.estimation import estimate, estimate_many
+from backsight.schema import Status
 
 DT = 0.01
 A, B, C = np.array([[0.0, 1.0], [-400.0, -2.0]]), np.array([[0.0], [400.0]]), [[1.0, 0.0]]
@@ -71,7 +74,7 @@ def recordings(
 def judged(estimator: AbstractEstimator, data: list[xr.Dataset]) -> list[xr.Dataset]:
     """Results with what is found out about their noise."""
     results = estimate_many(estimator, MODEL, data, threads=1)
-    found = [noise_found({"": r}, {"": estimator}, MODEL, d) for r, d in zip(results, data)]
+    found = [noise_found({"": r}, {"": estimator}, MODEL, d) for r, d in zip(results, data, strict=True)]
     return [with_factors(r, f[""]) for r, f in zip(results, found, strict=True)]
 
 
@@ -161,6 +164,41 @@ def test_estimators_say_what_their_innovations_are():
     }
     for kind, estimators in said.items():
         assert {e.innovations for e in estimators} == {kind}
+
+
+def test_a_lead_by_rounding_ranks_nothing(right):
+    (result, *_) = judged(KalmanFilter(NOISE, PRIOR), right)
+    nudged = result.assign(e=result.e * (1 + 1e-11))
+    first = verdicts(ranked_table({"A": result, "B": nudged}))[0]
+    assert "explain the recording equally well" in first
+    worse = result.assign(e=result.e * 1.1)
+    assert "by " in verdicts(ranked_table({"A": result, "B": worse}))[0]
+
+
+@pytest.mark.parametrize("size", [1e10, 1e155, 1e300])
+@pytest.mark.parametrize("variable", ["P", "S", "x_hat", "e"])
+def test_diverged_results_are_judged_without_a_crash(right, variable, size):
+    (result, *_) = judged(ESTIMATORS["fast observer"], right)
+    values = result[variable].values.copy()
+    values[200:] *= size
+    wild = result.assign({variable: (result[variable].dims, values)})
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = judge(wild.assign(x_true=result.x_hat))
+    if variable != "x_hat":
+        assert not found.consistent
+    assert line(assess(wild))
+
+
+def test_a_filter_that_runs_away_fails_by_its_status():
+    """It grows by a half per sample, and the filter is told of nothing that could mend that."""
+    model = lti([[1.5]], [[1.0]], [[1.0]], states={"x": ""}, dt=DT, **NAMES)
+    sure = KalmanFilter(Noise(sigma_y=1.0, sigma_w=1e-9), Prior(sigma_x0=1e-9, x0=[1.0]))
+    data = from_arrays(u=np.zeros(80), y=np.zeros(80), dt=DT, **NAMES)
+    blind = data.assign(y=data.y.where(np.arange(80)[:, None] > 70))
+    result = estimate(sure, model, blind, throw=False, engine="vm")
+    assert int(result.status[-1]) & Status.NOT_FINITE
+    assert int(result.status[0]) == 0
+    assert "diverged" in line(assess(result))
 
 
 @pytest.mark.slow
