@@ -20,6 +20,10 @@ from backsight.schema import INNOVATIONS
 from backsight.types import Array
 
 
+LARGEST = 1e100
+"""A larger NIS counts as this: squares of it must stay finite."""
+
+
 def measured_channels(result: xr.Dataset) -> xr.DataArray:
     """Return the number of outputs measured at every sample, (time,)."""
     return result["y"].notnull().sum("output")
@@ -157,7 +161,7 @@ def _whitened(result: xr.Dataset) -> tuple[Array, Array]:
     z = np.where(usable[:, None], e, 0.0)[:, :, None] / scale[:, :, None]
     with np.errstate(over="ignore"):
         squares = np.sum(z * np.linalg.solve(C, z), axis=(1, 2))
-    usable &= np.isfinite(squares)
+    squares = np.nan_to_num(np.minimum(squares, LARGEST), nan=LARGEST)
     spread = np.where(usable[:, None], eigenvalues, 1.0)
     log_det = np.sum(np.log(spread) + 2.0 * np.log(scale), axis=1)
     return np.where(usable, squares, np.nan), np.where(usable, log_det, np.nan)
