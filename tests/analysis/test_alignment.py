@@ -220,7 +220,9 @@ def test_fractional_delay_is_found_with_its_band(late, force):
     assert abs(value - late) < 3 * std < 0.15
     assert result.delay == 1
     assert not result.sound
-    assert re.search(rf"misaligned by {value:.2f} ± 0.0\d samples: .*the nearest whole", str(result))
+    assert re.search(
+        rf"misaligned by {value:.2f} ± 0.0\d samples: .*the nearest whole", str(result)
+    )
 
 
 def test_missing_force_is_no_misalignment():

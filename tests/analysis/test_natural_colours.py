@@ -31,8 +31,8 @@ from backsight.estimators import (
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.mhe import ConstantArrival, NoArrival, SmoothedArrival
 from backsight.models.lti import lti
-from backsight.run.diagnosis.audit import noise_found
 from backsight.run.diagnosis._noise_factors import with_factors
+from backsight.run.diagnosis.audit import noise_found
 from backsight.run.estimation import estimate, estimate_many
 from backsight.schema import Status
 
@@ -74,7 +74,9 @@ def recordings(
 def judged(estimator: AbstractEstimator, data: list[xr.Dataset]) -> list[xr.Dataset]:
     """Results with what is found out about their noise."""
     results = estimate_many(estimator, MODEL, data, threads=1)
-    found = [noise_found({"": r}, {"": estimator}, MODEL, d) for r, d in zip(results, data, strict=True)]
+    found = [
+        noise_found({"": r}, {"": estimator}, MODEL, d) for r, d in zip(results, data, strict=True)
+    ]
     return [with_factors(r, f[""]) for r, f in zip(results, found, strict=True)]
 
 
@@ -235,8 +237,6 @@ def test_right_observer_is_doubted_as_seldom(name):
     ],
 )
 def test_noise_wrong_by_four_is_named_in_nine_of_ten(name, wrong, says):
-    import re
-
     estimator = {**ESTIMATORS, "Kalman filter": KalmanFilter(NOISE, PRIOR)}[name]
     results = judged(estimator, recordings(100, n=1500, **wrong))
     assert sum(bool(re.search(says, line(assess(r)))) for r in results) >= 90

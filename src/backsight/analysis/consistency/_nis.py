@@ -19,7 +19,6 @@ from backsight.errors import DataError
 from backsight.schema import INNOVATIONS
 from backsight.types import Array
 
-
 LARGEST = 1e100
 """A larger NIS counts as this: squares of it must stay finite."""
 

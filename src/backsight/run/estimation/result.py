@@ -10,7 +10,14 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._match import weights
-from backsight.schema import AGO, INNOVATIONS, RESULT_VARIABLES, SCHEMA_VERSION, SIGMA_FACTOR, Status
+from backsight.schema import (
+    AGO,
+    INNOVATIONS,
+    RESULT_VARIABLES,
+    SCHEMA_VERSION,
+    SIGMA_FACTOR,
+    Status,
+)
 from backsight.types import Array
 
 HUGE = 1e100
