@@ -145,13 +145,14 @@ def noise_factors(path: Path) -> NoiseFactors:
     if np.linalg.norm(weight * of_Q) < 1e-3 * np.linalg.norm(weight * of_R):
         columns = [of_both]
     elif np.linalg.norm(weight * apart) < APART * np.linalg.norm(weight * of_Q):
-        return NoiseFactors(*[math.nan] * 4, _left(goal, of_both), math.nan, math.nan)
+        nan = math.nan
+        return NoiseFactors(nan, nan, nan, nan, _left(goal, of_both), nan, nan)
     else:
         columns = [of_R, of_Q]
     basis = np.column_stack([(weight * c).ravel() for c in columns])
     solve = np.linalg.pinv(basis)
     factors = solve @ (weight * goal).ravel()
-    fitted = sum(f * c for f, c in zip(factors, columns, strict=True))
+    fitted = np.tensordot(factors, np.array(columns), 1)
     scatter = (products - counted * fitted) / pairs
     std = _deviations((weight * scatter).reshape(len(scatter), -1) @ solve.T)
     nan, n = math.nan, len(products)
@@ -171,7 +172,7 @@ def _far(factors: Array, which: int, columns: list[Array], weight: Array, n: int
     the distances i and j have the covariance sum_k (c_k c_{k+j-i} + c_{k+j} c_{k-i}) / n.
     """
     right = np.where(np.arange(len(factors)) == which, 1.0, factors)
-    c = sum(f * column for f, column in zip(right, columns, strict=True))
+    c = np.tensordot(right, np.array(columns), 1)
     solve = np.linalg.pinv(np.column_stack([(weight * v).ravel() for v in columns]))[which]
     variance, reach = 0.0, len(c)
     for channel, by in enumerate(solve.reshape(c.shape).T):

@@ -240,9 +240,6 @@ class SmoothedArrival(AbstractArrival):
         step = _along(to.chain, to.Q)
         walk = ca.MX(to.chain.stored(to.Q - to.chain.Q))
 
-        def again(_x: ca.MX, _P: ca.MX, leaving: Leaving) -> list[ca.MX]:
-            return [leaving.x_next, leaving.P_next() + walk]
-
         def once(x: ca.MX, P: ca.MX, leaving: Leaving) -> list[ca.MX]:
             along = [leaving.along, leaving.along_next]
             return step.call([x, P, *along, *leaving.stage, *leaving.stage_next])
@@ -250,7 +247,7 @@ class SmoothedArrival(AbstractArrival):
         return Arrival(
             spread0=to.chain.stored(to.s.P0),
             covariance=_same(to.chain),
-            advance=again if self.naive else once,
+            advance=(lambda _x, _P, now: [now.x_next, now.P_next() + walk]) if self.naive else once,
         )
 
 

@@ -99,8 +99,8 @@ def alignment(
             e, S = _run(recursion, [command[:until], *columns], engine, ("e", "S"))
             back = shift if which == slice(None) else 0
             at = slice(kept.start, min(kept.stop, until - reach))
-            parts = [_moved(v, -back)[at] for v in (e, S)]
-            found = _score(*parts, (mask if back or not shift else columns[1])[:until][at])
+            seen = (mask if back or not shift else columns[1])[:until]
+            found = _score(_moved(e, -back)[at], _moved(S, -back)[at], seen[at])
             if found is not None:
                 scores[shift], sizes[shift] = found
         return scores, sizes
