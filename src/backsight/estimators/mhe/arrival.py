@@ -148,8 +148,8 @@ class NoArrival(AbstractArrival):
 class ConstantArrival(AbstractArrival):
     """The estimate of the last window with a constant covariance, as is done most often.
 
-    The estimate has seen the data that are still in the window: they count twice. Not the Kalman
-    filter, not even for linear models, and its covariance is what it was given.
+    The estimate has seen the data still in the window: they count twice. No Kalman filter, not even
+    for linear models.
 
     Parameters
     ----------
@@ -217,15 +217,15 @@ class SmoothedArrival(AbstractArrival):
     """A Kalman filter step linearised along the trajectory that the whole window sees.
 
     ``P`` is corrected with the sample that leaves and carried to the next one with the derivatives
-    at the smoothed states, and the mean accordingly: the data that stay in the window decide where
-    to linearise but are not counted. Equal to the smoothed information of the next sample minus
-    the information of the data still in the window, without a difference being taken.
+    at the smoothed states, the mean accordingly: data that stay in the window decide where to
+    linearise but do not count. Equal to the smoothed information of the next sample minus that of
+    the data still in the window, without a difference being taken.
 
     Parameters
     ----------
     naive : bool
-        Take mean and covariance of the next sample given the whole window instead: the data in
-        the window then count again and again, and the covariance becomes too small.
+        Take mean and covariance of the next sample given the whole window: its data then count
+        again and again, and the covariance becomes too small.
     """
 
     naive: bool = False
@@ -237,8 +237,7 @@ class SmoothedArrival(AbstractArrival):
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        step = _along(to.chain, to.Q)
-        walk = ca.MX(to.chain.stored(to.Q - to.chain.Q))
+        step, walk = _along(to.chain, to.Q), ca.MX(to.chain.stored(to.Q - to.chain.Q))
 
         def once(x: ca.MX, P: ca.MX, leaving: Leaving) -> list[ca.MX]:
             along = [leaving.along, leaving.along_next]
