@@ -5,6 +5,11 @@ from backsight.analysis.consistency._noise_factors import LIKELY, NEAR_Q, NoiseF
 from backsight.analysis.consistency.whiteness import Colour
 from backsight.rounding import significant
 
+_NOISY = (
+    ", or the input is measured with noise (then make it a state that walks, and what is measured "
+    "an output)"
+)
+
 
 def pattern(found: Consistency) -> str:
     """Say how the innovations hang together; empty if they do not, or so little that it is fine."""
@@ -50,9 +55,9 @@ def cause(found: Consistency, aligned: bool | None = None) -> str:
 def _answered(colour: Colour, aligned: bool | None) -> str:
     samples = "one sample" if colour.delay == 1 else f"{colour.delay} samples"
     reason = {
-        True: "the model answers its input wrongly",
+        True: f"the model answers its input wrongly{_NOISY}",
         False: "y and u are misaligned",
-        None: "the model answers its input wrongly, or y and u are misaligned",
+        None: f"the model answers its input wrongly, or y and u are misaligned{_NOISY}",
     }[aligned]
     return (
         f"past inputs explain {significant(100 * colour.explained, 2)} % of the innovations of "
