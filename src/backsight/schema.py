@@ -10,6 +10,7 @@ result, ``d_hat (time, force)``, have ``force_unit``, and ``force_position`` if 
 
 import enum
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -31,6 +32,21 @@ RESULT_VARIABLES = {
 AGO = "ago"
 """Attribute of a variable that is held between the samples: number of samples from the one of a row
 back to where the interval begins that it is about; 0 if not there."""
+
+
+Innovations = Literal["white", "coloured", "forced"]
+"""What the innovations of an estimator are if its model and its noise are right.
+
+``white``
+    Independent of each other: the gain is that of the Kalman filter.
+``coloured``
+    As large as predicted, but correlated, because the gain is another one.
+``forced``
+    They contain forces that are not known yet: without these, as large as predicted.
+"""
+
+INNOVATIONS = "innovations"
+"""Attribute of a result with the `Innovations` of its estimator; "white" if it is not there."""
 
 
 class Status(enum.IntFlag):
@@ -64,8 +80,8 @@ STATUS_TEXT = {
         "or more sub-steps"
     ),
     Status.NOT_FINITE: (
-        "the estimate is no longer finite: the filter diverged; use more sub-steps, a better "
-        "start value, or a smaller initial covariance"
+        "the estimate is no longer finite, or beyond all reason: the filter diverged; use more "
+        "sub-steps, a better start value, or a smaller initial covariance"
     ),
     Status.NOT_EXCITED: (
         "a parameter moves the output less than the measurement noise over the window; it cannot "

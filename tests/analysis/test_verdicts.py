@@ -79,9 +79,9 @@ def test_factors_and_their_deviations_agree(believing_results):
 
 def test_what_cannot_be_told_is_not_told(believing_results):
     result = believing_results(5, R_true=4.0)[0]
-    vague = result.assign_attrs(noise_factors=[2.0, 1.5, 3.0, 2.5, 0.01])
+    vague = result.assign_attrs(noise_factors=[2.0, 1.5, 3.0, 2.5, 0.01, 0.7, 0.8])
     assert said(vague).endswith("whether Q or R is the cause cannot be told from them")
-    half = result.assign_attrs(noise_factors=[4.0, 0.1, 3.0, 2.5, 0.01])
+    half = result.assign_attrs(noise_factors=[4.0, 0.1, 3.0, 2.5, 0.01, 30.0, 0.8])
     assert said(half).endswith(
         "R is about 4.0 times too small; whether Q fits cannot be told from them"
     )

@@ -20,6 +20,7 @@ from backsight.kernels import library
 from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal
+from backsight.schema import Innovations
 from backsight.types import Array
 
 
@@ -52,6 +53,14 @@ class AbstractEstimator(Description, abc.ABC):
         if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
             raise TuningError(f"'{self.key}' has no noise and prior")
         return noise, prior
+
+    @property
+    def innovations(self) -> Innovations:
+        """What its innovations are if model and noise are right, see `schema.Innovations`.
+
+        Those of any gain but the Kalman filter's follow from each other.
+        """
+        return "coloured"
 
     @property
     def horizon(self) -> int:

@@ -58,7 +58,8 @@ def rms_innovation(result: xr.Dataset) -> xr.DataArray:
     none.
     """
     e = result["e"].where(result["y"].notnull() & np.isfinite(result["e"]))
-    return (e**2).mean("time") ** 0.5
+    with np.errstate(over="ignore"):
+        return (e**2).mean("time") ** 0.5
 
 
 def convergence_time(
@@ -104,5 +105,6 @@ def _squares(values: ArrayLike, target: ArrayLike) -> tuple[Array, Array]:
     if v.shape != goal.shape:
         raise DataError(f"the estimates have the shape {v.shape}, their targets {goal.shape}")
     known = ~np.isnan(goal)
-    error = np.where(known, v - goal, 0.0)
-    return np.sum(error**2, axis=0), known.sum(axis=0)
+    with np.errstate(over="ignore"):
+        error = np.where(known, v - goal, 0.0)
+        return np.sum(error**2, axis=0), known.sum(axis=0)

@@ -1,29 +1,20 @@
 """What may be wrong with a result, in words: only as much as the numbers can tell."""
 
-import math
-
-from backsight.analysis.consistency._consistency import Consistency
-from backsight.analysis.consistency._noise_factors import NoiseFactors
+from backsight.analysis.consistency._consistency import WEAK, Consistency
+from backsight.analysis.consistency._noise_factors import LIKELY, NEAR_Q, NoiseFactors
 from backsight.analysis.consistency.whiteness import Colour
 from backsight.rounding import significant
 
-WEAK = 0.1
-"""Correlations below this do no harm in practice, however certain they are."""
-
-LITTLE = 0.02
-"""Share of the innovations that inputs may explain without harm."""
-
-NEAR = {"R": 1.3, "Q": 1.6}
-"""A factor of the noise below this, or above its inverse, does no harm in practice."""
-
-SURE = 4.0
-"""Standard deviations by which a factor must differ from one; they come from ten parts only."""
+_NOISY = (
+    ", or the input is measured with noise (then make it a state that walks, and what is measured "
+    "an output)"
+)
 
 
 def pattern(found: Consistency) -> str:
     """Say how the innovations hang together; empty if they do not, or so little that it is fine."""
     colour = found.coloured
-    if colour is None or abs(colour.largest) < WEAK:
+    if colour is None:
         return ""
     kind = "positively" if colour.largest > 0 else "negatively"
     of = f" of '{colour.output}'" if len(found.colours) > 1 else ""
@@ -32,7 +23,7 @@ def pattern(found: Consistency) -> str:
 
 
 def cause(found: Consistency, aligned: bool | None = None) -> str:
-    """Say what is the likely cause of an inconsistency; empty if nothing can be said.
+    """Say what is the likely cause of an inconsistency; empty if there is none, or nobody knows.
 
     Parameters
     ----------
@@ -40,20 +31,21 @@ def cause(found: Consistency, aligned: bool | None = None) -> str:
     aligned : bool, optional
         Whether outputs and inputs belong to the same samples, if that is known.
     """
+    if found.consistent:
+        return ""
     driven = found.driven
-    if driven is not None and driven.explained > LITTLE:
+    if driven is not None:
         return _answered(driven, aligned)
     colour = found.coloured
-    coloured = colour is not None and abs(colour.largest) >= WEAK
     if found.noise is None:
-        return _by_signs(found, colour.lag1 if colour is not None and coloured else 0.0)
-    if coloured and found.noise.unexplained > 2 * WEAK:
+        return _by_signs(found, 0.0 if colour is None else colour.lag1)
+    if colour is not None and found.noise.unexplained > 2 * WEAK:
         return (
             "no size of Q and R explains how they are correlated: the model lacks dynamics or a "
             "force, a parameter is wrong, or the noise is not white (filtered signals)"
         )
     certain = _by_factors(found.noise)
-    if certain or found.consistent:
+    if certain:
         return certain
     sure = (found.noise.R, found.noise.R_std), (found.noise.Q, found.noise.Q_std)
     told = all(_known(factor, std) for factor, std in sure)
@@ -63,9 +55,9 @@ def cause(found: Consistency, aligned: bool | None = None) -> str:
 def _answered(colour: Colour, aligned: bool | None) -> str:
     samples = "one sample" if colour.delay == 1 else f"{colour.delay} samples"
     reason = {
-        True: "the model answers its input wrongly",
+        True: f"the model answers its input wrongly{_NOISY}",
         False: "y and u are misaligned",
-        None: "the model answers its input wrongly, or y and u are misaligned",
+        None: f"the model answers its input wrongly, or y and u are misaligned{_NOISY}",
     }[aligned]
     return (
         f"past inputs explain {significant(100 * colour.explained, 2)} % of the innovations of "
@@ -96,8 +88,9 @@ def _by_signs(found: Consistency, lag1: float) -> str:
 
 
 def _by_factors(noise: NoiseFactors) -> str:
-    R, Q = _wrong("R", noise.R, noise.R_std), _wrong("Q", noise.Q, noise.Q_std)
-    if R and Q and noise.Q > 0 and 1 / NEAR["Q"] < noise.R / noise.Q < NEAR["Q"]:
+    R = _size(noise.R, noise.R_std) if noise.R_wrong(LIKELY) else ""
+    Q = _size(noise.Q, noise.Q_std) if noise.Q_wrong(LIKELY) else ""
+    if R and Q and noise.Q > 0 and 1 / NEAR_Q < noise.R / noise.Q < NEAR_Q:
         return f"Q and R are both {R}"
     if R and Q:
         return f"R is {R} and the process noise Q {Q}"
@@ -114,13 +107,8 @@ def _known(factor: float, std: float) -> bool:
     return std < 0.5 * factor
 
 
-def _wrong(name: str, factor: float, std: float) -> str:
-    """``about 4.0 times too small``, or empty if the factor may be one."""
-    if math.isnan(factor) or abs(factor - 1.0) < SURE * std:
-        return ""
-    near = NEAR[name]
-    if 1 / near < factor < near:
-        return ""
+def _size(factor: float, std: float) -> str:
+    """``about 4.0 times too small``."""
     if factor < 1e-4:
         return "far too large"
     size, word = (factor, "small") if factor > 1 else (1 / factor, "large")

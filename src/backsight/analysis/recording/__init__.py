@@ -2,5 +2,6 @@
 
 from backsight.analysis.recording.alignment import Alignment as Alignment
 from backsight.analysis.recording.alignment import decide as decide
+from backsight.analysis.recording.alignment import vertex as vertex
 from backsight.analysis.recording.alignment_scale import Ratio as Ratio
 from backsight.analysis.recording.alignment_scale import ratio as ratio

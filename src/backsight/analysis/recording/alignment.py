@@ -18,7 +18,7 @@ PARTS = 40
 CHANCE = 1e-4
 """Probability below which a majority of the parts is no accident (ten shifts are tried)."""
 
-WORTH = 0.05
+WORTH = 0.02
 """Gain of log-likelihood per measured value below which a shift is not worth mentioning."""
 
 MUCH = 100.0
@@ -47,6 +47,10 @@ class Alignment(Printed):
         Number of parts that voted.
     ratios : tuple of Ratio
         Size and sign of every measured output.
+    fine : (float, float) or None
+        Delay of y with fractions of a sample and its standard deviation, where it can be told.
+    channels : tuple of (str, Alignment)
+        What was found with each output moved by itself, if there are several.
     """
 
     shifts: tuple[int, ...]
@@ -55,6 +59,8 @@ class Alignment(Printed):
     size: tuple[float, ...]
     parts: int
     ratios: tuple[Ratio, ...]
+    fine: tuple[float, float] | None = None
+    channels: tuple[tuple[str, "Alignment"], ...] = ()
 
     @property
     def best(self) -> int:
@@ -64,11 +70,21 @@ class Alignment(Printed):
     @property
     def delay(self) -> int:
         """Samples by which y is late with certainty; negative if it is early."""
-        return self.best if self._certain(self.best) and abs(self.best) < max(self.shifts) else 0
+        if not self.late or self.single:
+            return 0
+        return self.best if abs(self.best) < max(self.shifts) else 0
+
+    @property
+    def single(self) -> bool:
+        """Whether moving one output explains more than moving all of them."""
+        gains = [max(a.likelihood) for _, a in self.channels if a.late]
+        return bool(gains) and max(gains) > (max(self.likelihood) if self.late else 0.0)
 
     @property
     def fraction(self) -> float:
-        """Delay of y [samples], the vertex of a parabola through the sizes of the innovations."""
+        """Delay of y [samples], with fractions where the innovations tell them."""
+        if self.fine is not None:
+            return self.fine[0]
         at = self.shifts.index(self.best) if self.shifts else 0
         if not 0 < at < len(self.shifts) - 1:
             return float(self.best)
@@ -81,19 +97,26 @@ class Alignment(Printed):
     @property
     def aligned(self) -> bool | None:
         """Whether no shift is best for certain, or some is; None if neither can be told."""
-        if self.shifts and self.best == 0 and self._clear():
+        if self.shifts and self.best == 0 and self._clear() and not self.single:
             return True
-        return False if self.delay else None
+        return False if self.delay or self.single else None
 
     @property
     def sound(self) -> bool:
         """Whether neither a delay nor a wrong unit or sign is certain."""
-        return self.delay == 0 and not any(r.sentence() for r in self.ratios)
+        return not self.late and not self.single and not any(r.sentence() for r in self.ratios)
+
+    @property
+    def late(self) -> bool:
+        """Whether another shift is better for certain, even if it may be that of the search."""
+        return bool(self.shifts) and self._certain(self.best)
 
     def lines(self) -> list[str]:
         """One sentence on the times, and one on the sizes or on every output that is wrong."""
         wrong = [f"{text[0].upper()}{text[1:]}." for r in self.ratios if (text := r.sentence())]
-        return [self._timing(), *(wrong or [self._sizes()])]
+        late = max(self.channels, key=lambda c: max(c[1].likelihood, default=0.0), default=None)
+        timing = [_alone(*late) if late is not None and self.single else self._timing()]
+        return [*timing, *(wrong or [self._sizes()])]
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
@@ -129,11 +152,12 @@ class Alignment(Printed):
             f"{times} times as large"
         )
         part = abs(self.fraction)
-        if part < PARTLY:
+        if part < PARTLY or (self.fine is not None and part < 3 * self.fine[1]):
             return f"{text}."
         word = "late" if self.fraction > 0 else "early"
+        band = "" if self.fine is None else f" ± {significant(self.fine[1], 1)}"
         return (
-            f"{text}, though y may be about {part:.1f} of a sample {word}: is the input held "
+            f"{text}, though y may be about {part:.2g}{band} of a sample {word}: is the input held "
             "between samples or interpolated, as the estimators assume?"
         )
 
@@ -147,9 +171,13 @@ class Alignment(Printed):
         samples = "one sample" if count == 1 else f"{count} samples"
         times = 1 / self._worse(self.delay)
         better = significant(times, 2) if times < MUCH else f"more than {MUCH:g}"
+        nearest = ""
+        if self.fine is not None and abs(self.fine[0] - self.delay) > max(0.1, 3 * self.fine[1]):
+            samples = f"{abs(self.fine[0]):.2f} ± {significant(self.fine[1], 1)} samples"
+            nearest = ", the nearest whole number"
         return (
             f"y and u are probably misaligned by {samples}: y is {word} (shift y by "
-            f"{-self.delay:+d}; its innovations are then {better} times smaller)."
+            f"{-self.delay:+d}{nearest}; its innovations are then {better} times smaller)."
         )
 
     def _sizes(self) -> str:
@@ -190,6 +218,51 @@ def decide(
         size=tuple(size[s] for s in shifts),
         parts=parts,
         ratios=ratios,
+    )
+
+
+def vertex(scores: Mapping[float, Array]) -> tuple[float, float] | None:
+    """Delay with fractions by Newton's step on the likelihood, and its standard deviation.
+
+    Parameters
+    ----------
+    scores : dict
+        Delays in equal steps of a fraction of a sample to the log-likelihood of every sample.
+
+    Returns
+    -------
+    (float, float) or None
+        None if the likelihood has no maximum inside.
+    """
+    delays = sorted(scores)
+    top = max(range(len(delays)), key=lambda i: float(scores[delays[i]].mean()), default=0)
+    if not 0 < top < len(delays) - 1:
+        return None
+    at, h = delays[top], delays[top + 1] - delays[top]
+    before, here, after = (scores[delays[i]] for i in (top - 1, top, top + 1))
+    bend = -float((before - 2 * here + after).mean()) / h**2
+    slopes = np.array([p.mean() for p in np.array_split((after - before) / (2 * h), PARTS)])
+    if not bend > 0:
+        return None
+    step, std = slopes.mean() / bend, slopes.std(ddof=1) / math.sqrt(PARTS) / bend
+    if not std < 0.5:
+        return None
+    # How sharp the maximum is between the points is not known better than a part of their distance.
+    return at + float(step), math.hypot(float(std), 0.1 * h)
+
+
+def _alone(name: str, found: Alignment) -> str:
+    """What is to be said of an output that is late by itself."""
+    if not found.delay:
+        return (
+            f"'{name}' by itself is predicted best with a shift by {-found.best:+d} samples, the "
+            "end of the search; look for a large delay of this channel."
+        )
+    word = "late" if found.delay > 0 else "early"
+    count = abs(found.delay)
+    return (
+        f"'{name}' is probably {word} by {count} sample{'s' if count > 1 else ''} against the "
+        f"other outputs and the input (shift '{name}' by {-found.delay:+d})."
     )
 
 

@@ -30,6 +30,7 @@ from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
 from backsight.models.unknown_forces import forces_as_inputs
+from backsight.schema import Innovations
 from backsight.types import Array, ByName
 
 Arrival: TypeAlias = Literal["none", "constant", "filtered", "smoothed"]
@@ -158,6 +159,11 @@ class CompressiveSensingMHE(AbstractEstimator):
     def delay(self) -> int:
         """Samples from the newest one back to that of the output."""
         return self.N if self.lag is None else self.lag
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "forced"
 
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: only itself, by the word for its arrival cost."""

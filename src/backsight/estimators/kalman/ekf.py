@@ -31,6 +31,7 @@ from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 
 Propagation: TypeAlias = Literal["transition", "ode", "discrete"]
 """Ways to carry a covariance over a sampling period, see `predict`."""
@@ -98,6 +99,11 @@ class EKF(AbstractEstimator):
             and self.covariance != "transition"
         ):
             yield "measurement='continuous' goes with covariance='transition' only"
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white" if self.measurement == "sampled" else "coloured"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

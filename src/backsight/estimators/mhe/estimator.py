@@ -27,6 +27,7 @@ from backsight.estimators.parts.limits import Limit, hard_bounds, limits_of, nam
 from backsight.estimators.parts.stages import chain_of
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 from backsight.solvers.box import GaussNewton
 
 ARRIVALS = {
@@ -133,6 +134,11 @@ class MHE(AbstractEstimator):
             yield f"the lag is {self.lag}; it must be a whole number from 0 to N = {self.N}"
         if sound("limits"):
             yield from names_used_twice(self.limits)
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return self.arrival.innovations
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""

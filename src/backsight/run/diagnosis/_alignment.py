@@ -1,27 +1,42 @@
 """Find out whether outputs and inputs of a recording are aligned, and in the model's units."""
 
+import dataclasses
 import math
+from collections.abc import Iterable
 from typing import Annotated
 
 import numpy as np
 import xarray as xr
 
-from backsight.analysis.recording import Alignment, Ratio, decide, ratio
+from backsight.analysis.recording import Alignment, Ratio, decide, ratio, vertex
 from backsight.description import Called, Count, checked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.execute import choose_engine, prepare, run_recursion
 from backsight.engine.recursion import Recursion
+from backsight.errors import ModelError
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.kalman import EKF
+from backsight.estimators.kalman import EKF, KalmanFilter
+from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.run.estimation import match
 from backsight.types import Array
+
+Scores = tuple[dict[int, Array], dict[int, float]]
 
 REACH = 5
 """Samples either way that are tried."""
 
 MOST = 24_000
 """Samples that are looked at, from the first on."""
+
+SHARED = 24_000
+"""Samples that the outputs share, where each of them is moved by itself."""
+
+FINE = 0.25
+"""Fraction of a sample by which the input is moved to find the delay between whole ones."""
+
+OWN = 10
+"""Innovations before a sample that may explain its own, whatever the input does."""
 
 START = 0.1
 """Share of the recording in which the estimates settle; it has no vote."""
@@ -63,7 +78,7 @@ def check_alignment(
     TuningError, ModelError
         If estimator and model do not fit, or `reach` is not positive.
     """
-    predicting = yardstick(estimator)
+    predicting = yardstick(estimator, model)
     data = [part[:MOST] for part in match(model, recording, estimator=predicting)]
     dt = float(recording.attrs["dt"])
     recursion = predicting.compile(model, dt)
@@ -76,18 +91,54 @@ def check_alignment(
         return decide({}, {}, ratios)
     y = y / np.array([r.factor for r in ratios])
     kept = slice(max(reach, int(START * len(u))), len(u) - reach)
-    scores, sizes = {}, {}
-    for shift in range(-reach, reach + 1):
-        moved = [u, _moved(y, shift), _moved(mask, shift)]
-        e, S = _run(recursion, moved, engine, ("e", "S"))
-        found = _score(_moved(e, -shift)[kept], _moved(S, -shift)[kept], mask[kept])
-        if found is not None:
-            scores[shift], sizes[shift] = found
-    return decide(scores, sizes, ratios)
+    rows = range(len(u))
+
+    def tried(shifts: Iterable[int], which: slice, command: Array, until: int) -> Scores:
+        """Scores with some outputs moved; those of the samples before `until`."""
+        scores, sizes = {}, {}
+        for shift in shifts:
+            columns = [v.copy() for v in (y[:until], mask[:until])]
+            for column in columns:
+                column[:, which] = _moved(column[:, which], shift)
+            e, S = _run(recursion, [command[:until], *columns], engine, ("e", "S"))
+            back = shift if which == slice(None) else 0
+            at = slice(kept.start, min(kept.stop, until - reach))
+            seen = (mask if back or not shift else columns[1])[:until]
+            found = _score(_moved(e, -back)[at], _moved(S, -back)[at], seen[at])
+            if found is not None:
+                scores[shift], sizes[shift] = found
+        return scores, sizes
+
+    every = slice(None)
+    result = decide(*tried(range(-reach, reach + 1), every, u, len(rows)), ratios)
+    if not result.shifts:
+        return result
+    fine = {}
+    for part in FINE * np.arange(-3, 4):
+        scores, _ = tried([result.best], every, _later(u, float(part)), len(u))
+        fine |= {result.best + float(part): v for v in scores.values()}
+    result = dataclasses.replace(result, fine=vertex(fine))
+    if len(names) == 1:
+        return result
+    few = max(SHARED // len(names), 40 * reach)
+    channels = []
+    for i, name in enumerate(names):
+        alone = decide(*tried(range(-reach, reach + 1), slice(i, i + 1), u, min(few, len(u))), ())
+        channels.append((name, alone))
+    return dataclasses.replace(result, channels=tuple(channels))
 
 
-def yardstick(estimator: AbstractEstimator) -> EKF:
-    """Return the extended Kalman filter with the noise and the prior of an estimator.
+def _later(u: Array, part: float) -> Array:
+    """Inputs so many samples later, -1 to 1; held ones by their mean over the period."""
+    size = abs(part)
+    other = np.vstack([u[:1], u[:-1]]) if part > 0 else np.vstack([u[1:], u[-1:]])
+    return (1 - size) * u + size * other
+
+
+def yardstick(estimator: AbstractEstimator, model: Model) -> EKF | KalmanFilter:
+    """Return the Kalman filter with the noise and the prior of an estimator.
+
+    The extended one, if the model is not linear.
 
     Raises
     ------
@@ -95,7 +146,12 @@ def yardstick(estimator: AbstractEstimator) -> EKF:
         If the estimator has none.
     """
     noise, prior = estimator.assumed
-    return EKF(noise, prior, estimator.integration or Integrator(hold=estimator.input_hold))
+    hold = estimator.input_hold
+    try:
+        state_space(model)
+    except ModelError:
+        return EKF(noise, prior, estimator.integration or Integrator(hold=hold))
+    return KalmanFilter(noise, prior, hold=hold)
 
 
 def _ratios(
@@ -118,8 +174,10 @@ def _run(
 def _score(e: Array, S: Array, mask: Array) -> tuple[Array, float] | None:
     """Log-likelihood per measured value and sample, and the size of the normalised innovations.
 
-    One common factor of all covariances is fitted: how large the noise is shall not matter. None
-    if the filter diverged.
+    One common factor of all covariances is fitted: how large the noise is shall not matter. What
+    innovations owe to those before them is taken out of the likelihood: an unknown force makes
+    them follow from each other, and moving y must not be praised for that. None if the filter
+    diverged.
     """
     variance = np.einsum("kii->ki", S)
     seen = mask > 0
@@ -130,8 +188,21 @@ def _score(e: Array, S: Array, mask: Array) -> tuple[Array, float] | None:
         level = float(squares.sum() / max(seen.sum(), 1))
     if not 0 < level < math.inf:
         return None
-    values = np.where(seen, squares / level + np.log(level * variance), 0.0)
+    new = np.where(seen, _new(np.where(seen, e / np.sqrt(variance), 0.0)) ** 2, 0.0)
+    fresh = float(new.sum() / max(seen.sum(), 1))
+    if not 0 < fresh < math.inf:
+        return None
+    values = np.where(seen, new / fresh + np.log(fresh * variance), 0.0)
     return -0.5 * values.mean(axis=1), math.sqrt(level)
+
+
+def _new(z: Array) -> Array:
+    """What is new in normalised innovations (n, ny), beyond the last ones of the same output."""
+    found = z.copy()
+    for i in range(z.shape[1]):
+        past = np.column_stack([_moved(z[:, i : i + 1], -lag)[:, 0] for lag in range(1, OWN + 1)])
+        found[:, i] -= past @ np.linalg.lstsq(past, z[:, i], rcond=None)[0]
+    return found
 
 
 def _moved(values: Array, shift: int) -> Array:

@@ -51,7 +51,7 @@ def midpoint(
     k = min(recording.sizes["time"] // 2, LONGEST)
     part = recording.isel(time=slice(0, k + 1))
     try:
-        result = estimate(yardstick(estimator), model, part)
+        result = estimate(yardstick(estimator, model), model, part)
     except EstimationError as error:
         raise ModelError(
             f"the extended Kalman filter diverged before the middle of the recording; give the "

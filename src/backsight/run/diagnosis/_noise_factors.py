@@ -1,5 +1,7 @@
 """By how much R and Q of a result are wrong: its filter linearised along the recording."""
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 import xarray as xr
@@ -13,7 +15,10 @@ from backsight.models.model import Model
 from backsight.schema import SIGMA_FACTOR
 
 LEAST, MOST = 500, 4000
-"""Samples that say something, and samples that suffice: the last ones are taken."""
+"""Measured samples that say something, and those that suffice: the last ones are taken."""
+
+LONGEST = 1_000_000
+"""Entries of the transition matrices between them at most."""
 
 MOST_STATES = 20
 """A model with more states takes too long for a question that is asked after every run."""
@@ -22,15 +27,11 @@ SAME = 0.05
 """Deviation from the update of a Kalman filter, per innovation, that linearisation may cause."""
 
 
-def with_noise_factors(
-    result: xr.Dataset, estimator: AbstractEstimator, model: Model
-) -> xr.Dataset:
-    """Result with the `NoiseFactors` as an attribute, if it has any; see `factors_of`."""
-    found = factors_of(result, estimator, model)
+def with_factors(result: xr.Dataset, found: NoiseFactors | None) -> xr.Dataset:
+    """Result with the `NoiseFactors` as an attribute, if there are any."""
     if found is None:
         return result
-    values = [found.R, found.R_std, found.Q, found.Q_std, found.unexplained]
-    return result.assign_attrs({NOISE_FACTORS: values})
+    return result.assign_attrs({NOISE_FACTORS: list(dataclasses.astuple(found))})
 
 
 def factors_of(
@@ -56,12 +57,14 @@ def factors_of(
         noise, _ = estimator.assumed
     except TuningError:
         return None
-    settled = min(MOST, result.sizes["time"] // 2)
-    if settled < LEAST or model.nx > MOST_STATES:
+    if model.nx > MOST_STATES or SIGMA_FACTOR in result:
         return None
-    if SIGMA_FACTOR in result:
+    measured = np.flatnonzero(result["y"].notnull().any("output").values)
+    earliest = max(result.sizes["time"] // 2, result.sizes["time"] - LONGEST // model.nx**2)
+    measured = measured[measured >= earliest][-MOST:]
+    if len(measured) < LEAST:
         return None
-    last = result.isel(time=slice(-settled, None))
+    last = result.isel(time=slice(int(measured[0]), None))
     path = _path(last, estimator, model, noise)
     usable = all(np.isfinite(v).all() for v in (path.F, path.H, path.P, path.S))
     variance = np.einsum("kii->ki", path.S)
