@@ -142,16 +142,17 @@ class MHE(AbstractEstimator):
                 raise TuningError(f"constant: there is no state '{name}': {nearest(name, names)}")
         period = s.dt if s.model.continuous else 1.0
         moves = np.array([n not in self.constant for n in names], float)
-        inside = dataclasses.replace(s, Q=s.Q * np.outer(moves, moves))
-        limits = limits_of(whole, inside.Q * period, self.limits, self.soft)
+        Q = s.Q * period
+        inside = Q * np.outer(moves, moves)
+        limits = limits_of(whole, inside, self.limits, self.soft)
         moved = transition_pattern(s, self.integrator)
-        chain = chain_of(s, limits, moved, Q=inside.Q * period, N=self.N)
+        chain = chain_of(s, limits, moved, Q=inside, N=self.N)
         return Parts(
             s=s,
-            inside=inside,
+            walk=Q - inside,
             chain=chain,
             limits=limits,
-            arrival=self.arrival.build(Fitting(s, self.integrator, s.Q * period, chain)),
+            arrival=self.arrival.build(Fitting(s, self.integrator, Q, chain)),
             integrator=self.integrator,
             optimiser=self.optimiser,
             lag=self.lag,
