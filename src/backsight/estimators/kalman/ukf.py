@@ -32,8 +32,8 @@ class UKF(AbstractEstimator):
 
     Sigma points outside the bounds of the states are set to them before they are used, so that a
     parameter that must be positive (a mass) never becomes negative in the model, however wide its
-    spread; this also moves the mean away from the bound, and the sample's status says that it was
-    clipped. If a covariance has no factor, which needs a negative weight (small alpha), the update
+    spread; in the prediction this also moves the mean away from the bound, and the sample's status
+    says that it was clipped. A measurement leaves the spread next to a bound as it is without one. If a covariance has no factor, which needs a negative weight (small alpha), the update
     is left out and the status says so.
 
     Parameters
@@ -99,10 +99,10 @@ def _symbols(s: Setting) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
 
 
 def _points(s: Setting, w: Weights, x: ca.SX, spread: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Sigma points inside the bounds of the states, and 1 if one of them was set to a bound."""
+    """Sigma points inside the bounds of the states, and how far outside they were."""
     free = sigma_points(x, ca.tril(unvech(spread[:-1])), w.spread)
     points = ca.horzcat(*(clip(s, free[:, i]) for i in range(free.shape[1])))
-    return points, ca.if_else(ca.norm_1(ca.vec(points - free)) > 0, 1, 0)
+    return points, free - points
 
 
 def _outputs(s: Setting, w: Weights, points: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -128,11 +128,14 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     """
     x, spread, u, y, mask = _symbols(s)
     nx, ny = s.model.nx, s.model.ny
-    points, held = _points(s, w, x, spread)
+    points, outside = _points(s, w, x, spread)
+    held = ca.if_else(ca.norm_1(ca.vec(outside)) > 0, 1, 0)
     y_mean, dY = _outputs(s, w, points, u)
     dY, e, R = masked(dY, y - y_mean, ca.SX(s.R), mask)
     noise = ca.vertcat(cholesky_semidefinite(R), ca.SX.zeros(nx, ny))
-    joint, definite = factor(ca.vertcat(dY, points - x), w, noise)
+    # The outputs see points inside the bounds, the spread is that of the state: or else every sample
+    # would make it smaller next to a bound, whatever was measured.
+    joint, definite = factor(ca.vertcat(dY, points + outside - x), w, noise)
     Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
     moved = x + KSy @ forward(Sy, e)
     free = ca.if_else(definite, moved, x)
