@@ -33,8 +33,9 @@ class UKF(AbstractEstimator):
     Sigma points outside the bounds of the states are set to them before they are used, so that a
     parameter that must be positive (a mass) never becomes negative in the model, however wide its
     spread; in the prediction this also moves the mean away from the bound, and the sample's status
-    says that it was clipped. A measurement leaves the spread next to a bound as it is without one. If a covariance has no factor, which needs a negative weight (small alpha), the update
-    is left out and the status says so.
+    says that it was clipped. A measurement takes the whole spread, also what is outside the bound.
+    If a covariance has no factor, which needs a negative weight (small alpha), the update is left
+    out and the status says so.
 
     Parameters
     ----------
@@ -133,8 +134,8 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     y_mean, dY = _outputs(s, w, points, u)
     dY, e, R = masked(dY, y - y_mean, ca.SX(s.R), mask)
     noise = ca.vertcat(cholesky_semidefinite(R), ca.SX.zeros(nx, ny))
-    # The outputs see points inside the bounds, the spread is that of the state: or else every sample
-    # would make it smaller next to a bound, whatever was measured.
+    # The outputs see points inside the bounds, the spread is that of the state: or else every
+    # sample would make it smaller next to a bound, whatever was measured.
     joint, definite = factor(ca.vertcat(dY, points + outside - x), w, noise)
     Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
     moved = x + KSy @ forward(Sy, e)

@@ -65,10 +65,11 @@ class LinearMHE(AbstractEstimator):
 
     Notes
     -----
-    Limits are imposed by an exact active set method on the optimal solution without them; inactive
+    Limits are imposed by an exact active set method along the trajectory, that of `MHE`; inactive
     ones change nothing. If they contradict each other, the estimate is the one without limits, the
-    status says *infeasible*, and the output ``infeasible`` names them. In P the active limits count
-    as exact measurements: directions that they fix have no variance.
+    status says *infeasible*, and the output ``infeasible`` names them. P is without the limits that
+    happen to be active: that they are is known from the data only. Limits with the same lower and
+    upper end are equations, and count as exact measurements.
 
     Missing samples are left out. If those that remain do not determine the state, the arrival
     cost is used with its full weight for this sample and the status says *unobserved*.

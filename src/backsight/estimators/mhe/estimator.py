@@ -74,7 +74,7 @@ class MHE(AbstractEstimator):
         imposed, it costs :math:`\tfrac12 c\,\text{violation}^2`, physical units.
     constant : tuple of str
         States without process noise inside the window; their random walk is added when the window
-        moves. For parameters: one value per window.
+        moves. For parameters: one value per window. P counts the walk inside the window, too.
     lag : int
         The estimate of a sample is made when `lag` more have been measured: a fixed-lag smoother;
         with ``lag = N`` from the start of the window. Results are put to the sample that they are
@@ -83,8 +83,9 @@ class MHE(AbstractEstimator):
 
     Notes
     -----
-    ``e`` and ``S`` are innovation and covariance of the sample before it entered the window. In P,
-    active bounds count as exact measurements: a direction that is fixed has no variance.
+    ``e`` and ``S`` are innovation and covariance of the sample before it entered the window. P is
+    without the bounds that happen to be active: that they are is known from the data only. Limits
+    with the same lower and upper end are equations, and count as exact measurements.
 
     If limits contradict each other, the estimate is the one without limits, the status says
     *infeasible*, and the output ``infeasible`` names them. ``kkt`` is the residual of the last
