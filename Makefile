@@ -8,7 +8,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 OUT ?= out
 KERNELS := $(wildcard src/backsight/kernels/*.[ch])
 
-.PHONY: setup demo test test-all lint bench docs clean
+.PHONY: setup demo test test-all wheel-test lint bench docs clean
 
 setup: $(VENV)/.dev
 
@@ -20,6 +20,9 @@ test: $(VENV)/.dev lint
 
 test-all: $(VENV)/.dev lint
 	$(PYTEST)
+
+wheel-test: $(VENV)/.wheel
+	$(BIN)/python tests/wheels/build.py $(OUT)/wheels
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -45,6 +48,10 @@ $(VENV)/.base: $(VENV)/bin/python pyproject.toml setup.py constraints.txt $(KERN
 
 $(VENV)/.dev: $(VENV)/.base studies/pyproject.toml
 	$(PIP) --editable '.[dev]' --editable ./studies
+	@touch $@
+
+$(VENV)/.wheel: $(VENV)/.base
+	$(PIP) --editable '.[wheel]'
 	@touch $@
 
 $(VENV)/.bench: $(VENV)/.dev

@@ -10,10 +10,10 @@ import numpy as np
 from backsight.engine import native
 from backsight.estimators import EKF, ConstantArrival, SmoothedArrival
 from backsight.types import Array
-from backsight_studies.nanopositioner.tuning import NOISE, PRIOR
 from benchmarks import process_noise
 from benchmarks.contest import clock, peer, reason
 from benchmarks.process_noise import INACTIVE
+from benchmarks.stage import NOISE, PRIOR
 
 SAMPLES, FROM = 500, 200
 """Length of the recording, and the first sample that is judged."""

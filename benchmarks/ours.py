@@ -12,6 +12,7 @@ from backsight.types import Array
 from benchmarks import problems, windows
 from benchmarks.contest import Contender
 from benchmarks.problems import Problem
+from benchmarks.stage import stage
 
 VM_SAMPLES = 500
 """Samples that the virtual machine runs."""
@@ -60,7 +61,7 @@ def in_lanes(problem: Problem, recordings: Sequence[Sequence[Array]], threads: i
 
 def stage_recordings(problem: Problem, count: int) -> list[list[Array]]:
     """Data of distinct recordings of the stage."""
-    return [list(match(problem.model, problems.stage(seed))) for seed in range(count)]
+    return [list(match(problem.model, stage(seed))) for seed in range(count)]
 
 
 def on_windows(method: problems.GaussNewton) -> Contender:

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.ticker import LogLocator, NullLocator
 
 from backsight.output import write_whole
-from backsight.report.figures import figure, label, line, save
+from backsight.plot import figure, label, line, save
 from benchmarks.accuracy import JUDGED, Accuracy
 from benchmarks.bars import Bar, Measured
 from benchmarks.contest import Contest, Row

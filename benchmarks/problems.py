@@ -24,22 +24,11 @@ from backsight.run.simulation import simulate, simulate_closed_loop
 from backsight.signals.profiles import punch_strokes
 from backsight.solvers.box import GaussNewton
 from backsight.types import Array
-from backsight_studies.lecture.experiment import WIDE
-from backsight_studies.lecture.plants import FORCE, masses_motion, two_masses
-from backsight_studies.nanopositioner.plant import DT, simulate_stage
-from backsight_studies.nanopositioner.tuning import HEUN, HORIZON, NOISE, PRIOR, joint_model
-
-SAMPLES = 4000
-"""Samples of a recording of the stage."""
+from benchmarks import two_masses
+from benchmarks.stage import DT, HEUN, HORIZON, NOISE, PRIOR, joint_model, stage
 
 PUNCH_SAMPLES = 8000
 """Samples of the recording of the punch."""
-
-MASSES_SAMPLES = 2000
-"""Samples of the recording of the two masses."""
-
-SENSOR = 2e-3
-"""Standard deviation of the measured place of the first mass [m]."""
 
 TWICE = GaussNewton(max_iterations=2, tolerance=0.0)
 """Two Gauss-Newton iterations, always: the same work for every engine."""
@@ -75,12 +64,6 @@ class Problem:
         """Model, noise and prior in scaled variables."""
         noise, prior = self.estimator.noise, self.estimator.prior
         return setting(self.model, float(self.recording.attrs["dt"]), noise=noise, prior=prior)
-
-
-@functools.cache
-def stage(seed: int = 0) -> xr.Dataset:
-    """Simulated recording of the nanopositioning stage at 10 kHz."""
-    return simulate_stage(seed, samples=SAMPLES)
 
 
 def observer(
@@ -185,7 +168,7 @@ def punch_observer(*, adaptive: bool) -> Problem:
         ]
     )
     gain = AdaptiveGain(lower=100.0, gamma=6e-7, beta=3e7, window=0.04, every=1e-3)
-    ahg = AHG(noise, prior, lam=1000.0, Gamma=Gamma, adaptive=gain if adaptive else None)
+    ahg = AHG(noise, prior, gain=1000.0, Gamma=Gamma, adaptive=gain if adaptive else None)
     return Problem(ahg, model, punch())
 
 
@@ -217,13 +200,10 @@ def masses(*, unknown_force: bool, missing: float = 0.0) -> Problem:
     With an unknown force on the second mass, which switches between its bounds, as fifth state;
     and with a share of the samples missing.
     """
-    rng = np.random.default_rng(0)
-    motion = masses_motion(MASSES_SAMPLES, rng=rng, force=FORCE if unknown_force else 0.0)
-    y = motion.y + SENSOR * rng.standard_normal(motion.y.shape)
-    y[rng.random(y.shape) < missing] = np.nan
-    model = two_masses(unknown_force=unknown_force)
-    noise = Noise(SENSOR, {"d": 0.3 * FORCE} if unknown_force else 0.0)
-    return Problem(LinearMHE(noise, WIDE, N=20), model, motion.recording(model, y))
+    sigma_w = {"d": 0.3 * two_masses.FORCE} if unknown_force else 0.0
+    mhe = LinearMHE(Noise(two_masses.SENSOR, sigma_w), Prior(1.0), N=20)
+    recording = two_masses.recorded(unknown_force=unknown_force, missing=missing)
+    return Problem(mhe, two_masses.model(unknown_force=unknown_force), recording)
 
 
 def chain(masses: int = 30, *, samples: int = 1000) -> Problem:

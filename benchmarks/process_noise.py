@@ -11,10 +11,10 @@ from backsight.estimators import EKF, MHE, ConstantArrival, SmoothedArrival
 from backsight.models.model import Model
 from backsight.solvers.box import GaussNewton
 from backsight.types import Array
-from backsight_studies.nanopositioner.tuning import HORIZON, NOISE, PRIOR, joint_model
 from benchmarks.contest import Contender
 from benchmarks.ours import expected
-from benchmarks.problems import TWICE, Problem, chain, stage
+from benchmarks.problems import TWICE, Problem, chain
+from benchmarks.stage import HORIZON, NOISE, PRIOR, joint_model, stage
 from benchmarks.windows import PLACES
 
 HEUN = Integrator("heun", substeps=4)

@@ -4,22 +4,20 @@ import dataclasses
 import functools
 import itertools
 
+import casadi as ca
 import numpy as np
 
 from backsight.engine import native, vm
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import setting
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
-from backsight.models.beam import beam
 from backsight.models.model import Model
-from backsight.run.estimation import match
+from backsight.run.estimation import match, run_on
 from backsight.types import Array
-from backsight_studies.beam import plant
-from backsight_studies.beam.tuning import CARRYOVERS, READING_3, TABLE, estimator
-from backsight_studies.beam.windows import program
+from benchmarks import cantilever
 from benchmarks.contest import Contender
 
-CASES = tuple(plant.THICKNESS)
+CASES = tuple(cantilever.THICKNESS)
 """Error of the frequencies that the model has [%]."""
 
 HARDEST = -10.0
@@ -55,51 +53,61 @@ class Window:
 
 def data() -> tuple[Array, ...]:
     """Inputs, outputs and mask of the recording: four hits, no noise."""
-    return match(plant.model(plant.THICKNESS[0.0]), plant.struck(plant.forces()))
+    return match(cantilever.model(0.0), cantilever.struck())
 
 
 def of_paper(case: float) -> tuple[CompressiveSensingMHE, Model]:
     """The estimator with the values of Table 3, complete Algorithm 1, and its mistaken model."""
-    thickness = plant.THICKNESS[case]
-    carryover = CARRYOVERS[READING_3]
-    return estimator(thickness, TABLE[case], carryover=carryover), plant.model(thickness)
+    return cantilever.estimator(case), cantilever.model(case)
 
 
 @functools.cache
 def windows(case: float) -> tuple[Window, ...]:
     """All full windows, as the algorithm meets them."""
     mhe, model = of_paper(case)
-    s = setting(model, plant.DT, noise=mhe.noise, prior=mhe.prior)
-    told, recording = program(mhe, model, plant.DT), plant.struck(plant.forces())
+    s = setting(model, cantilever.DT, noise=mhe.noise, prior=mhe.prior)
+    recursion = _with_memory(mhe.compile(model, cantilever.DT))
     u, y, mask = data()
-    _, outputs = native.run(told.recursion, [u, y, mask], carry=told.recursion.carry0)
+    # The last window is full when as many samples as the horizon have come after it.
+    _, outputs = native.run(recursion, run_on([u, y, mask], mhe.N), carry=recursion.carry0)
+    first, memories = outputs[_output(recursion)], outputs[-1]
     nx, ny, N, nf = len(s.x0), y.shape[1], mhe.N, len(mhe.forces)
     # The memory begins with the arrival cost of the coming window. Before the innovations that
-    # wait, it ends with the expected forces and their variances.
+    # wait, it ends with the forces that were found, from the second step on, with the expected
+    # ones and with their variances.
     waiting, size = mhe.delay * (ny + ny * (ny + 1) // 2), N * nf
     made = []
-    found = told.run(recording).alpha
-    for k, forces in enumerate(found, start=N):
-        memory = outputs[-1][k - 1]
-        x_bar, P, expected = memory[:nx], memory[nx : nx + nx**2], memory[: len(memory) - waiting]
-        mean, variance = expected[-2 * size :].reshape(2, N, nf)
+    for k in range(N, len(y)):
+        before, after = (memories[i][: memories.shape[1] - waiting] for i in (k - 1, k))
+        mean, variance = before[-2 * size :].reshape(2, N, nf)
+        found, expected, _ = after[-3 * size :].reshape(3, N, nf)
+        later = np.where(found != 0, found, expected)[:-1]
+        x_bar, P = before[:nx], before[nx : nx + nx**2].reshape(nx, nx)
         made.append(
             Window(
                 x_bar=s.sx * x_bar,
-                P=np.outer(s.sx, s.sx) * P.reshape(nx, nx),
+                P=np.outer(s.sx, s.sx) * P,
                 Y=y[k - N : k + 1],
                 mean=mean,
                 spread=np.sqrt(variance),
-                forces=forces,
+                forces=np.vstack([first[k], later]),
             )
         )
     return tuple(made)
 
 
+def _with_memory(recursion: Recursion) -> Recursion:
+    """Put the memory of a recursion out as well, after its other outputs."""
+    inputs = [ca.MX.sym(f"i{i}", recursion.step.numel_in(i)) for i in range(recursion.step.n_in())]
+    carry, *outputs = recursion.step.call(inputs)
+    step = ca.Function(f"{recursion.name}_memory", inputs, [carry, *outputs, carry])
+    return dataclasses.replace(recursion, step=step)
+
+
 def native_engine(case: float) -> Contender:
     """The full windows of the recording, with everything that the algorithm does."""
     mhe, model = of_paper(case)
-    recursion = mhe.compile(model, plant.DT)
+    recursion = mhe.compile(model, cantilever.DT)
     _, outputs = vm.run(recursion, data(), carry=recursion.carry0)
     forces = outputs[_output(recursion)][mhe.N :]
     measured = _full_windows(mhe, model, data(), repeats=REPEATS)
@@ -108,21 +116,12 @@ def native_engine(case: float) -> Contender:
 
 def with_nodes(nodes: int) -> Contender:
     """The same with more places for the forces, in a longer recording."""
-    names = tuple(f"F{i}" for i in range(nodes))
-    places = np.linspace(plant.NODES[0], plant.LENGTH, nodes)
-    model = beam(
-        plant.LENGTH,
-        width=plant.WIDTH,
-        thickness=plant.THICKNESS[HARDEST],
-        youngs_modulus=plant.YOUNGS_MODULUS,
-        density=plant.DENSITY,
-        damping=plant.DAMPING,
-        sensors={name: ("displacement", x) for name, x in plant.SENSORS.items()},
-        forces=dict(zip(names, places, strict=True)),
-    )
+    places = np.linspace(cantilever.FIRST, cantilever.LENGTH, nodes)
+    model = cantilever.model(HARDEST, places)
+    names = tuple(p.name for p in model.parameters)
     mhe, _ = of_paper(HARDEST)
     # The forces in the background stay as strong all together.
-    sigma = mhe.sigma_force * np.sqrt(len(plant.NODES) / nodes)
+    sigma = mhe.sigma_force * np.sqrt(len(cantilever.NODES) / nodes)
     return _full_windows(
         dataclasses.replace(mhe, forces=names, sigma_force=sigma), model, longer_data()
     )
@@ -137,18 +136,14 @@ def with_horizon(N: int) -> Contender:
 @functools.cache
 def longer_data() -> tuple[Array, ...]:
     """The four hits over and over again."""
-    hits = (
-        dataclasses.replace(hit, step=12 * i + 12)
-        for i, hit in enumerate(itertools.islice(itertools.cycle(plant.HITS), 20))
-    )
-    recording = plant.struck(plant.forces(tuple(hits), 260))
-    return match(plant.model(plant.THICKNESS[0.0]), recording)
+    hits = tuple(itertools.islice(itertools.cycle(cantilever.HITS), 20))
+    return match(cantilever.model(0.0), cantilever.struck(hits, 260))
 
 
 def _full_windows(
     mhe: CompressiveSensingMHE, model: Model, recording: tuple[Array, ...], *, repeats: int = 1
 ) -> Contender:
-    recursion = mhe.compile(model, plant.DT)
+    recursion = mhe.compile(model, cantilever.DT)
     found = _output(recursion)
     before, rest = ([d[part] for d in recording] for part in (slice(mhe.N), slice(mhe.N, None)))
     carry, _ = native.run(recursion, before, carry=recursion.carry0)

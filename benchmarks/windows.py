@@ -9,8 +9,8 @@ import numpy as np
 from backsight.algebra.symmetric import unvech
 from backsight.engine import native
 from backsight.engine.recursion import Channel, Recursion
+from backsight.estimators.kalman.ekf import correct
 from backsight.estimators.mho import window_cost
-from backsight.estimators.parts.gaussian import correct
 from backsight.solvers.box import GaussNewton
 from backsight.types import Array
 from benchmarks import problems

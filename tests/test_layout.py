@@ -8,10 +8,11 @@ import backsight
 from backsight.estimators import ESTIMATORS
 
 ROOT = Path(__file__).parent.parent
-SOURCES = sorted((ROOT / "src" / "backsight").rglob("*.py"))
+PACKAGES = (ROOT / "src" / "backsight", ROOT / "studies" / "backsight_studies")
+SOURCES = sorted(path for package in PACKAGES for path in package.rglob("*.py"))
 TEXTS = sorted(
     path
-    for folder in ("src", "tests", "docs", "examples", "benchmarks")
+    for folder in ("src", "studies", "tests", "docs", "examples", "benchmarks")
     for path in (ROOT / folder).rglob("*")
     if path.suffix in {".py", ".md", ".toml", ".html", ".css", ".js"}
     and not any(part.endswith(".egg-info") for part in path.parts)

@@ -6,9 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from backsight.types import Array
-from backsight_studies.beam import plant
-from backsight_studies.beam.tuning import TABLE
 from benchmarks import struck_beam
+from benchmarks.cantilever import TABLE, sampled
 from benchmarks.contest import Contender
 from benchmarks.struck_beam import Window
 
@@ -31,7 +30,7 @@ def build(case: float, tolerances: dict[str, float]) -> Contender:
 def _compiled(case: float, tolerances: dict[str, float]) -> Callable[[Window], Array]:
     import cvxpy as cp
 
-    (A, B, C), values = plant.sampled(plant.THICKNESS[case]), TABLE[case]
+    (A, B, C), values = sampled(case), TABLE[case]
     (nx, nf), (samples, ny) = B.shape, struck_beam.windows(case)[0].Y.shape
     N = samples - 1
     x, start, extra = cp.Variable((samples, nx)), cp.Variable(nx), cp.Variable((N, nf))

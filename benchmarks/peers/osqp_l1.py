@@ -13,9 +13,8 @@ import numpy as np
 import scipy
 
 from backsight.types import Array
-from backsight_studies.beam import plant
-from backsight_studies.beam.tuning import TABLE
 from benchmarks import struck_beam
+from benchmarks.cantilever import TABLE, sampled
 from benchmarks.contest import Contender
 from benchmarks.struck_beam import Window
 
@@ -67,7 +66,7 @@ def build(case: float) -> Contender:
 
 def _condensed(case: float, window: Window) -> tuple[Array, Array]:
     """Effects of the forces (outputs, forces) and measurements, with unit noise."""
-    (A, B, C), values = plant.sampled(plant.THICKNESS[case]), TABLE[case]
+    (A, B, C), values = sampled(case), TABLE[case]
     N, nf = window.mean.shape
     powers = [np.eye(len(A))]
     for _ in range(N):

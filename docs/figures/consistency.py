@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 import backsight as bs
+from backsight import plot
 from backsight.analysis.consistency import autocorrelation, normalised
-from backsight.report import figures
 from backsight.report.palette import ON_LIGHT
 
 DT, SAMPLES, LAGS = 0.01, 4000, 15
@@ -46,25 +46,25 @@ def filtered(recording: xr.Dataset, R: float, Q: float) -> xr.Dataset:
 def draw(path: Path) -> Path:
     """Innovations on the left, their autocorrelation on the right, a row per filter."""
     recording = recorded()
-    made = figures.figure(len(CASES), 2, width=9.0, height=1.5)
+    made = plot.figure(len(CASES), 2, width=9.0, height=1.5)
     for row, (name, (R, Q)) in enumerate(CASES.items()):
         result = filtered(recording, R, Q)
         left, right = made.axes[2 * row : 2 * row + 2]
         last = row == len(CASES) - 1
         part = slice(0, 300)
         time = result["time"].values[part]
-        figures.line(left, time, normalised(result)[part, 0], name=name, series=1)
+        plot.line(left, time, normalised(result)[part, 0], name=name, series=1)
         for level in (-3.0, 3.0):
             left.axhline(level, color="#656d76", linewidth=0.8, linestyle=(0, (4, 2)))
         left.set_ylim(-12, 12)
-        figures.label(left, f"{name}: innovation", "σ", x="time [s]" if last else None)
+        plot.label(left, f"{name}: innovation", "σ", x="time [s]" if last else None)
         found = autocorrelation(result, LAGS)
         bound = found["bound"].values[:, 0]
         right.fill_between(found["lag"], -bound, bound, color="#656d76", alpha=0.25, linewidth=0)
         right.bar(found["lag"], found["correlation"].values[:, 0], width=0.5, color=ON_LIGHT[1])
         right.set(xlim=(0.4, LAGS + 0.6), ylim=(-0.25, 0.45))
-        figures.label(right, "correlation", x="lag [samples]" if last else None)
-    return figures.save(made, path, dpi=110)
+        plot.label(right, "correlation", x="lag [samples]" if last else None)
+    return plot.save(made, path, dpi=110)
 
 
 if __name__ == "__main__":

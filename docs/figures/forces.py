@@ -4,10 +4,9 @@ import runpy
 from pathlib import Path
 
 import backsight as bs
+from backsight import plot
 from backsight.problem import load
 from backsight.problem.source import recording
-from backsight.report import figures
-from backsight.report.force_figure import force_map
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "beam"
 
@@ -18,15 +17,15 @@ def draw(path: Path) -> Path:
     problem = load(EXAMPLE / "problem.toml")
     results = bs.compare(problem.estimators, problem.model, recording(problem))
     names = [name for name, result in results.items() if "d_hat" in result]
-    made = figures.figure(len(names), width=9.0, height=2.6)
+    made = plot.figure(len(names), width=9.0, height=2.6)
     for axes, name in zip(made.axes, names, strict=False):
-        force_map(axes, results[name], name=name)
+        plot.force_map(axes, results[name], name=name)
         places = [str(n) for n in results[name]["force"].values]
         hits = [(k, n) for k, (n, _) in truth["HITS"].items() if n in places]
         time = [(k + 0.5) * truth["DT"] for k, _ in hits]
         axes.plot(time, [places.index(n) for _, n in hits], "x", color="#1d2126", markersize=5)
     made.axes[len(names) - 1].set_xlabel("time [s]", fontsize=8)
-    return figures.save(made, path, dpi=110)
+    return plot.save(made, path, dpi=110)
 
 
 if __name__ == "__main__":

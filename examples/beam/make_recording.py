@@ -50,7 +50,7 @@ def simulated() -> xr.Dataset:
     hits = np.zeros((SAMPLES, len(PLACES)))
     for k, (name, force) in HITS.items():
         hits[k, list(PLACES).index(name)] = force
-    known = bs.forces_as_inputs(cantilever(), list(PLACES))
+    known = bs.forces.forces_as_inputs(cantilever(), list(PLACES))
     return bs.simulate(known, hits, dt=DT, sigma_y=NOISE, seed=SEED)
 
 

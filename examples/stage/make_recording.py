@@ -1,4 +1,7 @@
-"""Make the recording `stage.csv` beside this file: a nanopositioning stage loses its payload."""
+"""Make the recording `stage.csv` beside this file: a nanopositioning stage loses its payload.
+
+It simulates the stage of a study: `pip install backsight-studies`.
+"""
 
 import io
 from pathlib import Path

@@ -3,19 +3,18 @@
 Commands import what they need when they run, so that help and version come at once.
 """
 
-import contextlib
 import io
 import re
-import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from backsight.errors import BacksightError, ProblemError, nearest
+from backsight.console import bar, say, tell, told, warn, width
+from backsight.errors import ProblemError, nearest
 
 if TYPE_CHECKING:
     from backsight.estimators.base import AbstractEstimator
@@ -25,9 +24,13 @@ study = typer.Typer(no_args_is_help=True, help="Reproduce a paper or work on a r
 app.add_typer(study, name="study")
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
-
-WIDEST = 120
-"""Columns of a table at most, however wide the terminal is."""
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace files in the folder that are not from here.")
+]
+Outside = Annotated[
+    list[str] | None,
+    typer.Option(help="Another file that an HDF5, NetCDF or MAT recording may read from."),
+]
 
 
 @app.callback(invoke_without_command=True)
@@ -50,6 +53,8 @@ def main(
 def run(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     out: Out,
+    force: Force = False,
+    outside: Outside = None,
 ) -> None:
     """Run the estimators of a problem file over its recording and compare them.
 
@@ -57,24 +62,32 @@ def run(
     others are written), and 2 if the problem, the recording or the folder
     is at fault and nothing is written.
     """
-    with _told():
+    with told():
         from backsight.problem import execute, load
+        from backsight.problem.methods import refusals
         from backsight.problem.running import ESTIMATES, PAGE
         from backsight.run.estimation import failure
 
+        for sentence in refusals():
+            warn(sentence)
         read = load(problem)
-        with _bar() as advance:
+        with bar() as advance:
             results = execute(
-                read, out, progress=lambda name, k, n: advance(name, k / n), tell=_warn
+                read,
+                out,
+                progress=lambda name, k, n: advance(name, k / n),
+                tell=warn,
+                force=force,
+                outside=outside or (),
             )
-        typer.echo(f"{read.title}\n\n{results.table(read.reference, width=_width())}\n")
+        say(f"{read.title}\n\n{results.table(read.reference, width=width())}\n")
         for sentence in results.verdicts(read.reference):
-            typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
-        typer.echo(f"\nReport: {out / PAGE}" if read.report else f"\nEstimates: {out / ESTIMATES}")
+            say(textwrap.fill(sentence, width(), subsequent_indent="  "))
+        say(f"\nReport: {out / PAGE}" if read.report else f"\nEstimates: {out / ESTIMATES}")
     failures = {name: failure(result) for name, result in results.items()}
     for name, reason in failures.items():
         if reason:
-            typer.echo(f"backsight: {name}: {reason}", err=True)
+            tell(f"{name}: {reason}")
     if any(failures.values()):
         raise typer.Exit(1)
 
@@ -86,6 +99,7 @@ def check(
         str | None,
         typer.Option(help="Estimator that should equal the Kalman filter on the linearised model."),
     ] = None,
+    outside: Outside = None,
 ) -> None:
     """Say whether the recording can show what is asked for, and which sensor would help.
 
@@ -96,7 +110,7 @@ def check(
     what it is asked to be, and 2 if the problem or the recording is at
     fault.
     """
-    with _told():
+    with told():
         from backsight.problem import load
         from backsight.problem.seeing import examine
         from backsight.problem.source import recording
@@ -105,17 +119,17 @@ def check(
 
         read = load(problem)
         chosen = None if certify is None else _estimator(certify, read.estimators)
-        data = recording(read)
+        data = recording(read, outside=outside or ())
         found = examine(read, data)
         timing = aligned(read.estimators, read.model, data)
-        typer.echo(f"{read.title}\n\n{read.model}\n")
+        say(f"{read.title}\n\n{read.model}\n")
         for sentence in [*found.lines(), *(timing.lines() if timing else [])]:
-            typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
+            say(textwrap.fill(sentence, width(), subsequent_indent="  "))
         certificate = None if chosen is None else certified(chosen, read.model, data)
         if certificate is not None:
-            typer.echo(f"\n{certificate.table()}\n")
+            say(f"\n{certificate.table()}\n")
             for sentence in certificate.lines():
-                typer.echo(textwrap.fill(sentence, _width(), subsequent_indent="  "))
+                say(textwrap.fill(sentence, width(), subsequent_indent="  "))
     fine = found.detectable and (timing is None or timing.sound)
     if not (fine and (certificate is None or certificate.holds)):
         raise typer.Exit(1)
@@ -130,9 +144,11 @@ def export(
         str | None, typer.Option(help="Prefix in C [from the estimator's name].")
     ] = None,
     precision: Annotated[str, typer.Option(help="double or float.")] = "double",
+    force: Force = False,
+    outside: Outside = None,
 ) -> None:
     """Write an estimator as C99 for a controller, with a self-test from the recording."""
-    with _told():
+    with told():
         from backsight.export import export_c
         from backsight.problem import load
         from backsight.problem.source import recording
@@ -141,12 +157,14 @@ def export(
         export_c(
             _estimator(estimator, read.estimators),
             read.model,
-            recording(read),
+            recording(read, outside=outside or ()),
             out,
             name=name or _prefix(estimator),
-            precision=precision,
+            # Which words there are is the function's to say.
+            precision=cast(Literal["double", "float"], precision),
+            force=force,
         )
-        typer.echo(f"Code: {out}\nTest: make -C {out} test")
+        say(f"Code: {out}\nTest: make -C {out} test")
 
 
 @app.command()
@@ -154,16 +172,17 @@ def methods() -> None:
     """List the estimators with the settings that a problem file may give them."""
     from backsight.problem.methods import methods as listed
 
-    typer.echo(listed())
+    say(listed(tell=warn))
 
 
 @study.command("list")
 def study_list() -> None:
     """List the studies."""
-    from backsight_studies import STUDIES
+    with told():
+        from backsight.studies import studies
 
-    for name, entry in STUDIES.items():
-        typer.echo(f"{name}: {entry.title}")
+        for name, entry in studies(tell=warn).items():
+            say(f"{name}: {entry.title}")
 
 
 @study.command("run")
@@ -177,75 +196,32 @@ def study_run(
     recording: Annotated[
         list[Path] | None, typer.Option(help="Further recording; may be given several times.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Run a study: figures, tables, a page to read, and checks.json."""
-    with _told():
-        from backsight_studies import STUDIES
+    with told():
+        from backsight.studies import studies
 
-        if name not in STUDIES:
-            raise ProblemError(f"there is no study '{name}', {nearest(name, STUDIES)}")
-        entry = STUDIES[name]
+        known = studies(tell=warn)
+        if name not in known:
+            raise ProblemError(f"there is no study '{name}', {nearest(name, known)}")
+        entry = known[name]
         count = entry.seeds if seeds is None else seeds
-        with _bar() as advance:
+        with bar() as advance:
             findings = entry.run(
-                out, seeds=range(count), recordings=recording or [], progress=advance
+                out,
+                seeds=range(count),
+                recordings=recording or [],
+                progress=advance,
+                force=force,
             )
-        typer.echo(f"{findings}\n\nPage: {findings.page}")
+        say(f"{findings}\n\nPage: {findings.page}")
 
 
 def _estimator(name: str, known: Mapping[str, "AbstractEstimator"]) -> "AbstractEstimator":
     if name not in known:
         raise ProblemError(f"estimators: there is no '{name}', {nearest(name, known)}")
     return known[name]
-
-
-def _warn(sentence: str) -> None:
-    typer.echo(f"backsight: warning: {sentence}", err=True)
-
-
-@contextlib.contextmanager
-def _told() -> Iterator[None]:
-    """Say in one line what the user can mend."""
-    try:
-        yield
-    except BacksightError as error:
-        typer.echo(f"backsight: {' '.join(str(error).split())}", err=True)
-        raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        typer.echo("backsight: interrupted, nothing is written", err=True)
-        raise typer.Exit(130) from None
-
-
-@contextlib.contextmanager
-def _bar() -> Iterator[Callable[[str, float], None]]:
-    """Show what is being done and the share that is done, on a terminal only."""
-    from rich import progress as bars
-    from rich.console import Console
-
-    columns = (
-        bars.TextColumn("{task.description}", markup=False),
-        bars.BarColumn(),
-        bars.TaskProgressColumn(),
-        bars.TimeRemainingColumn(),
-    )
-    with bars.Progress(
-        *columns,
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    ) as progress:
-        tasks = {}
-
-        def advance(text: str, share: float) -> None:
-            if text not in tasks:
-                tasks[text] = progress.add_task(text, total=1.0)
-            progress.update(tasks[text], completed=share)
-
-        yield advance
-
-
-def _width() -> int:
-    return min(shutil.get_terminal_size().columns, WIDEST) if sys.stdout.isatty() else 80
 
 
 def _prefix(estimator: str) -> str:

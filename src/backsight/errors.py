@@ -1,11 +1,33 @@
 """Exceptions of the package: one family for everything a user can mend."""
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
+from typing import Self
 
 
 class BacksightError(Exception):
-    """Base of all errors that a user can mend; the command line shows them in one line."""
+    """Base of all errors that a user can mend; the command line shows them in one line.
+
+    Of a message that would fill pages, as when thousands of keys are wrong, the beginning is kept.
+    """
+
+    bare: str | None = None
+    """The message without what it is about, for those who name that themselves."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(shortened(message))
+
+    @classmethod
+    def about(cls, what: str, message: str) -> Self:
+        """Make an error whose message begins with what it is about."""
+        error = cls(f"{what}: {message}")
+        error.bare = message
+        return error
+
+
+class BacksightWarning(UserWarning):
+    """What a user should know and may want to mend; the command line shows it in one line."""
 
 
 class ModelError(BacksightError):
@@ -32,6 +54,10 @@ class EngineError(BacksightError):
     """A recursion cannot be turned into machine code or C."""
 
 
+class PluginError(BacksightError):
+    """An installed extension is broken, or brings something under a name that is taken."""
+
+
 class EstimationError(BacksightError):
     """An estimator failed on a recording; ``results`` holds everything up to there.
 
@@ -46,6 +72,30 @@ class EstimationError(BacksightError):
     def __init__(self, message: str, results: object) -> None:
         super().__init__(message)
         self.results = results
+
+
+LONGEST = 1900
+"""Characters of a message at most."""
+
+
+def shortened(message: str) -> str:
+    """Cut a message that nobody would read to the end, and say so."""
+    if len(message) <= LONGEST:
+        return message
+    return f"{message[:LONGEST]}… (cut: {len(message)} characters)"
+
+
+def printable(text: str) -> str:
+    r"""Return a text in which every character is shown and none does anything.
+
+    Control characters and those that turn the direction of writing, which would steer a terminal
+    or show another text than is there, become their escapes (``\x1b``); line ends and tabs stay.
+    """
+    return "".join(c if c in "\n\t" or _is_shown(c) else ascii(c)[1:-1] for c in text)
+
+
+def _is_shown(character: str) -> bool:
+    return unicodedata.category(character) not in ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
 MOST_NAMES = 12

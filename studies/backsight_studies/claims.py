@@ -2,8 +2,10 @@
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 
 from backsight_studies.checks import Check
+from backsight_studies.sheets import write_sheet
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,3 +38,9 @@ def tally(checks: Sequence[Check]) -> str:
     failed = [c.name for c in checks if not c.passed]
     missed = f"; not: {'; '.join(failed)}." if failed else "."
     return f"{len(checks) - len(failed)} of {len(checks)} numbers are met{missed}"
+
+
+def write_claims(claims: Sequence[Claim], out: Path) -> None:
+    """Write ``claims.csv``."""
+    rows = [[c.text, c.setting, c.holds, c.measured] for c in claims]
+    write_sheet(out / "claims.csv", ["claim", "setting", "holds", "measured"], rows)

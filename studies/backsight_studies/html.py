@@ -74,10 +74,10 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str | Cell]], *, caption:
     )
 
 
-def picture(path: Path, *, alt: str, caption: str) -> str:
-    """PNG, embedded."""
+def picture(path: Path, caption: str) -> str:
+    """PNG, embedded; the caption is also what is read out in its place."""
     data = base64.b64encode(path.read_bytes()).decode()
-    image = f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}">'
+    image = f'<img src="data:image/png;base64,{data}" alt="{escape(caption)}">'
     return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>\n"
 
 

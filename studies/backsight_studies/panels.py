@@ -1,7 +1,12 @@
-"""Figures of several plots: shared axes, one legend."""
+"""Figures of several plots: shared axes, one legend; and how they are written."""
+
+from collections.abc import Mapping
+from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from backsight.plot import save
 
 
 def axes_by_row(made: Figure, *, shared: bool = True) -> list[list[Axes]]:
@@ -26,3 +31,8 @@ def finished(made: Figure, x: str) -> Figure:
     for drawn in legend.get_lines():
         drawn.set_linewidth(1.6)
     return made
+
+
+def save_all(figures: Mapping[str, Figure], folder: Path) -> dict[str, Path]:
+    """Write all figures of a study as PNG; returns name to file."""
+    return {name: save(made, folder / f"{name}.png", dpi=130) for name, made in figures.items()}

@@ -1,6 +1,5 @@
 """Delays, wrong units and wrong signs of recordings, and none where there are none."""
 
-import dataclasses
 import os
 import re
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from analysis.noiseless import Noiseless
 from backsight.analysis.recording import decide, ratio
 from backsight.errors import TuningError
 from backsight.estimators import KalmanFilter, Noise, Prior
@@ -16,7 +16,7 @@ from backsight.models.builtin import sdof
 from backsight.models.lti import lti
 from backsight.problem import load
 from backsight.problem.source import recording
-from backsight.run.diagnosis import aligned, alignment
+from backsight.run.diagnosis import aligned, check_alignment
 from backsight.run.simulation import simulate
 from backsight.signals import prbs
 from backsight_studies.nanopositioner.plant import SAMPLES, simulate_stage
@@ -36,7 +36,7 @@ def changed(data: xr.Dataset, *, late: int = 0, factor: float = 1.0) -> xr.Datas
 
 
 def found(data: xr.Dataset):
-    return alignment(ekf().estimator, joint_model(), data)
+    return check_alignment(ekf().estimator, joint_model(), data)
 
 
 def test_right_recording_raises_no_alarm(stage):
@@ -95,10 +95,10 @@ def test_delay_of_half_a_sample_is_mentioned_and_no_alarm():
         machine, prbs(3000, seed=2, samples_per_bit=3), dt=1e-3, sigma_y=1e-9, hold="foh"
     )
     noise, prior = Noise(sigma_y=1e-7, sigma_w={"v": 1e-4}), Prior(sigma_x0=[1e-4, 1e-2])
-    held = alignment(KalmanFilter(noise, prior), machine, made)
+    held = check_alignment(KalmanFilter(noise, prior), machine, made)
     assert abs(held.fraction) == pytest.approx(0.5, abs=0.1)
     assert "of a sample" in str(held) or held.aligned is None
-    ramp = alignment(KalmanFilter(noise, prior, hold="foh"), machine, made)
+    ramp = check_alignment(KalmanFilter(noise, prior, hold="foh"), machine, made)
     assert ramp.aligned
     assert abs(ramp.fraction) < 0.1
 
@@ -120,27 +120,27 @@ def test_noise_alone_is_never_misaligned():
     for _ in range(5):
         u = 1e-3 * rng.standard_normal(400)
         data = simulate(model, u, dt=1.0, sigma_y=1.0, seed=int(rng.integers(1000)))
-        assert alignment(judge, model, data).delay == 0
+        assert check_alignment(judge, model, data).delay == 0
 
 
 def test_models_without_input_have_nothing_to_align(stage):
     names = {"states": {"x": ""}, "inputs": {}, "outputs": {"y": ""}}
     free = lti([[0.9]], np.zeros((1, 0)), [[1.0]], dt=1e-4, **names)
     judge = KalmanFilter(Noise(sigma_y=1.0), Prior(sigma_x0=1.0))
-    assert not alignment(judge, free, stage).shifts
+    assert not check_alignment(judge, free, stage).shifts
     assert aligned({"KF": judge}, free, stage) is None
 
 
 def test_estimator_without_noise_cannot_judge(stage):
-    unknown = dataclasses.replace(ekf().estimator, noise=None)
+    unknown = Noiseless()
     with pytest.raises(TuningError, match="no noise and prior"):
-        alignment(unknown, joint_model(), stage)
+        check_alignment(unknown, joint_model(), stage)
     assert aligned({"none": unknown, "EKF": ekf().estimator}, joint_model(), stage) is not None
 
 
 def test_reach_must_be_positive(stage):
     with pytest.raises(TuningError, match="reach"):
-        alignment(ekf().estimator, joint_model(), stage, reach=0)
+        check_alignment(ekf().estimator, joint_model(), stage, reach=0)
 
 
 def test_one_part_of_the_recording_does_not_decide():
@@ -180,9 +180,9 @@ def test_ratio_looks_through_drift_and_a_resonance_at_the_wrong_place():
 def test_measured_machines_are_aligned_and_a_delay_would_be_found(name):
     problem = load(EXAMPLES / name / "problem.toml")
     data, judge = recording(problem), problem.estimators["EKF"]
-    result = alignment(judge, problem.model, data)
+    result = check_alignment(judge, problem.model, data)
     assert result.sound
     assert result.aligned
     assert abs(result.fraction) < 0.2
-    assert alignment(judge, problem.model, changed(data, late=1)).delay == 1
-    assert alignment(judge, problem.model, changed(data, late=-1)).delay == -1
+    assert check_alignment(judge, problem.model, changed(data, late=1)).delay == 1
+    assert check_alignment(judge, problem.model, changed(data, late=-1)).delay == -1

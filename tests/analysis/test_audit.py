@@ -98,7 +98,7 @@ def test_results_of_a_comparison_know_what_was_found():
     assert row.alignment[0].startswith("y and u are aligned")
     assert pytest.approx(4.0, rel=0.25) == row.consistency.noise.R
     assert "R is about" in bs.compare(estimators, machine, made).verdicts()[-1]
-    assert str(bs.consistency(result)).count("\n") >= 4
+    assert str(bs.check.check_consistency(result)).count("\n") >= 4
 
 
 def wobble(n: int) -> np.ndarray:

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from analysis.noiseless import Noiseless
 from backsight.analysis.certificate.linear_gaussian import (
     LinearGaussian,
     draw,
@@ -157,11 +158,11 @@ def test_linear_estimators_and_their_weights():
     recording = from_arrays(u=u, y=y, dt=linear.DT, **names)
     assert certify(KalmanFilter(NOISE, PRIOR), model, recording).holds
     for weight, holds in ((1.0, True), (0.5, False), (0.0, False)):
-        certificate = certify(LinearMHE(NOISE, PRIOR, N=6, arrival=weight), model, recording)
+        certificate = certify(LinearMHE(NOISE, PRIOR, N=6, arrival_weight=weight), model, recording)
         assert certificate.holds == holds
         others = {c.name: certificate.equal(c) for c in certificate.claims if not c.own}
-        assert others == {n: n == "arrival = 1" for n in others}
-        assert f"arrival = {weight:g}" not in others
+        assert others == {n: n == "arrival_weight = 1" for n in others}
+        assert f"arrival_weight = {weight:g}" not in others
 
 
 def test_point_may_be_given(oscillator):
@@ -173,6 +174,6 @@ def test_point_may_be_given(oscillator):
 def test_estimator_without_noise_is_refused(oscillator):
     model, recording = oscillator
     with pytest.raises(TuningError, match="no noise and prior"):
-        certify(EKF(None, UNSURE), model, recording)
+        certify(Noiseless(), model, recording)
     with pytest.raises(DataError, match="no output"):
         certify(EKF(NOISY, UNSURE), model, recording.assign_coords(output=["other"]))

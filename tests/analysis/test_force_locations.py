@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from backsight.analysis.observability import (
-    force_locations,
+    check_force_locations,
+    check_observability,
     force_zeros,
-    observability,
     transmission_zeros,
 )
 from backsight.discrete.exact import zoh
@@ -34,7 +34,7 @@ def cantilever(kinds=("displacement",) * 3, at=(3, 5, 7), **changes):
 
 def test_observable_up_to_nine_states():
     """Fig. 5 of that paper: the rank is the number of states up to nine, and stays nine."""
-    found = force_locations(cantilever(), DT)
+    found = check_force_locations(cantilever(), DT)
     expected = [6, 7, 8, 9, 9, 9, 9, 9, 9]
     for name in ("rank", "pbh"):
         np.testing.assert_array_equal(found[name], [expected, expected])
@@ -57,11 +57,11 @@ def test_observable_up_to_nine_states():
 def test_ranks_are_those_of_the_continuous_joint_model():
     """The test for observability of a model, which works by projections, on the augmented model."""
     model = cantilever(("displacement", "acceleration", "strain"), at=(7, 5, 1))
-    found = force_locations(model, DT, forces=["F6", "F1", "F3"])
+    found = check_force_locations(model, DT, forces=["F6", "F1", "F3"])
     for n in range(4):
         for order, names in (("forward", ["F6", "F1", "F3"]), ("backward", ["F3", "F1", "F6"])):
             joint = augment(model, names[:n])
-            assert observability(joint).rank == found["rank"].sel(order=order, number=n)
+            assert check_observability(joint).rank == found["rank"].sel(order=order, number=n)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_ranks_are_those_of_the_continuous_joint_model():
     ],
 )
 def test_what_limits_the_number_is_said(changes, most, words):
-    found = force_locations(cantilever(**changes), DT)
+    found = check_force_locations(cantilever(**changes), DT)
     assert found.attrs["most"] == most
     np.testing.assert_array_equal(found["pbh"], found["rank"])
     with pytest.raises(AssertionError, match=words):
@@ -87,7 +87,7 @@ def test_what_limits_the_number_is_said(changes, most, words):
 
 def test_the_order_counts():
     """Two forces at one place cannot be told apart, wherever they come in the row."""
-    found = force_locations(cantilever(forces={"a": 0.2, "b": 0.2, "c": 0.4}), DT)
+    found = check_force_locations(cantilever(forces={"a": 0.2, "b": 0.2, "c": 0.4}), DT)
     np.testing.assert_array_equal(found["rank"], [[6, 7, 7, 8], [6, 7, 8, 8]])
     assert found.attrs["most"] == 1
 
@@ -95,7 +95,7 @@ def test_the_order_counts():
 def test_a_free_beam_and_one_that_is_not_seen():
     """Rigid motion has the eigenvalue of the random walks; a sensor in a node sees half of it."""
     free = {"boundary": "free-free", "modes": 3, "damping": 0.01}
-    assert force_locations(cantilever(**free), DT).attrs["most"] == 3
+    assert check_force_locations(cantilever(**free), DT).attrs["most"] == 3
     hidden = beam(
         0.4,
         boundary="free-free",
@@ -105,14 +105,14 @@ def test_a_free_beam_and_one_that_is_not_seen():
         sensors={"y": ("displacement", 0.2)},
         forces={"F": 0.1},
     )
-    found = force_locations(hidden, DT)
+    found = check_force_locations(hidden, DT)
     assert found.attrs["most"] == -1
     assert "not observable even without forces" in found.attrs["verdict"]
 
 
 def test_names_and_models_are_checked():
     with pytest.raises(ModelError, match="did you mean 'F7'"):
-        force_locations(cantilever(), DT, forces=["F77"])
+        check_force_locations(cantilever(), DT, forces=["F77"])
 
 
 def test_transmission_zeros_of_modal_forces():

@@ -34,7 +34,9 @@ def recording(hit=HIT, *, model=None, noise=2e-7):
     push = np.zeros((N, len(PLACES)))
     for k, (name, force) in hit.items():
         push[k, list(PLACES).index(name)] = force
-    made = bs.simulate(bs.forces_as_inputs(model, list(PLACES)), push, dt=DT, sigma_y=noise, seed=2)
+    made = bs.simulate(
+        bs.forces.forces_as_inputs(model, list(PLACES)), push, dt=DT, sigma_y=noise, seed=2
+    )
     return made.drop_dims(["input", "state"]).assign(u=(("time", "input"), np.zeros((N, 0))))
 
 

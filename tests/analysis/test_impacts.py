@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from backsight.analysis.forces import impacts, matches
+from backsight.analysis.forces import find_impacts, matches
 from backsight.errors import DataError
 
 DT = 0.01
@@ -23,7 +23,7 @@ def result_of(forces, std=None):
 
 
 def test_a_pulse_over_several_steps_is_one_hit():
-    (hit,) = impacts(result_of({"low": {}, "high": {10: 1.0, 11: 2.0, 12: 1.0}}, std=0.3))
+    (hit,) = find_impacts(result_of({"low": {}, "high": {10: 1.0, 11: 2.0, 12: 1.0}}, std=0.3))
     assert hit.place == "high"
     assert hit.time == pytest.approx(1.115)
     assert hit.impulse == pytest.approx(0.04)
@@ -33,7 +33,7 @@ def test_a_pulse_over_several_steps_is_one_hit():
 
 @pytest.mark.parametrize(("gap", "hits"), [(0, 3), (1, 2), (2, 1)])
 def test_a_gap_may_be_inside_a_hit(gap, hits):
-    found = impacts(result_of({"F": {10: -1.0, 12: -1.0, 15: -1.0}}), gap=gap)
+    found = find_impacts(result_of({"F": {10: -1.0, 12: -1.0, 15: -1.0}}), gap=gap)
     assert len(found) == hits
     assert sum(hit.impulse for hit in found) == pytest.approx(-0.03)
 
@@ -41,24 +41,24 @@ def test_a_gap_may_be_inside_a_hit(gap, hits):
 @pytest.mark.parametrize(("ghost", "places"), [(0.0, ["A", "B", "B"]), (0.2, ["A", "B"])])
 def test_leaks_to_other_places_at_the_same_time_can_be_left_out(ghost, places):
     forces = {"A": {10: -10.0, 11: -10.0}, "B": {11: 1.0, 30: 1.0}}
-    assert [hit.place for hit in impacts(result_of(forces), ghost=ghost)] == places
+    assert [hit.place for hit in find_impacts(result_of(forces), ghost=ghost)] == places
 
 
 def test_what_is_not_known_is_no_force():
     found = result_of({"F": {10: 1.0}})
     found["d_hat"][20:] = np.nan
-    assert len(impacts(found)) == 1
+    assert len(find_impacts(found)) == 1
 
 
 def test_wrong_questions_are_refused():
     found = result_of({"F": {}})
-    assert impacts(found) == []
+    assert find_impacts(found) == []
     with pytest.raises(DataError, match="no unknown forces 'd_hat'"):
-        impacts(found.drop_vars("d_hat"))
+        find_impacts(found.drop_vars("d_hat"))
     with pytest.raises(DataError, match="gap is -1"):
-        impacts(found, gap=-1)
+        find_impacts(found, gap=-1)
     with pytest.raises(DataError, match="ghost 2"):
-        impacts(found, ghost=2.0)
+        find_impacts(found, ghost=2.0)
 
 
 def test_the_closest_times_are_paired_and_each_once():

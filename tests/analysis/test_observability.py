@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backsight.analysis.observability import observability, observability_along
+from backsight.analysis.observability import check_observability, check_observability_along
 from backsight.errors import ModelError
 from backsight.models.augment import augment
 from backsight.models.builtin import sdof
@@ -38,7 +38,7 @@ def test_rank_and_index_are_those_of_the_observability_matrix(n):
         T = rng.standard_normal((size, size))
         seen = linear(T @ A @ np.linalg.inv(T), C @ np.linalg.inv(T), dt=1.0,
                       names=[f"x{i}" for i in range(size)])  # fmt: skip
-        found = observability(seen)
+        found = check_observability(seen)
         assert found.rank == n
         assert found.samples == n
         assert len(found.hidden) == hidden
@@ -50,7 +50,7 @@ def test_rank_and_index_are_those_of_the_observability_matrix(n):
 
 def test_free_chain_measured_by_its_speed_is_not_detectable():
     """All masses moved together: no spring is stretched and no speed changes."""
-    found = observability(chain(2, [[0.0, 0.0, 1.0, 0.0]]))
+    found = check_observability(chain(2, [[0.0, 0.0, 1.0, 0.0]]))
     assert found.hidden == ("q1 and q2 in the ratio 1 : 1",)
     assert not found.detectable
     assert found.lasting[0][0] == pytest.approx(0, abs=1e-6)
@@ -63,7 +63,7 @@ def test_free_chain_measured_by_its_speed_is_not_detectable():
 
 def test_long_chain_is_observable_from_its_end():
     """The powers of A span 60 decades here; a rank of the stacked matrix would be wrong."""
-    found = observability(chain(10, [np.eye(20)[0]]))
+    found = check_observability(chain(10, [np.eye(20)[0]]))
     assert found.observable
     assert found.samples == 20
     assert str(found).startswith("plant: observable, 20 samples suffice")
@@ -71,7 +71,7 @@ def test_long_chain_is_observable_from_its_end():
 
 def test_mode_with_its_node_at_the_sensor_decays():
     """The sensor on the middle mass of three does not see the outer ones move against it."""
-    found = observability(chain(3, [np.eye(6)[1]]))
+    found = check_observability(chain(3, [np.eye(6)[1]]))
     assert found.hidden == ("q1 and q3 in the ratio 1 : -1", "v1 and v3 in the ratio 1 : -1")
     assert found.detectable
     assert not found.lasting
@@ -85,7 +85,7 @@ def test_verdict_does_not_depend_on_units():
     for M in (np.eye(3), T):
         plant = linear(M @ A @ np.linalg.inv(M), np.array([[1.0, 0, 0]]) @ np.linalg.inv(M),
                        names="abc")  # fmt: skip
-        assert observability(plant).hidden == ("c",)
+        assert check_observability(plant).hidden == ("c",)
 
 
 def test_given_candidates_are_tried():
@@ -93,9 +93,9 @@ def test_given_candidates_are_tried():
         "accelerometer": lambda x, u, p: -900 * (x.q1 - x.q2),
         "potentiometer": lambda x, u, p: x.q2,
     }
-    found = observability(chain(2, [[0.0, 0.0, 1.0, 0.0]]), candidates=sensors)
+    found = check_observability(chain(2, [[0.0, 0.0, 1.0, 0.0]]), candidates=sensors)
     assert found.repairs == ("potentiometer",)
-    none = observability(
+    none = check_observability(
         chain(2, [[0.0, 0.0, 1.0, 0.0]]), candidates={"gyro": lambda x, u, p: x.v2}
     )
     assert "no single candidate" in str(none)
@@ -108,12 +108,12 @@ START = np.array([0.1, 0.0, 900.0, 1.0, 5.0])
 def test_parameters_show_only_while_the_machine_moves():
     n = 200
     rng = np.random.default_rng(1)
-    moving = observability_along(STAGE, rng.standard_normal((n, 1)), dt=0.01, x0=START)
+    moving = check_observability_along(STAGE, rng.standard_normal((n, 1)), dt=0.01, x0=START)
     assert moving.observable
     assert 5 <= moving.samples <= 20
-    free = observability_along(STAGE, np.zeros((n, 1)), dt=0.01, x0=START)
+    free = check_observability_along(STAGE, np.zeros((n, 1)), dt=0.01, x0=START)
     assert free.hidden == ("c",)
-    rest = observability_along(STAGE, np.zeros((n, 1)), dt=0.01, x0=START * [0, 0, 1, 1, 1])
+    rest = check_observability_along(STAGE, np.zeros((n, 1)), dt=0.01, x0=START * [0, 0, 1, 1, 1])
     assert rest.hidden == ("k", "b", "c")
     assert "excite the machine" in str(rest)
     assert "over 200 samples" in str(rest)
@@ -129,7 +129,7 @@ def test_ratio_of_parameters_is_named():
         outputs={"y": "m"},
     )
     rng = np.random.default_rng(2)
-    found = observability_along(scaled, rng.standard_normal((300, 1)), dt=0.01)
+    found = check_observability_along(scaled, rng.standard_normal((300, 1)), dt=0.01)
     assert found.rank == 4
     assert found.hidden == ("m, k and g in the ratio 1 : 450 : 1.5",)
     assert set(found.repairs) == {"m", "k", "g"}
@@ -137,21 +137,21 @@ def test_ratio_of_parameters_is_named():
 
 def test_on_a_linear_model_both_ways_agree():
     plant = chain(3, [np.eye(6)[1]])
-    along = observability_along(plant, np.zeros((200, 0)), dt=0.01, x0=np.arange(6.0))
-    assert along.rank == observability(plant).rank
-    assert along.hidden == observability(plant).hidden
+    along = check_observability_along(plant, np.zeros((200, 0)), dt=0.01, x0=np.arange(6.0))
+    assert along.rank == check_observability(plant).rank
+    assert along.hidden == check_observability(plant).hidden
 
 
 def test_motion_that_explodes_is_reported():
     growing = Model(f=lambda x, u, p: [x.a**3], h=lambda x, u, p: [x.a], states={"a": 10.0},
                     outputs={"y": ""})  # fmt: skip
     with pytest.raises(ModelError, match="not finite from sample"):
-        observability_along(growing, np.zeros((50, 0)), dt=0.1)
+        check_observability_along(growing, np.zeros((50, 0)), dt=0.1)
 
 
 def test_nonlinear_model_needs_a_motion():
     with pytest.raises(ModelError, match="not linear"):
-        observability(STAGE)
+        check_observability(STAGE)
 
 
 def test_force_that_is_zero_in_the_motion_is_seen_in_any_unit():
@@ -164,4 +164,4 @@ def test_force_that_is_zero_in_the_motion_is_seen_in_any_unit():
             outputs={"y": "m"},
         )
         rng = np.random.default_rng(3)
-        assert observability_along(pushed, rng.standard_normal((200, 1)), dt=0.01).observable
+        assert check_observability_along(pushed, rng.standard_normal((200, 1)), dt=0.01).observable

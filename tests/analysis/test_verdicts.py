@@ -7,15 +7,14 @@ import pytest
 
 from analysis import believing
 from backsight.analysis.comparison._summary import assess
-from backsight.analysis.comparison.verdict import consistency
-from backsight.analysis.consistency import NoiseFactors, Path, noise_factors
-from backsight.analysis.consistency import consistency as judge
+from backsight.analysis.comparison.verdict import agreement
+from backsight.analysis.consistency import NoiseFactors, Path, check_consistency, noise_factors
 from backsight.errors import DataError
 from backsight.run.diagnosis._noise_factors import factors_of
 
 
 def said(result):
-    return consistency(assess(result))
+    return agreement(assess(result))
 
 
 def test_consistent_filter_is_called_consistent(believing_results):
@@ -72,7 +71,7 @@ def test_signs_decide_where_the_filter_is_not_known(believing_results):
 
 def test_factors_and_their_deviations_agree(believing_results):
     """Over the seeds, the factors scatter by their standard deviations around the truth."""
-    found = [judge(r).noise for r in believing_results(60, n=1200)]
+    found = [check_consistency(r).noise for r in believing_results(60, n=1200)]
     scores = np.array([[(f.R - 1) / f.R_std, (f.Q - 1) / f.Q_std] for f in found])
     assert np.abs(scores.mean(axis=0)).max() < 0.5
     assert 0.5 < scores.std() < 1.6
@@ -122,7 +121,7 @@ def test_no_factors_for_what_is_no_kalman_filter(believing_results):
 
 
 def test_consistency_prints_what_it_knows(believing_results):
-    found = judge(believing_results(8)[0])
+    found = check_consistency(believing_results(8)[0])
     assert found.consistent
     assert isinstance(found.noise, NoiseFactors)
     text = str(found)
@@ -139,6 +138,6 @@ def test_consistency_prints_what_it_knows(believing_results):
 def test_consistency_refuses_what_is_no_result(believing_results):
     result = believing_results(8)[0]
     with pytest.raises(DataError, match="not a result"):
-        judge(result.drop_vars("S"))
+        check_consistency(result.drop_vars("S"))
     with pytest.raises(DataError, match="no sample"):
-        judge(result.isel(time=slice(0)))
+        check_consistency(result.isel(time=slice(0)))

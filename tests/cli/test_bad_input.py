@@ -223,6 +223,7 @@ def test_an_estimator_that_fails_is_told_and_does_not_stop_the_others(backsight,
     assert "EKF: ekf failed at sample 1 (t = 0.01 s): the estimate is no longer finite" in told
     assert printed.count("diverged\n") == 2
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        ".backsight.json",
         "estimates.nc",
         "report.html",
         "summary.json",

@@ -6,8 +6,9 @@ import sys
 
 import backsight as bs
 import small_problem
+from backsight.output import MARKER
 from backsight_studies import STUDIES
-from backsight_studies.study import Findings, Study
+from backsight_studies.study import Study, Written
 
 
 def test_version(backsight):
@@ -26,7 +27,7 @@ def test_methods_are_those_of_the_table(backsight):
     code, printed, _ = backsight("methods")
     assert code == 0
     assert [line for line in printed.splitlines() if line.startswith("kind = ")] == [
-        f'kind = "{key}"' for key in sorted(bs.ESTIMATORS)
+        f'kind = "{key}"' for key in sorted(bs.extend.ESTIMATORS)
     ]
 
 
@@ -95,20 +96,30 @@ def test_studies_are_those_of_the_table(backsight):
 def test_a_study_is_run_with_its_seeds_and_recordings(backsight, tmp_path, monkeypatch):
     asked = {}
 
-    def run(out, *, seeds, recordings, progress):
+    def carry_out(seeds, recordings, progress):
         progress("at work", 0.5)
-        asked.update(out=out, seeds=list(seeds), recordings=list(recordings))
-        return Findings(page=out / "index.html", checks=(), summary="all is well")
+        asked.update(seeds=list(seeds), recordings=list(recordings))
+        return "all is well"
 
-    monkeypatch.setitem(STUDIES, "own", Study(name="own", title="Own", run=run, seeds=4))
+    def write(experiment, folder):
+        (folder / "table.csv").write_text("1\n")
+        return Written(checks=(), page="<p>", points=[experiment])
+
+    monkeypatch.setitem(STUDIES, "own", Study("own", "Own", carry_out, write, seeds=4))
     extra = tmp_path / "more.csv"
     code, printed, _ = backsight(
         "study", "run", "own", "-o", tmp_path, "--seeds", 3, "--recording", extra
     )
     assert code == 0
-    assert asked == {"out": tmp_path, "seeds": [0, 1, 2], "recordings": [extra]}
+    assert asked == {"seeds": [0, 1, 2], "recordings": [extra]}
     assert "all is well" in printed
-    assert f"Page: {tmp_path / 'index.html'}" in printed
+    assert f"Page: {tmp_path / 'study.html'}" in printed
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "study.html",
+        "checks.json",
+        "table.csv",
+        MARKER,
+    }
     assert backsight("study", "run", "own", "-o", tmp_path)[0] == 0
     assert asked["seeds"] == [0, 1, 2, 3]
 

@@ -3,7 +3,8 @@ import pytest
 
 @pytest.fixture(autouse=True, scope="session")
 def cache_of_the_tests(tmp_path_factory):
-    """Compile into a folder of the tests, not into that of the user."""
+    """Compile into a folder of the tests, with a key of their own, not into that of the user."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BACKSIGHT_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         yield

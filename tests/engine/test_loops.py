@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from backsight.engine.loops import Loop, iterate, loop_of, scan
+from backsight.engine.loops import LoopFunction, iterate, loop_of, scan
+from backsight.errors import EngineError
 
 rng = np.random.default_rng(1)
 X0, M0 = rng.standard_normal((2, 1)), rng.standard_normal((2, 2))
@@ -110,7 +111,7 @@ def test_iterate_does_not_evaluate_what_comes_after_the_end():
     assert [float(v) for v in loop(1, 1.0)] == [0, 8]
 
 
-def called_loop(function: ca.Function) -> Loop:
+def called_loop(function: ca.Function) -> LoopFunction:
     """The one loop in a function, found through the instructions of its graph."""
     called = [
         function.instruction_MX(k).which_function()
@@ -138,3 +139,9 @@ def test_loops_are_recognised(thaw):
 
 def test_ordinary_functions_are_no_loops():
     assert loop_of(body()) is None
+
+
+def test_function_with_the_name_of_a_loop_is_refused():
+    x = ca.SX.sym("x")
+    with pytest.raises(EngineError, match="has the name of a loop"):
+        loop_of(ca.Function("scan_3_1_0_0_of_f", [x], [x + 1]))

@@ -8,7 +8,7 @@ import pytest
 
 from backsight.engine import native, vm
 from backsight.engine.dense import add_product, symmetrise, transpose
-from backsight.engine.loops import scan
+from backsight.engine.loops import iterate, scan
 from backsight.errors import EngineError
 from closeness import assert_close
 from engine.examples import data_for, location, recursion
@@ -28,6 +28,32 @@ def test_loops_in_loops():
     _, steps, *_, at_minimum = assert_same(r, data_for(r, 300))
     assert len(np.unique(steps)) > 2, "all samples took the same number of steps"
     assert np.all(at_minimum == 1)
+
+
+def step_of_step(inside: ca.Function) -> ca.Function:
+    """A body "step" that calls a function "step"."""
+    go, a = ca.MX.sym("go"), ca.MX.sym("a")
+    return ca.Function("step", [go, a], [go, 2 * inside(a)])
+
+
+@pytest.mark.parametrize("kind", ["scan", "iterate"])
+def test_body_may_have_the_name_of_a_function_in_it(kind):
+    x, c, y = ca.SX.sym("x"), ca.MX.sym("carry"), ca.MX.sym("y")
+    inside = ca.Function("step", [x], [x + 1])
+
+    def run(body, start):
+        if kind == "iterate":
+            return iterate(body, 3, carry=[ca.MX(1), start])[1]
+        return scan(body, 3, carry=[ca.MX(1), start])[0][1]
+
+    once = run(step_of_step(inside), c)
+    again = run(step_of_step(ca.Function("step", [c], [once])), c)
+    r = recursion(ca.Function("named", [c, y], [once, once, again]))
+    outputs = assert_same(r, data_for(r, 1))
+    carry = float(r.carry0[0])
+    for _ in range(3):
+        carry = 2 * (carry + 1)
+    assert outputs[0][0, 0] == pytest.approx(carry, rel=1e-15)
 
 
 def test_operations_between_leaves():

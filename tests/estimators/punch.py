@@ -27,7 +27,7 @@ def joint(reading: Reading = STIFF) -> Model:
 
 @functools.cache
 def gamma(reading: Reading = STIFF, lam: float = 1000.0, rate: float = 10.0) -> np.ndarray:
-    return propose_gamma(joint(reading), motion(reading), lam=lam, rate=rate, period=PERIOD)
+    return propose_gamma(joint(reading), motion(reading), gain=lam, rate=rate, period=PERIOD)
 
 
 def observer(
@@ -40,5 +40,5 @@ def observer(
         x0={name: factor * value for name, value in truth.items()},
         sigma_x0=SIGMA | {name: 0.8 * value for name, value in truth.items()},
     )
-    given = {"lam": lam, "Gamma": gamma(reading, lam, rate)} | settings
+    given = {"gain": lam, "Gamma": gamma(reading, lam, rate)} | settings
     return AHG(SensorNoise(sigma_y=1e-6), prior, **given)

@@ -153,7 +153,7 @@ START = np.diag([0.02, 0.1, 3.0, 0.3]) ** 2
 OSCILLATOR = AHG(
     Noise(sigma_y=0.01),
     Prior(P0=START),
-    lam=40.0,
+    gain=40.0,
     Gamma=np.array([10.0, 0.2]),
     integrator=Integrator("rk4", 4),
 )
@@ -268,9 +268,9 @@ def test_a_gap_is_bridged_by_the_model():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"lam": -1.0}, "lam is -1.0"),
-        ({"lam": np.nan}, "lam is nan"),
-        ({"lam": 1e5}, "lambda = 100000 is too large"),
+        ({"gain": -1.0}, "gain is -1.0"),
+        ({"gain": np.nan}, "gain is nan"),
+        ({"gain": 1e5}, "lambda = 100000 is too large"),
         ({"poles": (-1.0, 0.1)}, "negative real part"),
         ({"poles": (-1.0, -2.0, -3.0)}, "3 entries; the chain has 2"),
         ({"poles": (-1 + 1j, -2.0)}, "conjugate pairs"),

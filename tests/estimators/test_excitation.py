@@ -30,7 +30,8 @@ def advance(form, upsilon, theta):
     memory = list(excitation_start(WINDOW, DT, 3).values())
     levels, flags = [], []
     for Y in upsilon:
-        *memory, level, flag = step(*memory, ca.vec(ca.DM(Y)), LAM, theta)
+        memory = step(*memory, ca.vec(ca.DM(Y)), LAM, theta)
+        level, flag = memory[-2:]
         levels.append(np.asarray(level)[:, 0])
         flags.append(float(flag))
     return np.array(levels), np.array(flags)

@@ -27,7 +27,7 @@ def model(**changes) -> Model:
 
 def observer(**settings) -> HGO:
     prior = Prior(sigma_x0={"q": 0.1, "v": 1.0}, x0={"q": 0.05, "v": -0.3})
-    given = {"noise": Noise(sigma_y=1e-2), "prior": prior, "lam": LAM}
+    given = {"noise": Noise(sigma_y=1e-2), "prior": prior, "gain": LAM}
     return HGO(**(given | settings))
 
 
@@ -151,9 +151,9 @@ def test_bands_with_gaps():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"lam": 0.0}, "lam is 0.0"),
-        ({"lam": 600.0}, r"lambda \* h = 3 is outside its stable range"),
-        ({"lam": 250.0, "integrator": Integrator("euler")}, "more substeps or a smaller lambda"),
+        ({"gain": 0.0}, "gain is 0.0"),
+        ({"gain": 600.0}, r"lambda \* h = 3 is outside its stable range"),
+        ({"gain": 250.0, "integrator": Integrator("euler")}, "more substeps or a smaller lambda"),
         ({"poles": 0.0}, "negative real part"),
         ({"poles": (-1.0, -1.0, -1.0)}, "the chain has 2 states"),
         ({"interpolation": "zoh"}, "unknown interpolation 'zoh'"),
@@ -168,7 +168,7 @@ def test_wrong_settings(settings, message):
 def test_stable_range_of_the_methods(scheme, limit):
     """The double pole at -lam: the limits of the textbooks."""
     for factor in (0.999, 1.001):
-        estimator = observer(lam=factor * limit / DT, integrator=Integrator(scheme))
+        estimator = observer(gain=factor * limit / DT, integrator=Integrator(scheme))
         if factor < 1:
             estimator.compile(model(), DT)
         else:

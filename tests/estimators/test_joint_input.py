@@ -85,12 +85,12 @@ def plant(model: Model, forces=ALL) -> Plant:
     return Plant(A, B[:, :n], B[:, n:], C, D[:, :n], D[:, n:])
 
 
-def build(forces=ALL, *, noise=None, prior=None, sigma_forces=None) -> JointInput:
+def build(forces=ALL, *, noise=None, prior=None, sigma_force=None) -> JointInput:
     return JointInput(
         noise or Noise(sigma_y=1e-5),
         prior or Prior(sigma_x0=1e-6),
         forces=forces,
-        sigma_forces=sigma_forces,
+        sigma_force=sigma_force,
     )
 
 
@@ -176,7 +176,7 @@ def test_scales_of_the_forces_are_irrelevant():
     _, y = plant(model).run(d)
     y[10] = np.nan
     expected, result = (
-        outputs_of(build(sigma_forces=9.0), m, y)
+        outputs_of(build(sigma_force=9.0), m, y)
         for m in (model, dataclasses.replace(model, parameters=scaled))
     )
     for name in ("d_hat", "P_d", "x_hat", "y_hat"):
@@ -243,7 +243,7 @@ def test_forces_that_cannot_be_seen_are_as_uncertain_as_is_said(kind):
     noise = Noise(sigma_y=sigma)
     y[20:23, 1:] = np.nan
     y[30] = np.nan
-    result = outputs_of(build(forces, noise=noise, sigma_forces=spread), model, y)
+    result = outputs_of(build(forces, noise=noise, sigma_force=spread), model, y)
     lost = np.isnan(y).any(axis=1)
     np.testing.assert_array_equal(result["status"] == Status.UNOBSERVED, lost)
     np.testing.assert_allclose(result["d_hat"][30], 0.0, atol=1e-12)
@@ -300,8 +300,8 @@ def test_forces_that_only_some_sensors_contain_are_refused():
 def test_bad_sizes_and_too_slow_sampling_are_refused():
     model = cantilever("displacement")
     with pytest.raises(TuningError, match="must be positive and finite for F2"):
-        build(sigma_forces={"F1": 1.0, "F2": -1.0, "F3": 1.0}).compile(model, DT)
+        build(sigma_force={"F1": 1.0, "F2": -1.0, "F3": 1.0}).compile(model, DT)
     with pytest.raises(TuningError, match="must be positive and finite for F2, F3"):
-        build(sigma_forces={"F1": 1.0}).compile(model, DT)
+        build(sigma_force={"F1": 1.0}).compile(model, DT)
     with pytest.raises(ModelError, match=r"153\.\d Hz \(q3, q3_dot\); the limit"):
         build().compile(model, 1 / 250)

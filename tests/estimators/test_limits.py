@@ -71,7 +71,7 @@ def quadratic_program(y, u, *, x_bar=None, P=None):
 def test_solution_is_that_of_the_quadratic_program(arrival, missing):
     u, y = record(22, seed=3, missing=missing)
     prior = Prior(P0=P0, x0=X0)
-    estimator = LinearMHE(Noise(R=R, Q=Q_FULL), prior, N=5, arrival=arrival, limits=LIMITS)
+    estimator = LinearMHE(Noise(R=R, Q=Q_FULL), prior, N=5, arrival_weight=arrival, limits=LIMITS)
     result = Run(estimator, model(BOUNDS), DT)(u, y)
     free = Run(dataclasses.replace(estimator, limits=()), model(), DT)(u, y)
     kalman = Run(LinearMHE(Noise(R=R, Q=Q_FULL), prior, N=30), model(), DT)(u, y)
@@ -181,5 +181,8 @@ def test_wrong_limits():
         Limit("x", {"a": 1.0}, 2, 1)
     with pytest.raises(TuningError, match=r"unknown of 'states'.*state"):
         Limit("x", {"a": 1.0}, of="states")
+    for weights in ({}, {"a": 0.0}):
+        with pytest.raises(TuningError, match="'none' has no weight"):
+            Limit("none", weights, 0.0)
     with pytest.raises(TuningError, match=r"limit 'x' names 'q'"):
         LinearMHE(Noise(R=R), Prior(1.0), limits=(Limit("x", {"q": 1.0}),)).compile(model(), DT)

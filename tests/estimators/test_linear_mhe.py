@@ -112,7 +112,7 @@ def test_half_filled_window_uses_the_prior():
 def test_full_arrival_cost_gives_the_kalman_filter(missing):
     u, y = record(50, seed=4, missing=missing)
     settings = {"noise": Noise(R=R, Q=Q), "prior": Prior(P0=P0, x0=X0)}
-    mhe = Run(LinearMHE(**settings, N=5, arrival=1.0), model(), DT)(u, y)
+    mhe = Run(LinearMHE(**settings, N=5, arrival_weight=1.0), model(), DT)(u, y)
     kf = Run(KalmanFilter(**settings), model(), DT)(u, y)
     for name in ("x_hat", "P", "e", "S"):
         assert_close(mhe[name], kf[name], 1e-10)
@@ -130,7 +130,7 @@ def test_many_states():
     y[4:6, 1] = np.nan
     settings = {"noise": Noise(0.5, 0.1), "prior": Prior(1.0)}
     kf = Run(KalmanFilter(**settings), plant, 1.0)(u, y)
-    mhe = Run(LinearMHE(**settings, N=4, arrival=1.0), plant, 1.0)(u, y)
+    mhe = Run(LinearMHE(**settings, N=4, arrival_weight=1.0), plant, 1.0)(u, y)
     for name in ("x_hat", "P"):
         assert_close(mhe[name], kf[name], 1e-9)
 
@@ -138,7 +138,7 @@ def test_many_states():
 def test_arrival_cost_has_its_weight():
     u, y = record(20, seed=5, missing=0.2)
     settings = {"noise": Noise(R=R, Q=Q + 1e-3 * np.eye(3)), "prior": Prior(P0=P0, x0=X0)}
-    result = Run(LinearMHE(**settings, N=4, arrival=0.3), model(), DT)(u, y)
+    result = Run(LinearMHE(**settings, N=4, arrival_weight=0.3), model(), DT)(u, y)
     kf = Run(KalmanFilter(**settings), model(), DT)(u, y)
     for k in range(5, 20):
         x_bar = A @ kf["x_hat"][k - 5] + B @ u[k - 5]
@@ -169,7 +169,7 @@ def test_interpolated_input():
     u, y = rng.standard_normal((40, 1)), rng.standard_normal((40, 1))
     settings = {"noise": Noise(0.1, 0.01), "prior": Prior(1.0), "hold": "foh"}
     kf = Run(KalmanFilter(**settings), plant, DT)(u, y)
-    mhe = Run(LinearMHE(**settings, N=5, arrival=1.0), plant, DT)(u, y)
+    mhe = Run(LinearMHE(**settings, N=5, arrival_weight=1.0), plant, DT)(u, y)
     assert_close(mhe["x_hat"], kf["x_hat"], 1e-10)
     batch = LinearMHE(Noise(0.1), Prior(1.0), N=5, hold="foh")
     whole = Run(batch, plant, DT)(u, y)["x_hat"]
@@ -199,8 +199,8 @@ def test_wrong_descriptions():
     for N in (0, 2.5):
         with pytest.raises(TuningError, match="horizon N"):
             LinearMHE(**UNIT, N=N)
-    with pytest.raises(TuningError, match="arrival is 2"):
-        LinearMHE(**UNIT, arrival=2)
+    with pytest.raises(TuningError, match="arrival_weight is 2"):
+        LinearMHE(**UNIT, arrival_weight=2)
     three = lti(np.eye(3, k=1), np.zeros((3, 0)), [[1.0, 0, 0]], states=dict.fromkeys("abc", ""),
                 inputs={}, outputs={"y": ""}, dt=1.0)  # fmt: skip
     with pytest.raises(TuningError, match=r"holds 2 measured samples, fewer than .* index 3"):
@@ -216,7 +216,7 @@ def test_arrival_cost_stands_in_for_what_the_outputs_do_not_see():
                  states={"seen": "", "unseen": ""}, inputs={}, outputs={"y": ""})  # fmt: skip
     settings = {"noise": Noise(0.3, 0.1), "prior": Prior(1.0, x0=[0.5, 2.0])}
     y, u = np.random.default_rng(9).standard_normal((20, 1)), np.zeros((20, 0))
-    mhe = Run(LinearMHE(**settings, N=4, arrival=1.0), hidden, 1.0)(u, y)
+    mhe = Run(LinearMHE(**settings, N=4, arrival_weight=1.0), hidden, 1.0)(u, y)
     kf = Run(KalmanFilter(**settings), hidden, 1.0)(u, y)
     assert_close(mhe["x_hat"], kf["x_hat"], 1e-10)
     assert_close(mhe["P"], kf["P"], 1e-10)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-import backsight as bs
-from backsight.estimators import MHE, Limit, LinearMHE, Noise, Prior
+from backsight.errors import TuningError
+from backsight.estimators import MHE, Limit, LinearMHE, Noise, Prior, mhe
 from backsight.models.lti import lti
 from backsight.models.signals import Signal
 from backsight.schema import Status
@@ -47,7 +47,7 @@ def test_covariance_counts_the_walk_of_a_constant(lag):
 
 
 def linear_mhe(**settings) -> LinearMHE:
-    return LinearMHE(**settings, arrival=1.0)
+    return LinearMHE(**settings, arrival_weight=1.0)
 
 
 @pytest.mark.parametrize("method", [MHE, linear_mhe])
@@ -82,8 +82,8 @@ def test_soft_bound_is_soft_in_the_result():
     plant = lti([[1.0]], np.zeros((1, 0)), [[1.0]], states={"x": Signal(upper=0.5)}, inputs={},
                 outputs={"y": ""}, dt=1.0)  # fmt: skip
     estimator = MHE(Noise(R=[[0.25]], Q=[[0.04]]), Prior(P0=[[1.0]]), N=1, soft={"x": 3.0})
-    for arrival in (bs.SmoothedArrival(), bs.EKFArrival(), bs.UKFArrival()):
-        given = bs.MHE(estimator.noise, estimator.prior, 1, arrival, soft=estimator.soft)
+    for arrival in (mhe.SmoothedArrival(), mhe.EKFArrival(), mhe.UKFArrival()):
+        given = MHE(estimator.noise, estimator.prior, 1, arrival, soft=estimator.soft)
         result = Run(given, plant, 1.0)(np.zeros((2, 0)), np.array([[2.0], [np.nan]]))
         np.testing.assert_allclose(result["x_hat"][0, 0], 1.1875, rtol=1e-12)
 
@@ -114,5 +114,5 @@ def test_covariance_of_rank_one_may_have_many_states(what):
         assert Noise(R=[[1.0]], Q=np.outer(b, b)).process(plant, 1.0).shape == (n, n)
     else:
         assert Prior(P0=np.outer(b, b)).covariance(plant).shape == (n, n)
-    with pytest.raises(bs.errors.TuningError, match="not positive semidefinite"):
+    with pytest.raises(TuningError, match="not positive semidefinite"):
         Prior(P0=np.outer(b, b) - 1e-6 * np.eye(n)).covariance(plant)

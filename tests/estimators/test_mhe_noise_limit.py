@@ -8,7 +8,7 @@ from backsight.engine import vm
 from backsight.estimators import MHE, Limit, Noise, Prior
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.run.estimation import window
+from backsight.run.estimation import solve_window
 from backsight.schema import Status, recording
 from backsight.solvers.box import GaussNewton
 
@@ -65,7 +65,7 @@ def test_iterations_end_at_a_point_within_the_limit():
     data = recording(
         np.arange(n) * DT, u=u[:, None], y=y, inputs={"F": ""}, outputs={"y": "", "z": ""}, dt=DT
     )
-    found = window(estimator, model, data, at=21)
+    found = solve_window(estimator, model, data, at=21)
     states, first = found["x"].values, 21 - N
     noise = [states[i + 1] - step(states[i], u[first + i]) for i in range(N)]
     np.testing.assert_allclose(found["w"].values[1:], noise, atol=1e-9)

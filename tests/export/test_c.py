@@ -1,13 +1,16 @@
 """Exported C: compiles without a warning and gives what Python gives."""
 
+import dataclasses
 import shutil
 import subprocess
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.c99 import Precision
+from backsight.engine.loops import scan
 from backsight.errors import DataError, EngineError
 from backsight.estimators import EKF, MHO
 from backsight.export import export_c
@@ -48,6 +51,30 @@ def test_every_estimator_equals_python(key, hold, tmp_path):
     ran = run_selftest(tmp_path / "c", key)
     assert ran.returncode == 0, ran.stdout
     assert f"{key}: 60 samples passed" in ran.stdout
+
+
+@dataclasses.dataclass(frozen=True)
+class Clashing(EKF):
+    """Its estimate goes through a loop whose body has the name of a function in it."""
+
+    def compile(self, model, dt):
+        plain = super().compile(model, dt)
+        sizes = len(plain.carry0), *plain.input_sizes
+        symbols = [ca.MX.sym(n, k) for n, k in zip("cuym", sizes, strict=True)]
+        x, a = ca.SX.sym("x", model.nx), ca.MX.sym("a", model.nx)
+        inside = ca.Function("step", [x], [x + 1])
+        carry, x_hat, *others = plain.step.call(symbols)
+        (x_hat,), _ = scan(ca.Function("step", [a], [2 * inside(a)]), 3, carry=[x_hat])
+        return dataclasses.replace(plain, step=ca.Function("ekf", symbols, [carry, x_hat, *others]))
+
+
+@needs_compiler
+def test_body_may_have_the_name_of_a_function_in_it(tmp_path):
+    problem = Problem()
+    clashing = Clashing(problem.noise, problem.prior)
+    export_c(clashing, problem.model, recorded(problem), tmp_path, name="clash")
+    ran = run_selftest(tmp_path, "clash")
+    assert ran.returncode == 0, ran.stdout
 
 
 @needs_compiler

@@ -12,7 +12,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.estimators import EKF, UKF, Noise, Prior
 from backsight.estimators.observers import AdaptiveGain
-from backsight.estimators.observers.formulas import Gains, gain_vector, observer_rhs
+from backsight.estimators.observers.formulas import ObserverGains, gain_vector, observer_rhs
 from backsight.models.affine import affine_form
 from backsight.models.augment import augment
 from backsight.models.model import Model
@@ -70,7 +70,7 @@ def test_right_hand_side_of_the_observer(name):
     order = [form.combinations.index(c) for c in ("c/m", "d/m", "1/m")]
     back = np.argsort(order)
     z = np.array(v["z"])
-    gains = Gains(
+    gains = ObserverGains(
         np.array(v["k0"], float), np.diag(np.array(v["Gamma_diag"])[back]), name == "consistent"
     )
     upsilon = z[5:].reshape(2, 3)[:, back]
@@ -95,7 +95,7 @@ def test_stationary_upsilon():
     order = [form.combinations.index(c) for c in ("c/m", "d/m", "1/m")]
     q, speed, force = v["psi"]
     F = force + 30.0 * np.tanh(50.0 * -speed)
-    gains = Gains(gain_vector(-1.0, 2), np.eye(3))
+    gains = ObserverGains(gain_vector(-1.0, 2), np.eye(3))
     *_, dU = observer_rhs(form, gains)(
         [-q, -speed], [1, 1, 1], U[:, np.argsort(order)], 0, F, 70, 1
     )
@@ -166,7 +166,7 @@ def test_proposed_gamma(motions, name):
     reading = next(r for r in READINGS if r.stiffness == v["stiffness"])
     model = joint(reading)
     order = [affine_form(model).combinations.index(c) for c in ("c/m", "d/m", "1/m")]
-    settings = {"lam": v["lam"], "rate": v["rate"], "period": PERIOD}
+    settings = {"gain": v["lam"], "rate": v["rate"], "period": PERIOD}
     motion = motions[reading.name]
     full = propose_gamma(model, motion, **settings)[np.ix_(order, order)]
     diagonal = propose_gamma(model, motion, diagonal=True, **settings)[np.ix_(order, order)]

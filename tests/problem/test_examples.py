@@ -102,7 +102,7 @@ def test_the_three_descriptions_of_the_beam_are_the_same():
     for name in BEAM:
         problem = load(EXAMPLES / "beam" / name)
         forces = problem.estimators["CS-MHE"].forces
-        A, B, C, _ = state_space(bs.forces_as_inputs(problem.model, forces))
+        A, B, C, _ = state_space(bs.forces.forces_as_inputs(problem.model, forces))
         answers.append([C @ np.linalg.matrix_power(A, i) @ B for i in range(4)])
     for other in answers[1:]:
         for expected, found in zip(answers[0], other, strict=True):

@@ -39,7 +39,7 @@ def test_a_column_with_the_standard_deviation(write, tmp_path):
 
 def test_an_estimator_that_cannot_weigh_is_found_before_the_first_one_runs(write, tmp_path):
     text = small_problem.changed(OUTPUTS, OUTPUTS + COLUMN)
-    text = text.replace('kind = "mho"\nN = 5', 'kind = "hgo"\nlam = 5.0')
+    text = text.replace('kind = "mho"\nN = 5', 'kind = "hgo"\ngain = 5.0')
     started = []
     with pytest.raises(DataError, match=r"High-gain observer cannot .*sigma_factor"):
         execute(load(write(text)), tmp_path / "out", progress=lambda *s: started.append(s))

@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 import small_problem
+from backsight.estimators import EKF, MHO
 from backsight.problem import execute, load
 from backsight.schema import check_result
 
@@ -54,6 +55,7 @@ def test_parameters_are_found_and_summed_up(out):
 def test_the_report_is_written_unless_it_is_not_wanted(out, tmp_path):
     folder, _, _ = out
     assert sorted(p.name for p in folder.iterdir()) == [
+        ".backsight.json",
         "estimates.nc",
         "report.html",
         "summary.json",
@@ -63,7 +65,11 @@ def test_the_report_is_written_unless_it_is_not_wanted(out, tmp_path):
     assert "sigma_y = { y = 1e-4 }" in page
     problem = load(small_problem.write(tmp_path, small_problem.TEXT + "[output]\nreport = false\n"))
     execute(problem, tmp_path / "out", progress=lambda *_: None)
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["estimates.nc", "summary.json"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        ".backsight.json",
+        "estimates.nc",
+        "summary.json",
+    ]
 
 
 def test_progress_ends_with_all_samples(out):
@@ -85,3 +91,18 @@ def test_the_recording_is_read_as_the_file_says(tmp_path, monkeypatch):
     kept = 10 * table[:, 0] >= 0.5
     np.testing.assert_allclose(results["EKF"]["y"].values[:, 0], 2 * table[kept, 2] + 1)
     np.testing.assert_allclose(results["EKF"]["time"].values, 10 * table[kept, 0])
+
+
+def test_every_estimator_is_compiled_once(tmp_path, monkeypatch):
+    compiled = []
+    for kind in (EKF, MHO):
+        trace = kind.compile
+
+        def counted(self, model, dt, trace=trace):
+            compiled.append(self.key)
+            return trace(self, model, dt)
+
+        monkeypatch.setattr(kind, "compile", counted)
+    monkeypatch.setattr("backsight.run.compare.audited", lambda results, *_: results)
+    execute(load(small_problem.write(tmp_path)), tmp_path / "out", progress=lambda *_: None)
+    assert compiled == ["ekf", "mho"]

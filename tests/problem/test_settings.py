@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from backsight.errors import ProblemError, TuningError
-from backsight.estimators import ESTIMATORS, Limit, LinearMHE
+from backsight.estimators import ESTIMATORS, Limit, LinearMHE, Noise, Prior
 from backsight.problem._settings import built
 from backsight.problem.methods import methods
 from backsight.types import Array
@@ -102,7 +102,7 @@ def test_the_list_of_methods_names_every_setting():
 
 def test_limits_are_a_list_of_tables():
     limit = {"name": "push", "weights": {"v": 2, "q": 1.5}, "upper": 3.0, "of": "noise"}
-    fixed = {"noise": None, "prior": None}
+    fixed = {"noise": Noise(sigma_y=1.0), "prior": Prior(sigma_x0=1.0)}
     found = built(LinearMHE, {"limits": [limit]}, where="m.A", fixed=fixed)
     assert found.limits == (Limit("push", {"v": 2.0, "q": 1.5}, upper=3.0, of="noise"),)
     wrong = limit | {"weights": {"v": "much"}}

@@ -66,7 +66,7 @@ sigma_y = { y1 = 1e-6, y2 = 1e-6 }
 [estimators.joint]
 kind = "joint_input"
 forces = ["tip"]
-sigma_forces = { tip = 30.0 }
+sigma_force = { tip = 30.0 }
 """
 
 

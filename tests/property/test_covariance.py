@@ -9,8 +9,8 @@ from backsight.discrete.runge_kutta import TABLEAUS, Integrator
 from backsight.engine.recursion import Channel
 from backsight.estimators import EKF, MHO, AbstractEstimator, Noise, Prior
 from backsight.estimators.base import setting
-from backsight.estimators.parts.filtering import packed
-from backsight.estimators.parts.gaussian import predict
+from backsight.estimators.kalman.ekf import predict
+from backsight.estimators.parts.covariance import packed
 from backsight.models.lti import lti
 from backsight.schema import Status
 from oracles.stage import DT as STAGE_DT

@@ -24,7 +24,7 @@ LIMITS = (
 )
 CASES = {
     "steady": (KalmanFilter(NOISY, PRIOR, steady_state=True), PLANT),
-    "arrival": (LinearMHE(NOISY, PRIOR, N=4, arrival=0.5), PLANT),
+    "arrival": (LinearMHE(NOISY, PRIOR, N=4, arrival_weight=0.5), PLANT),
     "limits": (LinearMHE(NOISY, PRIOR, N=4, limits=LIMITS), BOUNDED),
     "sliding": (Recursive(EXACT, PRIOR, N=4, alpha=0.6, reinitialise=7), PLANT),
     "prediction": (Luenberger(NOISY, PRIOR, poles=(0.4, 0.5, 0.6), form="prediction"), PLANT),

@@ -30,7 +30,7 @@ from backsight.estimators import (
 )
 from backsight.models.lti import lti
 from backsight.models.second_order import second_order
-from backsight.run.estimation import estimate, estimate_many, match, stream, window
+from backsight.run.estimation import estimate, estimate_many, match, solve_window, stream
 from backsight.solvers.box import GaussNewton
 from closeness import assert_close
 from oracles.kalman import kalman_filter
@@ -42,7 +42,7 @@ KALMAN = {
     "ukf": UKF(**GAUSSIANS),
     "kf": KalmanFilter(**GAUSSIANS),
     "mho": MHO(**GAUSSIANS, N=4, alpha=0.0),
-    "lmhe": LinearMHE(**GAUSSIANS, N=4, arrival=1.0),
+    "lmhe": LinearMHE(**GAUSSIANS, N=4, arrival_weight=1.0),
     "mhe": MHE(**GAUSSIANS, N=4, arrival=SmoothedArrival(), optimiser=ONCE),
     "mhe, ekf": MHE(**GAUSSIANS, N=4, arrival=EKFArrival(), optimiser=ONCE),
     "mhe, ukf": MHE(**GAUSSIANS, N=4, arrival=UKFArrival(), optimiser=ONCE),
@@ -81,14 +81,14 @@ OTHER = {
     "lmhe, limits": (LinearMHE(**GAUSSIANS, N=4, limits=(NARROW,)), DECAYING),
     "luenberger": (Luenberger(**GAUSSIANS, poles=(0.4, 0.5, 0.6)), DECAYING),
     "prediction": (Luenberger(**GAUSSIANS, poles=(0.4, 0.5, 0.6), form="prediction"), DECAYING),
-    "joint input": (JointInput(WALK, Prior(1.0), forces=("F",), sigma_forces={"F": 1.0}), FORCED),
+    "joint input": (JointInput(WALK, Prior(1.0), forces=("F",), sigma_force={"F": 1.0}), FORCED),
 }
 """Estimators in settings in which they are not the Kalman filter, and models for them."""
 
 ONE = Noise(R=R[:1, :1], sigma_w=0.05)
 REFUSING = {
-    "hgo": HGO(ONE, Prior(1.0), lam=5.0),
-    "ahg": AHG(ONE, Prior(1.0), lam=5.0, Gamma=1.0),
+    "hgo": HGO(ONE, Prior(1.0), gain=5.0),
+    "ahg": AHG(ONE, Prior(1.0), gain=5.0, Gamma=1.0),
     "rmhe": RecursiveMHE(ONE, Prior(1.0), N=5),
     "csmhe": CompressiveSensingMHE(ONE, Prior(1.0), forces=("F",), lam=1.0, N=5),
 }
@@ -212,7 +212,7 @@ def test_residuals_of_the_window_are_those_of_the_measurement():
     u, y = record(30, seed=8, missing=0.0)
     factor = np.ones(y.shape)
     factor[28] = 1e-4
-    found = window(KALMAN["mhe"], model(), recording(u, y, factor))
+    found = solve_window(KALMAN["mhe"], model(), recording(u, y, factor))
     expected = y[-5:] - found["x"].values @ C.T
     assert_close(found["v"].values, expected, 1e-10)
     assert np.abs(expected[-2]).max() < 1e-5 < np.abs(expected[-1]).max()

@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
+from backsight import plot
 from backsight.errors import DataError
-from backsight.report import figures, report
-from backsight.report._thin import peaks
-from backsight.report.force_figure import force_map
+from backsight.report import report
+from backsight.report.thin import peaks
 
 PLACES = ("tip", "<b>&middle", "root")
 FORCES = {40: ("tip", -10.0), 41: ("tip", -5.0), 200: ("root", 4.0)}
@@ -120,9 +120,9 @@ def test_long_recordings_keep_every_hit():
 
 
 def test_the_figure_has_its_labels_and_circles(result, tmp_path):
-    made = figures.figure()
+    made = plot.figure()
     axes = made.axes[0]
-    force_map(axes, forced(result, FORCES), name="A")
+    plot.force_map(axes, forced(result, FORCES), name="A")
     assert axes.get_title(loc="left") == "A: force [N] over place (position [m])"
     assert [t.get_text() for t in axes.get_yticklabels()] == [
         "tip (0.4)",
@@ -132,6 +132,6 @@ def test_the_figure_has_its_labels_and_circles(result, tmp_path):
     np.testing.assert_allclose(
         axes.collections[0].get_offsets(), [[0.408333, 0], [2.005, 2]], atol=1e-5
     )
-    figures.save(made, tmp_path / "map.png", dpi=50)
+    plot.save(made, tmp_path / "map.png", dpi=50)
     with pytest.raises(DataError, match="no unknown forces 'd_hat'"):
-        force_map(figures.figure().axes[0], result, name="KF")
+        plot.force_map(plot.figure().axes[0], result, name="KF")

@@ -7,7 +7,7 @@ import pytest
 
 from backsight.analysis.comparison import Final
 from backsight.analysis.comparison._summary import assess, ranked_table, summary, units
-from backsight.analysis.comparison.verdict import consistency, verdicts
+from backsight.analysis.comparison.verdict import agreement, verdicts
 from backsight.analysis.consistency import log_likelihood, mean_nis
 from backsight.errors import DataError
 from backsight.schema import Status
@@ -127,8 +127,8 @@ def test_verdicts_name_the_best_and_the_dishonest(result, filtered):
 
 
 def test_verdict_says_by_how_much_the_innovations_are_misjudged(filtered):
-    bold = consistency(assess(filtered(3000, noise_factor=0.25)))
-    shy = consistency(assess(filtered(3000, noise_factor=4.0)))
+    bold = agreement(assess(filtered(3000, noise_factor=0.25)))
+    shy = agreement(assess(filtered(3000, noise_factor=4.0)))
     assert "2.0 times as large as it predicts" in bold
     assert re.search(r"(49|50|51) % smaller than it predicts", shy)
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from backsight.report._thin import envelope, interval_length, thin
 from backsight.report._traces import band, bulk, drawn, line, view
+from backsight.report.thin import envelope, interval_length, thin
 
 
 def test_short_recordings_are_kept_whole():

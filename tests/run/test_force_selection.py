@@ -60,7 +60,9 @@ def test_the_l1_solution_is_exact(case, accelerations):
         of, y, u, x0=struck.X0, P0=struck.P0, shapes=made.dictionary.shapes(4), lam=made.lam,
         tail=np.zeros((SAMPLES, 4)), sign=1 if made.nonnegative else 0,
     )  # fmt: skip
-    found = bs.sparse_forces(made, struck.model(of), recording(u, y), selection=bs.L1(refit=False))
+    found = bs.forces.find_sparse_forces(
+        made, struck.model(of), recording(u, y), selection=bs.forces.L1(refit=False)
+    )
     assert found.attrs["nonzeros"] == np.count_nonzero(expected.alpha) > 2
     np.testing.assert_allclose(found["d_hat"], expected.forces, atol=1e-7)
     np.testing.assert_allclose(found["x_hat"], expected.x[:SAMPLES], rtol=1e-6, atol=1e-8)
@@ -91,7 +93,9 @@ def test_without_forces_it_is_the_kalman_filter(hold):
         "hold": hold,
     }
     made = bs.CompressiveSensingMHE(forces=("F",), lam=1.0, **known)
-    whole = bs.sparse_forces(made, model, given, selection=bs.Greedy(penalty=1e9))
+    whole = bs.forces.find_sparse_forces(
+        made, model, given, selection=bs.forces.Greedy(penalty=1e9)
+    )
     filtered = bs.estimate(bs.KalmanFilter(**known), model, given)
     assert whole.attrs["nonzeros"] == 0
     np.testing.assert_allclose(whole["e"], filtered["e"], rtol=1e-7, atol=1e-10)
@@ -153,25 +157,29 @@ def test_the_hits_on_the_beam_are_found():
     """At three sensors out of eight places and 60 moments, within their standard deviations."""
     made, model, given = beam_estimator(), struck_beam.model(0.003), beam_recording(1e-5)
     true = struck_beam.forces()
-    found = bs.sparse_forces(made, model, given)
+    found = bs.forces.find_sparse_forces(made, model, given)
     d, std = found["d_hat"].values, found["d_std"].values
     at = true != 0
-    assert bs.force_errors(d, true).exact
+    assert bs.forces.compare_forces(d, true).exact
     assert (np.abs(d - true)[at] < 4 * std[at]).all()
     assert std[at].max() < 1
     assert not found["status"].any()
     schema.check_result(found)
     quiet = beam_recording(0.0)
-    for selection in (bs.L1(), bs.Reweighted(), bs.Greedy()):
-        exact = bs.sparse_forces(beam_estimator(lam=0.1), model, quiet, selection=selection)
+    for selection in (bs.forces.L1(), bs.forces.Reweighted(), bs.forces.Greedy()):
+        exact = bs.forces.find_sparse_forces(
+            beam_estimator(lam=0.1), model, quiet, selection=selection
+        )
         np.testing.assert_allclose(exact["d_hat"], true, atol=1e-8)
 
 
 def test_another_estimators_hits_lose_their_bias():
     made, model, given = beam_estimator(lam=0.1), struck_beam.model(0.003), beam_recording(0.0)
-    biased = bs.sparse_forces(made, model, given, selection=bs.L1(refit=False))
-    free = bs.sparse_forces(made, model, given, selection=bs.Given(biased["d_hat"]))
-    again = bs.sparse_forces(made, model, given, selection=bs.L1())
+    biased = bs.forces.find_sparse_forces(made, model, given, selection=bs.forces.L1(refit=False))
+    free = bs.forces.find_sparse_forces(
+        made, model, given, selection=bs.forces.Given(biased["d_hat"])
+    )
+    again = bs.forces.find_sparse_forces(made, model, given, selection=bs.forces.L1())
     np.testing.assert_allclose(free["d_hat"], again["d_hat"], atol=1e-9)
     true = struck_beam.forces()
     at = true != 0
@@ -182,8 +190,8 @@ def test_another_estimators_hits_lose_their_bias():
 
 def test_forces_below_the_threshold_are_dropped():
     made = dataclasses.replace(beam_estimator(lam=3.0), threshold=2.0)
-    found = bs.sparse_forces(
-        made, struck_beam.model(0.003), beam_recording(1e-5), selection=bs.L1(refit=False)
+    found = bs.forces.find_sparse_forces(
+        made, struck_beam.model(0.003), beam_recording(1e-5), selection=bs.forces.L1(refit=False)
     )
     d = found["d_hat"].values
     assert 0 < found.attrs["nonzeros"] == np.count_nonzero(d)
@@ -193,7 +201,7 @@ def test_forces_below_the_threshold_are_dropped():
 def test_nothing_is_found_in_nothing():
     rest = beam_recording(0.0) * 0.0
     rest.attrs = beam_recording(0.0).attrs
-    found = bs.sparse_forces(beam_estimator(), struck_beam.model(0.003), rest)
+    found = bs.forces.find_sparse_forces(beam_estimator(), struck_beam.model(0.003), rest)
     assert found.attrs["nonzeros"] == 0
     assert not found["d_hat"].any()
     assert not found["x_hat"].any()
@@ -202,17 +210,19 @@ def test_nothing_is_found_in_nothing():
 def test_bad_input_is_refused(monkeypatch):
     made, model, given = beam_estimator(), struck_beam.model(0.003), beam_recording(1e-5)
     with pytest.raises(DataError, match=r"shape \(3, 3\).*\(61, 8\)"):
-        bs.sparse_forces(made, model, given, selection=bs.Given(np.eye(3)))
+        bs.forces.find_sparse_forces(made, model, given, selection=bs.forces.Given(np.eye(3)))
     pulses = dataclasses.replace(made, dictionary=HalfSines((2,)))
     with pytest.raises(TuningError, match="Impulses"):
-        bs.sparse_forces(pulses, model, given, selection=bs.Given(struck_beam.forces()))
+        bs.forces.find_sparse_forces(
+            pulses, model, given, selection=bs.forces.Given(struck_beam.forces())
+        )
     for selection, match in (
-        (lambda: bs.Greedy(penalty=-1), "penalty is -1"),
-        (lambda: bs.Reweighted(iterations=0), "iterations is 0"),
-        (lambda: bs.Reweighted(floor=0), "floor is 0"),
+        (lambda: bs.forces.Greedy(penalty=-1), "penalty is -1"),
+        (lambda: bs.forces.Reweighted(iterations=0), "iterations is 0"),
+        (lambda: bs.forces.Reweighted(floor=0), "floor is 0"),
     ):
         with pytest.raises(TuningError, match=match):
             selection()
     monkeypatch.setattr(force_search, "ROOM", 0.0)
     with pytest.raises(DataError, match="GB of memory"):
-        bs.sparse_forces(made, model, given)
+        bs.forces.find_sparse_forces(made, model, given)

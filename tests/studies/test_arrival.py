@@ -13,7 +13,7 @@ from backsight_studies import STUDIES
 from backsight_studies.arrival import page, tables
 from backsight_studies.arrival.evaluate import Measures, from_filter, measure, right, typical
 from backsight_studies.arrival.expected import checks
-from backsight_studies.arrival.experiment import Experiment, Row, carry_out
+from backsight_studies.arrival.experiment import Experiment, Row
 from backsight_studies.arrival.figures import draw
 from backsight_studies.arrival.machines import DRIVE, FOLDER, SILVERBOX, WINDOW, judge, tasks
 from backsight_studies.arrival.methods import (
@@ -228,7 +228,7 @@ def test_what_cannot_be_studied_is_refused(tmp_path):
         study.run(tmp_path / "out", recordings=["a.csv"])
     for seeds in ((), (0, -1)):
         with pytest.raises(DataError, match="seeds"):
-            carry_out(seeds, lambda what, share: None)
+            STUDIES["arrival"].run(tmp_path / "out", seeds=seeds)
     assert not (tmp_path / "out").exists()
 
 

@@ -18,7 +18,7 @@ from backsight_studies.nanopositioner.evaluate import (
     speed_floor,
 )
 from backsight_studies.nanopositioner.expected import REFERENCE
-from backsight_studies.nanopositioner.experiment import SCENARIOS, carry_out, compared
+from backsight_studies.nanopositioner.experiment import SCENARIOS, compared
 from backsight_studies.nanopositioner.plant import (
     COLUMNS,
     DT,
@@ -232,9 +232,10 @@ def test_wrong_recordings_are_refused_and_leave_nothing_behind(tmp_path, content
 
 
 @pytest.mark.parametrize("seeds", [(), (0, -1)])
-def test_wrong_seeds_are_refused(seeds):
+def test_wrong_seeds_are_refused(tmp_path, seeds):
     with pytest.raises(DataError, match="seeds"):
-        carry_out(seeds, (), lambda what, share: None)
+        STUDIES["nanopositioner"].run(tmp_path / "out", seeds=seeds)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_place_that_cannot_be_written_is_found_before_the_work(tmp_path):

@@ -12,7 +12,7 @@ from backsight_studies import STUDIES
 from backsight_studies.checks import Check
 from backsight_studies.punch.claims import percent, seconds, slowest
 from backsight_studies.punch.evaluate import judge_gain, measure, parameters_of, respond
-from backsight_studies.punch.experiment import carry_out, median
+from backsight_studies.punch.experiment import median
 from backsight_studies.punch.plant import (
     DT,
     SOFT,
@@ -144,7 +144,7 @@ def test_what_cannot_be_studied_is_refused(tmp_path):
         STUDIES["punch"].run(tmp_path / "out", recordings=["a.csv"])
     for seeds in ((), (0, -1)):
         with pytest.raises(DataError, match="seeds"):
-            carry_out(seeds, lambda what, share: None)
+            STUDIES["punch"].run(tmp_path / "out", seeds=seeds)
     assert not (tmp_path / "out").exists()
 
 

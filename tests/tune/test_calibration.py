@@ -36,34 +36,38 @@ def by_frequencies(values):
 
 def test_thickness_and_forces_are_found_from_a_tenth_away():
     start = estimator(0.0027)
-    wrong = bs.sparse_forces(start, struck_beam.model(0.0027), recording())
-    found = bs.calibrate(by_thickness, recording(), start, {"h": 0.0027}, points=9)
+    wrong = bs.forces.find_sparse_forces(start, struck_beam.model(0.0027), recording())
+    found = bs.tune.calibrate(start, by_thickness, recording(), {"h": 0.0027}, points=9)
     assert found.values["h"] == pytest.approx(0.003, rel=1e-9)
     assert found.cost < 0.5 * found.before
-    forces = bs.sparse_forces(start, found.model, recording())
+    forces = bs.forces.find_sparse_forces(start, found.model, recording())
     np.testing.assert_allclose(forces["d_hat"], struck_beam.forces(), atol=1e-6)
-    assert not bs.force_errors(wrong["d_hat"], struck_beam.forces()).exact
+    assert not bs.forces.compare_forces(wrong["d_hat"], struck_beam.forces()).exact
 
 
-@pytest.mark.parametrize("selection", [bs.Greedy(), pytest.param(bs.L1(), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "selection", [bs.forces.Greedy(), pytest.param(bs.forces.L1(), marks=pytest.mark.slow)]
+)
 def test_frequencies_are_found_without_noise(selection):
     """To better than a ten-thousandth; the wrong modal mass goes into the size of the forces."""
     made = estimator(0.0027, lam=1.0)
-    found = bs.calibrate(by_frequencies, recording(), made, THIN, points=5, selection=selection)
+    found = bs.tune.calibrate(
+        made, by_frequencies, recording(), THIN, points=5, selection=selection
+    )
     for name, value in TRUE.items():
         assert found.values[name] == pytest.approx(value, rel=1e-5)
 
 
 def test_frequencies_are_as_sure_as_it_says():
     """With 10 um of noise; a calibration that starts there says so and stays."""
-    found = bs.calibrate(by_frequencies, recording(1e-5), estimator(0.0027), THIN, points=5)
+    found = bs.tune.calibrate(estimator(0.0027), by_frequencies, recording(1e-5), THIN, points=5)
     for name, value in TRUE.items():
         assert abs(found.values[name] - value) < 3 * found.std[name]
         assert found.std[name] < 0.03 * value
     np.testing.assert_allclose(np.diag(found.correlation), 1)
     assert found.forces == 4
-    again = bs.calibrate(
-        by_frequencies, recording(1e-5), estimator(0.0027), found.values, points=5, span=0.02
+    again = bs.tune.calibrate(
+        estimator(0.0027), by_frequencies, recording(1e-5), found.values, points=5, span=0.02
     )
     for name, value in found.values.items():
         assert again.values[name] == pytest.approx(value, rel=1e-4)
@@ -72,7 +76,7 @@ def test_frequencies_are_as_sure_as_it_says():
 
 
 def test_other_minima_are_named():
-    scan = bs.calibrate(by_thickness, recording(), estimator(), {"h": 0.003}, points=5).scan
+    scan = bs.tune.calibrate(estimator(), by_thickness, recording(), {"h": 0.003}, points=5).scan
     assert list(scan["scale"].values) == pytest.approx([0.8, 0.9, 1.0, 1.1, 1.2])
     from backsight.tune.calibration import _rival
 
@@ -83,16 +87,21 @@ def test_other_minima_are_named():
 def test_bad_input_is_refused():
     made, given = estimator(), recording()
     with pytest.raises(TuningError, match="positive values"):
-        bs.calibrate(by_thickness, given, made, {"h": -1.0})
+        bs.tune.calibrate(made, by_thickness, given, {"h": -1.0})
     with pytest.raises(TuningError, match="span"):
-        bs.calibrate(by_thickness, given, made, {"h": 0.003}, span=2.0)
+        bs.tune.calibrate(made, by_thickness, given, {"h": 0.003}, span=2.0)
     with pytest.raises(TuningError, match="no force was found"):
-        bs.calibrate(
-            by_thickness, given, made, {"h": 0.003}, points=3, selection=bs.Greedy(penalty=1e9)
+        bs.tune.calibrate(
+            made,
+            by_thickness,
+            given,
+            {"h": 0.003},
+            points=3,
+            selection=bs.forces.Greedy(penalty=1e9),
         )
 
     def twice(values):
         return struck_beam.model(values["a"] * values["b"])
 
     with pytest.raises(TuningError, match="does not determine a, b"):
-        bs.calibrate(twice, given, made, {"a": 0.003, "b": 1.0}, points=3, span=0.01)
+        bs.tune.calibrate(made, twice, given, {"a": 0.003, "b": 1.0}, points=3, span=0.01)

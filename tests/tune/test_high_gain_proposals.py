@@ -10,7 +10,7 @@ from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.run.estimation import estimate
 from backsight.run.simulation import simulate
-from backsight.tune import propose_gamma, propose_lambda
+from backsight.tune import propose_gain, propose_gamma
 
 DT, LAM = 0.01, 25.0
 K, B = 90.0, 4.0
@@ -61,8 +61,8 @@ def test_gamma_is_its_definition(motion):
     """Gamma = g Theta inv(M) Theta, with the mean over whole periods of 2 pi."""
     M = mean_square_of_upsilon(motion)
     theta = np.array([K, B])
-    full = propose_gamma(joint(), motion, lam=LAM, rate=3.0)
-    diagonal = propose_gamma(joint(), motion, lam=LAM, rate=3.0, diagonal=True)
+    full = propose_gamma(joint(), motion, gain=LAM, rate=3.0)
+    diagonal = propose_gamma(joint(), motion, gain=LAM, rate=3.0, diagonal=True)
     assert affine_form(joint()).combinations == ("k", "b")
     size = np.sqrt(np.diag(full))
     expected = 3.0 * np.outer(theta, theta) * np.linalg.inv(M)
@@ -76,10 +76,10 @@ def test_gamma_is_its_definition(motion):
 def test_all_parameters_converge_at_the_given_rate(motion):
     """The error of each falls by e^-1 in 1 / g, whichever parameter is wrong."""
     rate = 0.8
-    Gamma = propose_gamma(joint(), motion, lam=LAM, rate=rate)
+    Gamma = propose_gamma(joint(), motion, gain=LAM, rate=rate)
     for wrong in ("k", "b"):
         start = {"k": K, "b": B} | {wrong: 1.15 * {"k": K, "b": B}[wrong]}
-        observer = AHG(Noise(sigma_y=1e-4), Prior(x0=start, sigma_x0=1.0), lam=LAM, Gamma=Gamma)
+        observer = AHG(Noise(sigma_y=1e-4), Prior(x0=start, sigma_x0=1.0), gain=LAM, Gamma=Gamma)
         x = estimate(observer, joint(), motion)["x_hat"].sel(state=wrong).values
         error = x / {"k": K, "b": B}[wrong] - 1
         half_time, end = np.mean(error[300:400]), np.mean(error[800:900])
@@ -93,7 +93,7 @@ def test_whole_periods(motion):
     periodic = simulate(plant(), 20 * (np.sin(5 * np.pi * t) + np.sin(2 * np.pi * t)), dt=DT)
     late = periodic.isel(time=slice(600, None))
     full = [
-        propose_gamma(joint(), late.isel(time=slice(0, n)), lam=LAM, period=2.0)
+        propose_gamma(joint(), late.isel(time=slice(0, n)), gain=LAM, period=2.0)
         for n in (650, 1010, 1385)
     ]
     size = np.outer(*[np.sqrt(np.diag(full[0]))] * 2)
@@ -102,10 +102,10 @@ def test_whole_periods(motion):
 
 
 def test_results_are_motions_too(motion):
-    observer = AHG(Noise(sigma_y=1e-4), Prior(sigma_x0=0.1), lam=LAM, Gamma=np.array([10.0, 0.1]))
+    observer = AHG(Noise(sigma_y=1e-4), Prior(sigma_x0=0.1), gain=LAM, Gamma=np.array([10.0, 0.1]))
     result = estimate(observer, joint(), motion)
-    from_truth = propose_gamma(joint(), motion, lam=LAM)
-    from_result = propose_gamma(joint(), result, lam=LAM)
+    from_truth = propose_gamma(joint(), motion, gain=LAM)
+    from_result = propose_gamma(joint(), result, gain=LAM)
     size = np.sqrt(np.diag(from_truth))
     np.testing.assert_allclose(
         from_result / np.outer(size, size), from_truth / np.outer(size, size), atol=0.02
@@ -116,53 +116,53 @@ def test_lambda_follows_the_faster_of_model_and_motion():
     """2.5 times the natural frequency in slow motion, and with fast motion its frequency."""
     t = np.arange(4000) * 1e-3
     slow = simulate(plant(), 20 * np.sin(1.0 * t), dt=1e-3)
-    assert propose_lambda(joint(), slow) == pytest.approx(2.5 * np.sqrt(K), rel=1e-3)
+    assert propose_gain(joint(), slow) == pytest.approx(2.5 * np.sqrt(K), rel=1e-3)
     fast = simulate(plant(), 1e4 * np.sin(200.0 * t), dt=1e-3).isel(time=slice(2500, None))
-    assert propose_lambda(joint(), fast) == pytest.approx(2.5 * 200.0, rel=0.02)
-    assert propose_lambda(joint(), slow, factor=1.0) == pytest.approx(np.sqrt(K), rel=1e-3)
+    assert propose_gain(joint(), fast) == pytest.approx(2.5 * 200.0, rel=0.02)
+    assert propose_gain(joint(), slow, factor=1.0) == pytest.approx(np.sqrt(K), rel=1e-3)
 
 
 def test_a_motion_that_does_not_excite():
     rest = simulate(plant(), np.zeros(400), dt=DT)
     with pytest.raises(TuningError, match="does not excite k, b"):
-        propose_gamma(joint(), rest, lam=LAM)
+        propose_gamma(joint(), rest, gain=LAM)
     with pytest.raises(TuningError, match="at rest: 'v' does not change"):
-        propose_lambda(joint(), rest)
+        propose_gain(joint(), rest)
     # In free motion that only decays, displacement and speed are the same function.
     decaying = simulate(
         plant(), np.zeros(400), dt=DT, parameters={"k": 3.0, "b": 4.0}, x0={"q": 1.0, "v": -1.0}
     )
     with pytest.raises(TuningError, match="k, b move the output alike"):
-        propose_gamma(joint(), decaying.isel(time=slice(0, 300)), lam=LAM)
+        propose_gamma(joint(), decaying.isel(time=slice(0, 300)), gain=LAM)
 
 
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"lam": 0.0}, TuningError, "lam is 0.0"),
+        ({"gain": 0.0}, TuningError, "gain is 0.0"),
         ({"rate": -1.0}, TuningError, "rate is -1.0"),
         ({"hold": "none"}, TuningError, "unknown hold 'none'"),
         ({"poles": 1.0}, TuningError, "negative real part"),
-        ({"lam": 0.01}, DataError, "1199 samples; 100000 are needed to settle"),
+        ({"gain": 0.01}, DataError, "1199 samples; 100000 are needed to settle"),
         ({"period": 1e3}, DataError, "100000 more"),
     ],
 )
 def test_wrong_settings(motion, settings, error, message):
     with pytest.raises(error, match=message):
-        propose_gamma(joint(), motion, **({"lam": LAM} | settings))
+        propose_gamma(joint(), motion, **({"gain": LAM} | settings))
 
 
 def test_wrong_motions(motion):
     with pytest.raises(DataError, match="neither 'x_true' nor 'x_hat'"):
-        propose_gamma(joint(), motion.drop_vars("x_true"), lam=LAM)
+        propose_gamma(joint(), motion.drop_vars("x_true"), gain=LAM)
     with pytest.raises(DataError, match="no state v"):
-        propose_gamma(joint(), motion.sel(state=["q", "k"]), lam=LAM)
+        propose_gamma(joint(), motion.sel(state=["q", "k"]), gain=LAM)
     gap = motion["x_true"].copy()
     gap[5] = np.nan
     with pytest.raises(DataError, match="not finite"):
-        propose_gamma(joint(), motion.assign(x_true=gap), lam=LAM)
+        propose_gamma(joint(), motion.assign(x_true=gap), gain=LAM)
     with pytest.raises(ModelError, match="canonical form"):
-        propose_lambda(
+        propose_gain(
             Model(f=lambda x, u, p: [x.a], h=lambda x, u, p: [x.a], states={"a": ""},
                   inputs={"F": ""}, outputs={"y": ""}, dt=DT),
             motion,
@@ -182,4 +182,4 @@ def test_nominal_values_must_not_be_zero(motion):
         ["k", "b"],
     )
     with pytest.raises(TuningError, match="none of them may be zero"):
-        propose_gamma(free, motion, lam=LAM)
+        propose_gamma(free, motion, gain=LAM)

@@ -7,35 +7,38 @@ import pytest
 import backsight as bs
 from backsight.errors import DataError, TuningError
 from backsight.models.some_outputs import some_outputs
-from backsight.report.figures import save
-from backsight.report.force_path import force_path_figure
+from backsight.plot import force_path_figure, save
 from oracles import struck_beam
 from tune.struck_beam_recordings import estimator, recording
 
 
 def found(lam: float, given):
     made = dataclasses.replace(estimator(), lam=lam)
-    return bs.sparse_forces(made, struck_beam.model(0.003), given, selection=bs.L1())
+    return bs.forces.find_sparse_forces(
+        made, struck_beam.model(0.003), given, selection=bs.forces.L1()
+    )
 
 
 def test_noise_alone_makes_a_force_as_seldom_as_wanted():
     model, made, alarms = struck_beam.model(0.003), estimator(), 0
-    lam = bs.lambda_from_noise(made, model, recording(), false_alarm=0.2)
+    lam = bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.2).lam
     for seed in range(25):
         noise = recording(1e-5, seed, background=0.0739**0.5, hits=0.0)
-        alarms += bs.force_path(made, model, noise, least=0.9)["lam"].values[0] > lam
+        alarms += bs.tune.trace_force_path(made, model, noise, least=0.9)["lam"].values[0] > lam
     assert 1 <= alarms <= 11
-    assert bs.lambda_from_noise(made, model, recording(), false_alarm=0.01) > lam
+    assert bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.01).lam > lam
 
 
-@pytest.mark.parametrize("choose", [bs.lambda_from_whiteness, bs.lambda_from_sensors])
+@pytest.mark.parametrize("choose", [bs.tune.lambda_from_whiteness, bs.tune.lambda_from_sensors])
 def test_the_hits_are_found_with_the_weight_that_is_chosen(choose):
     given, true = recording(1e-5, 2, background=0.0739**0.5), struck_beam.forces()
     choice = choose(estimator(), struck_beam.model(0.003), given)
     assert choice.reached
-    largest = bs.force_path(estimator(), struck_beam.model(0.003), given)["lam"].values[0]
+    largest = bs.tune.trace_force_path(estimator(), struck_beam.model(0.003), given)["lam"].values[
+        0
+    ]
     assert 0.02 * largest < choice.lam < 0.7 * largest
-    errors = bs.force_errors(found(choice.lam, given)["d_hat"], true, least=1.0, places=1)
+    errors = bs.forces.compare_forces(found(choice.lam, given)["d_hat"], true, least=1.0, places=1)
     assert not errors.missed
     assert errors.false_alarms <= 2
 
@@ -43,7 +46,7 @@ def test_the_hits_are_found_with_the_weight_that_is_chosen(choose):
 def test_a_wrong_model_is_told_from_noise():
     """The noise is stated a hundred times too small: nothing explains the recording."""
     made = struck_beam.estimator(0.003, eps_Q=1e-12, eps_R=1e-14, lam=1.0)
-    choice = bs.lambda_from_whiteness(
+    choice = bs.tune.lambda_from_whiteness(
         made, struck_beam.model(0.0028), recording(1e-5).isel(time=slice(0, 30))
     )
     assert not choice.reached
@@ -51,10 +54,10 @@ def test_a_wrong_model_is_told_from_noise():
 
 def test_the_path_is_what_single_weights_give(tmp_path):
     given, model = recording(1e-5), struck_beam.model(0.003)
-    path = bs.force_path(estimator(), model, given, least=0.05)
+    path = bs.tune.trace_force_path(estimator(), model, given, least=0.05)
     for k in (1, 5, path.sizes["lam"] - 1):
         made = dataclasses.replace(estimator(), lam=float(path["lam"][k]))
-        one = bs.sparse_forces(made, model, given, selection=bs.L1(refit=False))
+        one = bs.forces.find_sparse_forces(made, model, given, selection=bs.forces.L1(refit=False))
         assert one.attrs["chi2"] == pytest.approx(float(path["chi2"][k]), rel=1e-6)
         for i in range(path.sizes["atom"]):
             atom = path.isel(atom=i)
@@ -68,11 +71,11 @@ def test_the_path_is_what_single_weights_give(tmp_path):
 def test_bad_input_is_refused():
     made, model, given = estimator(), struck_beam.model(0.003), recording()
     with pytest.raises(TuningError, match="false_alarm = 2"):
-        bs.lambda_from_noise(made, model, given, false_alarm=2.0)
+        bs.tune.lambda_from_noise(made, model, given, false_alarm=2.0)
     with pytest.raises(TuningError, match="least is 0"):
-        bs.force_path(made, model, given, least=0.0)
+        bs.tune.trace_force_path(made, model, given, least=0.0)
     with pytest.raises(DataError, match="one sensor"):
-        bs.lambda_from_sensors(
+        bs.tune.lambda_from_sensors(
             dataclasses.replace(made, noise=bs.Noise(sigma_y=1e-5)),
             some_outputs(model, ["s1"]),
             given,
@@ -80,4 +83,4 @@ def test_bad_input_is_refused():
     rest = recording() * 0.0
     rest.attrs = given.attrs
     with pytest.raises(DataError, match="without forces"):
-        bs.force_path(made, model, rest)
+        bs.tune.trace_force_path(made, model, rest)

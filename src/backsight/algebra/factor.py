@@ -9,8 +9,12 @@ import casadi as ca
 
 def solve_spd(A: ca.SX, B: ca.SX) -> ca.SX:
     """Solve A X = B for symmetric positive definite A by its LDL' factorisation."""
-    n = A.shape[0]
-    L, d = ldl(A)
+    return solve_ldl(*ldl(A), B)
+
+
+def solve_ldl(L: ca.SX, d: ca.SX, B: ca.SX) -> ca.SX:
+    """Solve L diag(d) L' X = B for unit lower triangular L (n, n) and d (n,)."""
+    n = L.shape[0]
     X = ca.SX(ca.densify(B))
     for i in range(n):
         for j in range(i):

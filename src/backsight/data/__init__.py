@@ -1,9 +1,10 @@
 """Read, check, align and merge recordings."""
 
 from backsight.data.columns import Column
+from backsight.data.increments import increments
 from backsight.data.merging import merge
 from backsight.data.reader import read
 from backsight.data.recording import from_arrays
 from backsight.data.resampling import resample
 
-__all__ = ["Column", "from_arrays", "merge", "read", "resample"]
+__all__ = ["Column", "from_arrays", "increments", "merge", "read", "resample"]

@@ -2,18 +2,20 @@
 
 import dataclasses
 import math
-import numbers
-from collections.abc import Mapping
-from typing import Any, TypeAlias
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from backsight.errors import DataError, nearest
+from backsight.description import Description, Range, Sound
+from backsight.errors import BacksightError, DataError, nearest
 from backsight.types import Array
+
+ANY = Range("be a number", infinite=True, missing=True)
 
 
 @dataclasses.dataclass(frozen=True)
-class Column:
+class Column(Description):
     """A column of a file: the signal is ``factor * column + offset``.
 
     Parameters
@@ -36,19 +38,21 @@ class Column:
         If the name is empty or a number is not finite.
     """
 
+    refusal: ClassVar[type[BacksightError]] = DataError
+
     name: str
     unit: str = ""
-    factor: float = 1.0
-    offset: float = 0.0
+    factor: Annotated[float, ANY] = 1.0
+    offset: Annotated[float, ANY] = 0.0
     remove_mean: bool = False
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise DataError(f"a column is given by its name in the file, not by {self.name!r}")
-        for field in ("factor", "offset"):
-            value = getattr(self, field)
-            if not isinstance(value, numbers.Real) or not math.isfinite(value):
-                raise DataError(f"column '{self.name}': {field} is {value!r}, not a finite number")
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if not sound("name") or not self.name:
+            yield f"a column is given by its name in the file, not by {self.name!r}"
+        for name, value in (("factor", self.factor), ("offset", self.offset)):
+            if sound(name) and not math.isfinite(value):
+                yield f"{name} is {value}, not a finite number"
 
     def physical(self, raw: Array) -> Array:
         """Values of the signal [unit] from those in the file, (n,)."""

@@ -3,10 +3,14 @@
 import numpy as np
 import xarray as xr
 
+from backsight.description import checked
+from backsight.errors import DataError
+
 PREFIX = "d_"
 """In front of the name of a signal whose change from sample to sample is meant."""
 
 
+@checked(DataError)
 def increments(recording: xr.Dataset) -> xr.Dataset:
     """Return the recording with inputs ``d_u``, for a model from `incremental`.
 

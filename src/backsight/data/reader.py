@@ -1,29 +1,34 @@
 """Read a recording from a file."""
 
-import csv
+import contextlib
 import os
-import struct
-import zipfile
-import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import xarray as xr
 
 from backsight.data import _checks as checks
 from backsight.data._containers import read_hdf5, read_mat, read_netcdf, read_npz
+from backsight.data._pick import pick
+from backsight.data._room import check_room
 from backsight.data._text import read_text
 from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.recording import Group, assemble, time_axis
-from backsight.errors import DataError, nearest
+from backsight.description import Whole, checked
+from backsight.errors import DataError, PluginError, nearest
+from backsight.plugins import Extended
 from backsight.schema import SIGMA_FACTOR
 from backsight.types import Array
 
 TEXT = (".csv", ".tsv", ".txt")
 """Extensions of text files."""
 
-CONTAINERS: Mapping[str, Callable[[Path, Sequence[str]], dict[str, Array]]] = {
+Reader: TypeAlias = Callable[[Path, Sequence[str], Collection[str]], Mapping[str, Array]]
+"""``(path, names of the wanted columns, outside) -> {name: values}``, time first."""
+
+CONTAINERS: Mapping[str, Reader] = {
     ".mat": read_mat,
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
@@ -32,21 +37,41 @@ CONTAINERS: Mapping[str, Callable[[Path, Sequence[str]], dict[str, Array]]] = {
 }
 """Extension to reader of the files that hold named arrays."""
 
-UNREADABLE = (
-    OSError,
-    ValueError,
-    TypeError,
-    LookupError,
-    EOFError,
-    RuntimeError,
-    csv.Error,
-    struct.error,
-    zipfile.BadZipFile,
-    zlib.error,
+
+ExtensionReader: TypeAlias = Callable[[Path, Sequence[str]], Mapping[str, Array]]
+"""``(path, names of the wanted columns) -> {name: values}``, what an extension brings."""
+
+
+def _text(path: Path, wanted: Sequence[str], _outside: Collection[str]) -> Mapping[str, Array]:
+    return read_text(path, wanted, 0)
+
+
+def _adopted(key: str, found: object) -> Reader:
+    """Somebody else's reader, which may return more columns than are wanted, and lists."""
+    if not callable(found):
+        raise DataError(f"it must be a function (path, wanted) -> columns by name, not {found!r}")
+
+    def reader(path: Path, wanted: Sequence[str], _outside: Collection[str]) -> Mapping[str, Array]:
+        columns = found(path, wanted)
+        if not isinstance(columns, Mapping):
+            raise DataError(f"the reader of '{key}' files returned no columns by name")
+        return pick({name: np.asarray(values) for name, values in columns.items()}, wanted)
+
+    return reader
+
+
+READERS = Extended(
+    "backsight.readers",
+    "reader",
+    # Text is told apart because lines can be skipped in it.
+    {**dict.fromkeys(TEXT, _text), **CONTAINERS},
+    _adopted,
+    prefix=".",
 )
-"""What the readers raise on files that are cut off or of another kind."""
+"""Extension to reader: ours, and those of installed extensions (``rl2`` reads ``.rl2``)."""
 
 
+@checked(DataError, only=("skip_lines",))
 def read(
     path: str | os.PathLike[str],
     *,
@@ -58,8 +83,9 @@ def read(
     start: float | None = None,
     stop: float | None = None,
     resample: float | None = None,
-    skip_lines: int = 0,
+    skip_lines: Whole = 0,
     sigma_factor: Mapping[str, ColumnLike] | None = None,
+    outside: Collection[str] = (),
 ) -> xr.Dataset:
     r"""Read a recording and check it.
 
@@ -67,7 +93,8 @@ def read(
     ----------
     path : path
         Text (``.csv``, ``.tsv``, ``.txt``; first line or last comment names the columns), MATLAB
-        (``.mat``), HDF5 (``.h5``, ``.hdf5``), NetCDF (``.nc``) or NumPy (``.npz``).
+        (``.mat``), HDF5 (``.h5``, ``.hdf5``), NetCDF (``.nc``), NumPy (``.npz``), or what an
+        installed extension reads.
     inputs, outputs : dict
         Name of the signal in the model to the column: its name, a `Column` with unit and factor,
         or a mapping with the fields of one. ``group/name`` reads from a structure or group,
@@ -89,6 +116,10 @@ def read(
         Outputs whose samples have a noise of their own, as `outputs`: the column holds its standard
         deviation by the `sigma_y` of the estimator, or, with ``Column(name, factor=1 / sigma_y)``,
         the standard deviation itself. An empty cell is "not measured".
+    outside : collection of str
+        Other files from which an HDF5, NetCDF or MAT file may take measurements (external storage,
+        external links, virtual datasets), by the names that it has for them. The file must be
+        trusted then: it could name any file of the computer.
 
     Returns
     -------
@@ -98,9 +129,12 @@ def read(
     Raises
     ------
     DataError
-        If the file or a column is missing or cannot be read, the recording is empty, its time is
-        not regular, an input is not known at every sample, an output is infinite, or a factor of
-        the noise is not positive or belongs to no output.
+        If the file or a column is missing or cannot be read, does not fit into memory, or takes
+        measurements from other files or needs other programs to be read; the recording is empty,
+        its time is not regular, an input is not known at every sample, an output is infinite, or a
+        factor of the noise is not positive or belongs to no output.
+    PluginError
+        If the reader of an extension is broken.
 
     Examples
     --------
@@ -130,7 +164,7 @@ def read(
     if not signals[0] and not signals[1]:
         raise DataError(f"{path}: name at least one column as input or output")
     chosen = [c for group in signals for c in group.values()] + ([clock] if clock else [])
-    raw = _load(path, list(dict.fromkeys(c.name for c in chosen)), skip_lines)
+    raw = _load(path, list(dict.fromkeys(c.name for c in chosen)), skip_lines, outside)
 
     where = str(path)
     n = checks.check_lengths({name: len(values) for name, values in raw.items()}, where)
@@ -151,33 +185,55 @@ def read(
     )
 
 
-def _load(path: Path, wanted: Sequence[str], skip_lines: int) -> dict[str, Array]:
+def _load(
+    path: Path, wanted: Sequence[str], skip_lines: int, outside: Collection[str]
+) -> Mapping[str, Array]:
     kind = path.suffix.lower()
-    known = [*TEXT, *CONTAINERS]
-    if not path.exists():
-        raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
-    if path.is_dir():
-        raise DataError(f"'{path}' is a folder; give a file")
-    if kind not in known:
-        raise DataError(f"{path}: files of the kind '{kind}' are not read: {nearest(kind, known)}")
+    _check_file(path, READERS)
+    if kind not in READERS:
+        hint = nearest(kind, READERS)
+        raise DataError(f"{path}: files of the kind '{kind}' are not read: {hint}")
     if skip_lines and kind not in TEXT:
         raise DataError(f"{path}: skip_lines is for text files, not for '{kind}'")
+    reader = READERS[kind]
     try:
         if kind in TEXT:
+            check_room(path.stat().st_size, "the file")
             return read_text(path, wanted, skip_lines)
-        return CONTAINERS[kind](path, wanted)
+        with READERS.blamed(kind):
+            return reader(path, wanted, outside)
+    except PluginError:
+        raise
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    except UNREADABLE as error:
+    except MemoryError:
+        raise DataError(f"{path} does not fit into memory; cut the recording") from None
+    # Readers that others wrote may raise anything on files that are damaged or made to harm.
+    except Exception as error:
         reason = str(error).partition("\n")[0]
         raise DataError(f"{path} cannot be read as a '{kind}' file: {reason}") from error
 
 
-def _neighbour(path: Path, known: Sequence[str]) -> str:
+def _check_file(path: Path, known: Collection[str]) -> None:
+    """Raise `DataError` unless there is a file, which ends; a device or a pipe may not."""
+    try:
+        if not path.exists():
+            raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
+        if path.is_dir():
+            raise DataError(f"'{path}' is a folder; give a file")
+        if not path.is_file():
+            raise DataError(f"'{path}' is a device or a pipe; give a file")
+    except OSError as error:
+        raise DataError(f"cannot read '{path}': {error.strerror or error}") from None
+
+
+def _neighbour(path: Path, known: Collection[str]) -> str:
     if not path.parent.is_dir():
         return f": there is no folder '{path.parent}'"
-    names = [p.name for p in path.parent.iterdir() if p.suffix.lower() in known]
-    return f": {nearest(path.name, names)}" if names else ""
+    with contextlib.suppress(OSError):  # a folder that may be entered but not listed
+        names = [p.name for p in path.parent.iterdir() if p.suffix.lower() in known]
+        return f": {nearest(path.name, names)}" if names else ""
+    return ""
 
 
 def _selected(time: Array, start: float | None, stop: float | None, where: str) -> slice:

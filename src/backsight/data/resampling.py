@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.data._checks import check_period
+from backsight.description import checked
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -11,6 +12,7 @@ SAME = 1e-6
 """Times closer than this, in periods, are the same time."""
 
 
+@checked(DataError)
 def resample(recording: xr.Dataset, dt: float) -> xr.Dataset:
     """Interpolate a recording linearly to another sampling period.
 

@@ -1,12 +1,12 @@
 """Explicit Runge-Kutta methods as Butcher tableaus, with sub-steps and held or ramped input."""
 
 import dataclasses
-import numbers
 from collections.abc import Callable
+from typing import Literal, TypeAlias
 
 import casadi as ca
 
-from backsight.errors import TuningError, nearest
+from backsight.description import Count, Description
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +30,13 @@ class Tableau:
         return tuple(sum(row) for row in self.a)
 
 
-TABLEAUS = {
+Scheme: TypeAlias = Literal["euler", "heun", "rk4", "dopri5"]
+"""Runge-Kutta methods, by their names in `TABLEAUS`."""
+
+Hold: TypeAlias = Literal["zoh", "foh"]
+"""Between the samples: held, or a ramp to the next one."""
+
+TABLEAUS: dict[Scheme, Tableau] = {
     "euler": Tableau(a=((),), b=(1.0,), order=1),
     "heun": Tableau(a=((), (1.0,)), b=(0.5, 0.5), order=2),
     "rk4": Tableau(
@@ -54,7 +60,7 @@ TABLEAUS = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Integrator:
+class Integrator(Description):
     """How a continuous-time model is carried over one sampling period.
 
     Parameters
@@ -72,17 +78,9 @@ class Integrator:
         If the scheme or hold is unknown or `substeps` is not a positive whole number.
     """
 
-    scheme: str = "rk4"
-    substeps: int = 1
-    hold: str = "zoh"
-
-    def __post_init__(self) -> None:
-        if self.scheme not in TABLEAUS:
-            raise TuningError(f"unknown scheme '{self.scheme}': {nearest(self.scheme, TABLEAUS)}")
-        if self.hold not in ("zoh", "foh"):
-            raise TuningError(f"unknown hold '{self.hold}': use 'zoh' (held) or 'foh' (ramp)")
-        if not isinstance(self.substeps, numbers.Integral) or self.substeps < 1:
-            raise TuningError(f"substeps is {self.substeps}; it must be a whole number from 1 on")
+    scheme: Scheme = "rk4"
+    substeps: Count = 1
+    hold: Hold = "zoh"
 
     def substep(
         self,

@@ -9,8 +9,9 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
+from backsight.description import words
 from backsight.engine.recursion import Recursion
 from backsight.errors import EngineError, nearest
 from backsight.types import Array
@@ -18,7 +19,7 @@ from backsight.types import Array
 if TYPE_CHECKING:
     from backsight.engine import native, vm
 
-ENGINES = ("native", "vm")
+Engine: TypeAlias = Annotated[Literal["native", "vm"], EngineError]
 """``native``: machine code by LLVM. ``vm``: CasADi's virtual machine. Their results agree."""
 
 SHORT = 1000
@@ -27,7 +28,7 @@ SHORT = 1000
 Run = Callable[..., tuple[Array, list[Array]]]
 
 
-def choose(engine: str | None, samples: int) -> str:
+def choose_engine(engine: str | None, samples: int) -> str:
     """Name of the engine: the given one, else the one that is likely to finish first.
 
     Raises
@@ -37,8 +38,8 @@ def choose(engine: str | None, samples: int) -> str:
     """
     if engine is None:
         return "vm" if samples < SHORT else "native"
-    if engine not in ENGINES:
-        raise EngineError(f"there is no engine '{engine}': {nearest(engine, ENGINES)}")
+    if engine not in words(Engine):
+        raise EngineError(f"there is no engine '{engine}': {nearest(engine, words(Engine))}")
     return engine
 
 
@@ -48,7 +49,7 @@ def prepare(recursion: Recursion, engine: str) -> None:
         _module(engine).compiled(recursion)
 
 
-def execute(
+def run_recursion(
     recursion: Recursion,
     data: Sequence[Array],
     *,
@@ -68,7 +69,7 @@ def stepper(recursion: Recursion, engine: str) -> native.Stepper | vm.Stepper:
     EngineError
         If there is no engine of that name or it cannot compile the recursion.
     """
-    return _module(choose(engine, 1)).Stepper(recursion)
+    return _module(choose_engine(engine, 1)).Stepper(recursion)
 
 
 def _module(engine: str) -> ModuleType:

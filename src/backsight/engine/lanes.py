@@ -55,7 +55,9 @@ def run_many(
     EngineError
         If the recursion cannot be compiled or the data do not fit it.
     """
-    checked = [native.checked(recursion, d, c) for d, c in zip(recordings, carries, strict=True)]
+    checked = [
+        native.checked_data(recursion, d, c) for d, c in zip(recordings, carries, strict=True)
+    ]
     longest_first = sorted(range(len(checked)), key=lambda k: -len(checked[k][0][0]))
     jobs: dict[int, _Job] = {}
     groups: list[list[_Job]] = []

@@ -7,14 +7,17 @@ is the only thing that survives pickling.
 """
 
 import dataclasses
+import itertools
 import re
 from collections.abc import Sequence
 
 import casadi as ca
 
+from backsight.errors import EngineError
+
 
 @dataclasses.dataclass(frozen=True)
-class Loop:
+class LoopFunction:
     """What a loop function stands for.
 
     Parameters
@@ -73,6 +76,7 @@ def scan(
     ys : list of MX
         Outputs of all passes, side by side in the columns.
     """
+    body = _with_name_of_its_own(body)
     n_carry = len(carry)
     inputs = [*carry, *xs, *constants]
     symbols = [ca.MX.sym(f"i{k}", *i.shape) for k, i in enumerate(inputs)]
@@ -124,6 +128,7 @@ def iterate(
     list of MX
         The carry after the last pass.
     """
+    body = _with_name_of_its_own(body)
     n_carry = len(carry)
     inputs = [*carry, *constants]
     symbols = [ca.MX.sym(f"i{k}", *i.shape) for k, i in enumerate(inputs)]
@@ -142,11 +147,27 @@ def iterate(
     return loop.call(inputs)
 
 
-def loop_of(function: ca.Function) -> Loop | None:
+def loop_of(function: ca.Function) -> LoopFunction | None:
     """What loop a function stands for, or None if it is an ordinary function."""
     match = _NAME.fullmatch(function.name())
     if match is None:
         return None
-    kind, *sizes, body = match.groups()
+    kind, *sizes, name = match.groups()
     length, n_carry, n_xs, n_constants = map(int, sizes)
-    return Loop(kind, length, n_carry, n_xs, n_constants, function.find_function(body))
+    bodies = [f for f in function.find_functions() if f.name() == name]
+    if len(bodies) != 1 or bodies[0].n_in() != function.n_in():
+        raise EngineError(
+            f"'{function.name()}' has the name of a loop, but is none; give it another name"
+        )
+    return LoopFunction(kind, length, n_carry, n_xs, n_constants, bodies[0])
+
+
+def _with_name_of_its_own(body: ca.Function) -> ca.Function:
+    """Return the body under a name that no function inside it has: loops are found by names."""
+    inside = {f.name() for f in body.find_functions()}
+    if body.name() not in inside:
+        return body
+    numbered = (f"{body.name()}_{k}" for k in itertools.count(2))
+    free = next(name for name in numbered if name not in inside)
+    symbols = [ca.MX.sym(body.name_in(i), body.sparsity_in(i)) for i in range(body.n_in())]
+    return ca.Function(free, symbols, body.call(symbols, True, False))

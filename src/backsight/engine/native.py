@@ -16,7 +16,7 @@ import numpy as np
 from backsight.engine import _cache as cache
 from backsight.engine.llvm import machine
 from backsight.engine.llvm import module as llvm
-from backsight.engine.llvm.foreign import symbol
+from backsight.engine.llvm.foreign import kernel_symbol
 from backsight.engine.llvm.width import Width
 from backsight.engine.program import walk
 from backsight.engine.recursion import Recursion
@@ -99,7 +99,7 @@ def run(
         If the recursion cannot be compiled or the data do not fit it.
     """
     program = compiled(recursion)
-    rows, memory = checked(recursion, data, carry)
+    rows, memory = checked_data(recursion, data, carry)
     n = len(rows[0])
     outputs = [np.empty((n, size)) for size in recursion.output_sizes]
     workspace = program.workspace()
@@ -140,7 +140,9 @@ class Stepper:
         return [output.copy() for output in self._outputs]
 
 
-def checked(recursion: Recursion, data: Sequence[Array], carry: Array) -> tuple[list[Array], Array]:
+def checked_data(
+    recursion: Recursion, data: Sequence[Array], carry: Array
+) -> tuple[list[Array], Array]:
     """Data with rows one after the other in memory, and a copy of the carry.
 
     Raises
@@ -176,17 +178,36 @@ def blocks(n: int, size: int | None) -> Iterator[slice]:
 def _compiled(step: ca.Function, lanes: int) -> Compiled:
     key = json.dumps([step.serialize(), lanes, _versions(), machine.processor()])
     name = f"{step.name()}_{hashlib.sha256(key.encode()).hexdigest()[:32]}"
-    kept = cache.read(name)
-    if kept is None:
+    kept = cache.read_kept(name)
+    parts = None if kept is None else _unpacked(kept)
+    if parts is None:
         program = walk(step)
         given = [buffer.size for buffer in llvm.given(program, Width(lanes))]
-        code = machine.assemble(llvm.write(program, Width(lanes)))
-        kept = json.dumps([given, program.kernels]).encode() + b"\n" + code
-        cache.keep(name, kept)
+        parts = (
+            given,
+            list(program.kernels),
+            machine.assemble_code(llvm.write_llvm(program, Width(lanes))),
+        )
+        cache.keep(name, json.dumps(parts[:2]).encode() + b"\n" + parts[2])
+    given, kernels, code = parts
+    symbols = {kernel_symbol(kernel): library.address(kernel) for kernel in kernels}
+    return Compiled(machine.load_code(code, symbols), tuple(given), lanes)
+
+
+def _unpacked(kept: bytes) -> tuple[list[int], list[str], bytes] | None:
+    """Sizes of buffers, kernels and machine code; None if it is anything else."""
     head, _, code = kept.partition(b"\n")
-    given, kernels = json.loads(head)
-    symbols = {symbol(kernel): library.address(kernel) for kernel in kernels}
-    return Compiled(machine.load(code, symbols), tuple(given), lanes)
+    try:
+        match json.loads(head):
+            case [list() as given, list() as kernels] if (
+                all(type(g) is int and g >= 0 for g in given)
+                and all(isinstance(k, str) for k in kernels)
+                and code
+            ):
+                return given, kernels, code
+    except (ValueError, RecursionError):
+        pass
+    return None
 
 
 @functools.cache

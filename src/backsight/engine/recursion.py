@@ -6,11 +6,12 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import side
+from backsight.description import Description, Whole
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Channel:
+class Channel(Description):
     """One output of a recursion.
 
     Parameters
@@ -30,7 +31,7 @@ class Channel:
     dims: tuple[str, ...] = ()
     symmetric: bool = False
     labels: tuple[str, ...] = ()
-    ago: int = 0
+    ago: Whole = 0
 
     def unpack(self, values: Array) -> Array:
         """Values of all samples (n, length) in the shape of `dims`."""

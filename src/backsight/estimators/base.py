@@ -1,16 +1,22 @@
 """What every estimator is: a frozen description that compiles to a recursion."""
 
+from __future__ import annotations
+
 import abc
 import dataclasses
+from collections.abc import Mapping
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech, vech
+from backsight.description import Description
+from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.kernels import library
 from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal
@@ -18,18 +24,71 @@ from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractEstimator(abc.ABC):
+class AbstractEstimator(Description, abc.ABC):
     """A method with its settings; knows no model and no data."""
 
     key: ClassVar[str]
     title: ClassVar[str]
     weighs: ClassVar[bool] = False
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
+    kernels: ClassVar[tuple[str, ...]] = ()
+    """Kernels in C that it calls; it cannot be built where they are not compiled."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.kernels:
+            library.path()  # raises where the kernels are not compiled
+
+    @property
+    def assumed(self) -> tuple[Noise, Prior]:
+        """The fields ``noise`` and ``prior``.
+
+        Raises
+        ------
+        TuningError
+            If the estimator has none.
+        """
+        noise, prior = getattr(self, "noise", None), getattr(self, "prior", None)
+        if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
+            raise TuningError(f"'{self.key}' has no noise and prior")
+        return noise, prior
 
     @property
     def horizon(self) -> int:
         """Sampling periods that the window spans, 0 of an estimator without a window."""
         return int(getattr(self, "N", 0))
+
+    @property
+    def delay(self) -> int:
+        """Samples from the newest one back to that of the output: the field ``lag``, or 0."""
+        return int(getattr(self, "lag", 0))
+
+    @property
+    def integration(self) -> Integrator | None:
+        """The field ``integrator``, or None of an estimator that needs none."""
+        given = getattr(self, "integrator", None)
+        return given if isinstance(given, Integrator) else None
+
+    @property
+    def input_hold(self) -> Hold:
+        """Input between samples: that of the integrator, or the field ``hold``, or held."""
+        if self.integration is not None:
+            return self.integration.hold
+        return getattr(self, "hold", "zoh")
+
+    def variants(self) -> Mapping[str, AbstractEstimator]:
+        """The estimator itself, first, and with other arrival costs; by their names."""
+        return {"": self}
+
+    def inspect(self, model: Model, dt: float) -> ca.Function:  # noqa: ARG002 - none has a window
+        """Build the whole window of a sample, see `backsight.estimators.mhe._inspect`.
+
+        Raises
+        ------
+        TuningError
+            If the estimator has no window whose states can be looked at.
+        """
+        raise TuningError(f"{self.title} has no window to look at; use MHE")
 
     @abc.abstractmethod
     def compile(self, model: Model, dt: float) -> Recursion:

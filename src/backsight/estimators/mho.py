@@ -1,30 +1,27 @@
 """Moving horizon observer: nonlinear least squares over a window, between two Kalman filters."""
 
 import dataclasses
-import numbers
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.factor import cholesky_semidefinite, solve_spd
-from backsight.algebra.symmetric import unvech, vech
-from backsight.algebra.update import masked, measured
+from backsight.algebra.factor import solve_spd
+from backsight.algebra.update import masked
+from backsight.description import Horizon, NonNegative
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting, setting
-from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, packed, physical
-from backsight.estimators.parts.gaussian import (
-    FLAGS,
-    correct,
-    flow,
-    innovation,
-    predict,
-    substep_inputs,
-)
-from backsight.estimators.parts.window import advance, as_columns, empty_window
+from backsight.estimators.kalman.ekf import Propagation, correct, innovation, predict
+from backsight.estimators.parts.covariance import Covariance
+from backsight.estimators.parts.factors import cholesky
+from backsight.estimators.parts.filtering import choose, data_inputs, physical
+from backsight.estimators.parts.flags import FLAGS, Flags
+from backsight.estimators.parts.leaf import Results, Symmetric, half, leaf, notation
+from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.substeps import flow, substep_inputs
+from backsight.estimators.parts.window import moved_on, no_window
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.affine import moving_states
 from backsight.models.model import Model
@@ -83,73 +80,81 @@ class MHO(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    N: int = 15
-    alpha: float = 1.0
+    N: Horizon = 15
+    alpha: NonNegative = 1.0
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
-    covariance: str = "transition"
+    covariance: Propagation = "transition"
     optimiser: GaussNewton | QuasiNewton = dataclasses.field(default_factory=GaussNewton)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.N, numbers.Integral) or self.N < 1:
-            raise TuningError(f"the horizon N is {self.N}; it must be a whole number from 1 on")
-        if not (np.isfinite(self.alpha) and self.alpha >= 0):
-            raise TuningError(f"alpha is {self.alpha}; it must be 0 or positive")
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
-        nx, N = s.model.nx, self.N
+        s, N = setting(model, dt, noise=self.noise, prior=self.prior), self.N
+        kept = Covariance(s.model.nx)
         data = data_inputs(s)
         u, y, mask = s.enter()(*data)
-        memory = {
-            "x_start": s.x0,
-            "P_start": packed(s.P0),
-            "x_last": s.x0,
-            "P_last": packed(s.P0),
-            **empty_window(s, N + 1),
-            "present": np.zeros(N + 1),
-            "called": np.zeros(1),
-        }
-        symbol, (x_start, P_start, x_last, P_last, *windows, called) = carry_inputs(
-            list(memory.values())
+        m = Memory(
+            x_start=s.x0,
+            P_start=kept.kept(s.P0),
+            x_last=s.x0,
+            P_last=kept.kept(s.P0),
+            **no_window(s, N + 1),
+            present=np.zeros((1, N + 1)),
+            called=0,
         )
-        U, Y, M, present = as_columns(windows, N + 1)
-        began = present[N]
-        here = _begins(s.model.ny)(began, mask)
-        U, Y, M, present = advance((U, Y, M, present), (u, y, mask, here))
-        full = present[0]
-
         time_update = predict(s, self.integrator, self.covariance)
         update = correct(s, check=self.covariance == "ode")
-        prior = choose(called, time_update.call([x_last, P_last, U[:, N - 1], u]), [x_last, P_last])
-        x_start, P_start = choose(began, [x_start, P_start], prior)
+
+        # The new sample enters the window, which begins at the first measurement.
+        here = _begins(s)(m.present[N], mask)
+        U, Y, M, present = moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, here))
+        full = present[0]
+        last = [m.x_last, m.P_last]
+        prior = choose(m.called, time_update.call([*last, U[:, N - 1], u]), last)
+        x_start, P_start = choose(m.present[N], [m.x_start, m.P_start], prior)
         e, S = innovation(s)(*prior, u, y, mask)
 
+        # 1. pre-filter, eq. 29-31
         x_bar, P_bar, flags = update(x_start, P_start, U[:, 0], Y[:, 0], full * M[:, 0])
-        cost = window_cost(s, self.integrator, N=N, alpha=self.alpha)
-        x, Sigma, iterations, limit, rejected = self.optimiser.minimiser(
-            cost,
-            lower=s.lower,
-            upper=s.upper,
-            cost_unit=float(np.mean(np.diag(s.R))),
-        )(full, x_bar, _factor(nx)(P_bar), U, Y, M)
 
-        post, _ = scan(
+        # 2. optimiser, eq. 26-28
+        cost = window_cost(s, self.integrator, N=N, alpha=self.alpha)
+        minimise = self.optimiser.minimiser(
+            cost, lower=s.lower, upper=s.upper, cost_unit=float(np.mean(np.diag(s.R)))
+        )
+        found = minimise(full, x_bar, _factor(s)(P_bar), U, Y, M)
+        x, Sigma, iterations, limit, rejected = found
+
+        # 3. post-filter, eq. 32
+        (x_now, P_now, flags), _ = scan(
             _post_filter(s, time_update, update),
             N,
             carry=[x, P_bar, flags],
             xs=[U[:, :-1], U[:, 1:], Y[:, 1:], M[:, 1:], present[:, :-1], present[:, 1:]],
         )
-        x_now, P_now, flags = post
-        flags = ca.vertcat(flags[0], limit, rejected, flags[3])
+        raised = dataclasses.replace(Flags.of(flags), iteration_limit=limit, step_rejected=rejected)
+
+        # 4. start of the next window, eq. 29
         ahead = time_update.call([x, P_bar, U[:, 0], U[:, 1]])
         x_start, P_start = choose(full, ahead, [x_start, P_start])
-        carry = [x_start, P_start, x_now, P_now, *(ca.vec(w) for w in (U, Y, M, present)), 1]
-        start = _physical_start(s)(x, Sigma)
-        outputs = [*physical(s)(x_now, P_now, u, e, S, flags), iterations, *start]
-        return Recursion(
-            step=ca.Function(self.key, [symbol, *data], [ca.vertcat(*carry), *outputs]),
-            carry0=np.concatenate(list(memory.values())),
+        estimate = physical(
+            s, x=x_now, P=kept.triangle()(P_now), u=u, e=e, S=S, flags=raised.vector()
+        )
+        x_window, P_window = _physical_start(s)(x, Sigma)
+        return m.recursion(
+            self.key,
+            data,
+            next={
+                "x_start": x_start,
+                "P_start": P_start,
+                "x_last": x_now,
+                "P_last": P_now,
+                "U": U,
+                "Y": Y,
+                "M": M,
+                "present": present,
+                "called": 1,
+            },
+            outputs=estimate | {"iterations": iterations, "x_start": x_window, "P_start": P_window},
             channels=CHANNELS,
             dt=dt,
         )
@@ -164,39 +169,42 @@ CHANNELS = (
 """Beside the estimate: iterations of the optimiser, and its result at the start of the window."""
 
 
-def _begins(ny: int) -> ca.Function:
+def _begins(s: Setting) -> ca.Function:
     """1 from the first sample in which anything was measured."""
-    started, mask = ca.SX.sym("started"), ca.SX.sym("mask", ny)
-    return ca.Function("begins", [started, mask], [ca.fmax(started, ca.mmax(measured(mask)))])
+    sizes = {**notation(s), "began": 1}
+    return leaf("begins", sizes, lambda began, mask: {"here": ca.fmax(began, ca.mmax(mask > 0))})
 
 
-def _factor(nx: int) -> ca.Function:
-    vP = ca.SX.sym("P", nx * (nx + 1) // 2)
-    return ca.Function("factor", [vP], [ca.densify(cholesky_semidefinite(unvech(vP)))])
+def _factor(s: Setting) -> ca.Function:
+    """Lower factor of a covariance."""
+    return half("factor", s, lambda P: {"L": ca.densify(cholesky(P))})
 
 
 def _post_filter(s: Setting, predict: ca.Function, correct: ca.Function) -> ca.Function:
     """Step i of the post-filter, eq. 32; samples before the start of the data change nothing."""
-    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    x, P, flags = (
-        ca.MX.sym("x", nx),
-        ca.MX.sym("P", nx * (nx + 1) // 2),
-        ca.MX.sym("flags", len(FLAGS)),
-    )
-    u_last, u = ca.MX.sym("u_last", nu), ca.MX.sym("u", nu)
-    y, mask = ca.MX.sym("y", ny), ca.MX.sym("mask", ny)
-    before, here = ca.MX.sym("before"), ca.MX.sym("here")
-    prior = choose(before, predict.call([x, P, u_last, u]), [x, P])
-    x_post, P_post, raised = correct(*prior, u, y, here * mask)
-    a, b = ca.SX.sym("a", len(FLAGS)), ca.SX.sym("b", len(FLAGS))
-    # Clipping is reported of the present sample only, a covariance that fails of the whole window.
-    together = ca.vertcat(b[:-1], ca.fmax(a[-1], b[-1]))
-    merge = ca.Function("merge_flags", [a, b], [together])
-    return ca.Function(
-        "post_filter",
-        [x, P, flags, u_last, u, y, mask, before, here],
-        [x_post, P_post, merge(flags, raised)],
-    )
+    m = s.model
+    sizes = {
+        "x": m.nx, "P": Covariance(m.nx).size, "flags": FLAGS, "u_last": m.nu, "u": m.nu,
+        "y": m.ny, "mask": m.ny, "before": 1, "here": 1,
+    }  # fmt: skip
+    k = {name: ca.MX.sym(name, size) for name, size in sizes.items()}
+    predicted = predict.call([k["x"], k["P"], k["u_last"], k["u"]])
+    prior = choose(k["before"], predicted, [k["x"], k["P"]])
+    x_post, P_post, raised = correct(*prior, k["u"], k["y"], k["here"] * k["mask"])
+    flags = _merged()(k["flags"], raised)
+    return ca.Function("post_filter", list(k.values()), [x_post, P_post, flags])
+
+
+def _merged() -> ca.Function:
+    """Flags of the window so far and of its next sample.
+
+    Clipping is reported of the present sample only, a covariance that fails of the whole window.
+    """
+    so_far, now = ca.SX.sym("so_far", FLAGS), ca.SX.sym("now", FLAGS)
+    a, b = Flags.of(so_far), Flags.of(now)
+    failed = ca.fmax(a.not_positive_definite, b.not_positive_definite)
+    merged = dataclasses.replace(b, not_positive_definite=failed)
+    return ca.Function("merge_flags", [so_far, now], [merged.vector()])
 
 
 def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> ca.Function:
@@ -217,8 +225,8 @@ def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> 
     if s.model.continuous:
         n = integrator.substeps
         columns, held = substep_inputs(integrator, u, u_next)
-        leaf = _variation(s, integrator, moving, s.dt / n)
-        advanced, _ = scan(leaf, n, carry=[x, rows], xs=columns, constants=held)
+        step = _variation(s, integrator, moving, s.dt / n)
+        advanced, _ = scan(step, n, carry=[x, rows], xs=columns, constants=held)
     else:
         advanced = _variation(s, integrator, moving, 1.0)(x, rows, u, u_next)
     sample = ca.Function("sample", [x, rows, cost, c, G, u, u_next, y, mask], [*advanced, *added])
@@ -244,37 +252,38 @@ def _full(rows: ca.SX, moving: list[int], nx: int) -> ca.SX:
 
 def _variation(s: Setting, integrator: Integrator, moving: list[int], h: float) -> ca.Function:
     """One sub-step of the state and of the moving rows of its sensitivities."""
-    nx, nu = s.model.nx, s.model.nu
-    x, rows = ca.SX.sym("x", nx), ca.SX.sym("S", len(moving), nx)
-    ua, ub = ca.SX.sym("ua", nu), ca.SX.sym("ub", nu)
-    x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h) if s.model.continuous else s.model.rhs(x, ua)
-    Phi = ca.jacobian(x_next, x)[moving, :]
-    return ca.Function(
-        "variation", [x, rows, ua, ub], [x_next, ca.densify(Phi @ _full(rows, moving, nx))]
-    )
+    nx, continuous = s.model.nx, s.model.continuous
+
+    def formula(x: ca.SX, rows: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
+        ahead = flow(s, integrator, x, ua=ua, ub=ub, h=h) if continuous else s.model.rhs(x, ua)
+        Phi = ca.jacobian(ahead, x)[moving, :]
+        return {"x_next": ahead, "rows_next": ca.densify(Phi @ _full(rows, moving, nx))}
+
+    return leaf("variation", {**notation(s), "rows": (len(moving), nx)}, formula)
 
 
 def _accumulate(s: Setting, moving: list[int], alpha: float) -> ca.Function:
-    """Add one sample's residual to cost, minus gradient and Hessian."""
-    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    x, rows = ca.SX.sym("x", nx), ca.SX.sym("S", len(moving), nx)
-    cost, c, G = ca.SX.sym("J"), ca.SX.sym("c", nx), ca.SX.sym("G", nx * (nx + 1) // 2)
-    u, y, mask = ca.SX.sym("u", nu), ca.SX.sym("y", ny), ca.SX.sym("m", ny)
-    y_model = s.model.output(x, u)
-    H, e, R = masked(ca.jacobian(y_model, x), y - y_model, ca.SX(s.R), mask)
-    HS = H @ _full(rows, moving, nx)
-    weighted = alpha * solve_spd(R, ca.horzcat(e, HS))
-    return ca.Function(
-        "accumulate",
-        [x, rows, cost, c, G, u, y, mask],
-        [
-            cost + ca.dot(e, weighted[:, 0]) / 2,
-            c + HS.T @ weighted[:, 0],
-            G + vech(HS.T @ weighted[:, 1:]),
-        ],
-    )
+    """Add one sample's residual to cost, minus gradient and Hessian, eq. 26."""
+    nx = s.model.nx
+
+    def formula(
+        x: ca.SX, rows: ca.SX, cost: ca.SX, c: ca.SX, G: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX
+    ) -> Results:
+        y_model = s.model.output(x, u)
+        H, e, R = masked(ca.jacobian(y_model, x), y - y_model, ca.SX(s.R), mask)
+        HS = H @ _full(rows, moving, nx)
+        weighted = alpha * solve_spd(R, ca.horzcat(e, HS))
+        return {
+            "cost": cost + ca.dot(e, weighted[:, 0]) / 2,
+            "c": c + HS.T @ weighted[:, 0],
+            "G": G + HS.T @ weighted[:, 1:],
+        }
+
+    sizes = {"rows": (len(moving), nx), "cost": 1, "c": nx, "G": Symmetric(nx)}
+    return leaf("accumulate", {**notation(s), **sizes}, formula)
 
 
 def _physical_start(s: Setting) -> ca.Function:
-    x, vP = ca.SX.sym("x", s.model.nx), ca.SX.sym("P", s.model.nx * (s.model.nx + 1) // 2)
-    return ca.Function("physical_start", [x, vP], list(s.physical(x, vP)))
+    """State and covariance at the start of the window in physical units."""
+    scales = ca.SX(np.outer(s.sx, s.sx))
+    return leaf("physical_start", notation(s), lambda x, P: {"x": ca.SX(s.sx) * x, "P": P * scales})

@@ -1,10 +1,12 @@
 """What is known before the data: noise of the process and the sensors, and the prior."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Annotated
 
 import numpy as np
 
+from backsight.description import Description, Range, Sound
 from backsight.errors import ModelError, TuningError
 from backsight.models.model import Model
 from backsight.models.signals import Signal, vector
@@ -12,7 +14,7 @@ from backsight.types import Array, ByName
 
 
 @dataclasses.dataclass(frozen=True)
-class Noise:
+class Noise(Description):
     """Process noise and measurement noise, physical units.
 
     Parameters
@@ -35,17 +37,21 @@ class Noise:
         If not exactly one of ``sigma_y, R`` is given or more than one of ``sigma_w, Q, Qc``.
     """
 
-    sigma_y: ByName | None = None
-    sigma_w: ByName | None = None
+    sigma_y: Annotated[ByName | None, Range("be positive", 0.0, above=True)] = None
+    sigma_w: Annotated[ByName | None, Range("not be negative", 0.0)] = None
     R: Array | None = None
     Q: Array | None = None
     Qc: Array | None = None
 
-    def __post_init__(self) -> None:
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
         if (self.sigma_y is None) == (self.R is None):
-            raise TuningError("measurement noise: give either sigma_y or R")
+            yield "measurement noise: give either sigma_y or R"
         if sum(q is not None for q in (self.sigma_w, self.Q, self.Qc)) > 1:
-            raise TuningError("process noise: give only one of sigma_w, Q, Qc")
+            yield "process noise: give only one of sigma_w, Q, Qc"
+        for what, given in (("R", self.R), ("Q", self.Q), ("Qc", self.Qc)):
+            if given is not None and sound(what):
+                yield from covariance_faults(given, what=what, singular=what != "R")
 
     def measurement(self, model: Model) -> Array:
         """R, (ny, ny), checked against the model."""
@@ -67,7 +73,7 @@ class Noise:
 
 
 @dataclasses.dataclass(frozen=True)
-class Prior:
+class Prior(Description):
     """What is known of the state before the first measurement, physical units.
 
     Parameters
@@ -81,13 +87,16 @@ class Prior:
         of the parameter for a parameter).
     """
 
-    sigma_x0: ByName | None = None
+    sigma_x0: Annotated[ByName | None, Range("not be negative", 0.0)] = None
     x0: ByName | None = None
     P0: Array | None = None
 
-    def __post_init__(self) -> None:
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
         if (self.sigma_x0 is None) == (self.P0 is None):
-            raise TuningError("prior: give either sigma_x0 or P0")
+            yield "prior: give either sigma_x0 or P0"
+        if self.P0 is not None and sound("P0"):
+            yield from covariance_faults(self.P0, what="P0", singular=True)
 
     def mean(self, model: Model) -> Array:
         """x0, (nx,), checked against the model and its bounds."""
@@ -120,20 +129,41 @@ def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool)
     if matrix.shape != (n, n):
         names = ", ".join(s.name for s in of)
         raise TuningError(f"{what} has the shape {matrix.shape}; it must be {(n, n)} for {names}")
+    for message in covariance_faults(matrix, what=what, singular=singular):
+        raise TuningError(message)
+    return (matrix + matrix.T) / 2
+
+
+def covariance_faults(given: Array, *, what: str, singular: bool) -> Iterator[str]:
+    """Say why a matrix is no covariance, whatever it is of."""
+    matrix = np.asarray(given, float)
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        yield f"{what} has the shape {matrix.shape}; a covariance is a square matrix"
+        return
     if not np.all(np.isfinite(matrix)):
-        raise TuningError(f"{what} has an entry that is not finite")
+        yield f"{what} has an entry that is not finite"
+        return
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[size == 0] = 1.0
-    relative = matrix / np.outer(size, size)
+    with np.errstate(over="ignore"):
+        relative = matrix / np.outer(size, size)
+    if not np.all(np.isfinite(relative)):
+        yield f"{what} is not positive: entries are far larger than their variances"
+        return
     if not np.allclose(relative, relative.T, rtol=0, atol=1e-9):
-        raise TuningError(f"{what} is not symmetric")
+        yield f"{what} is not symmetric"
+        return
     values = np.linalg.eigvalsh((relative + relative.T) / 2)
-    smallest, rounding = float(values[0]), n * np.finfo(float).eps * max(float(values[-1]), 0.0)
+    smallest, largest = float(values.min(initial=1.0)), float(values.max(initial=0.0))
+    rounding = len(relative) * np.finfo(float).eps * largest
     if smallest < -max(1e-12, rounding) or (smallest <= max(1e-14, rounding) and not singular):
         eigenvalue = float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[0])
         wanted = "positive semidefinite" if singular else "positive definite"
-        raise TuningError(f"{what} is not {wanted}: its smallest eigenvalue is {eigenvalue:.3g}")
-    return (matrix + matrix.T) / 2
+        yield f"{what} is not {wanted}: its smallest eigenvalue is {eigenvalue:.3g}"
+
+
+LARGEST = 1e150
+"""Standard deviation whose square is still a number."""
 
 
 def _diagonal(
@@ -144,11 +174,9 @@ def _diagonal(
     lacking = [s.name for s, v in zip(of, sigma, strict=True) if np.isnan(v)]
     if lacking:
         raise TuningError(f"{what} gives no standard deviation for {', '.join(lacking)}")
-    bad = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if not 0 <= v < np.inf]
-    if what == "sigma_y":
-        bad += [f"{s.name} = 0" for s, v in zip(of, sigma, strict=True) if v == 0]
-    if bad:
-        raise TuningError(f"{what} must be positive and finite, but {', '.join(bad)}")
+    large = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if not v < LARGEST]
+    if large:
+        raise TuningError(f"{what} is too large for its square to be a number: {', '.join(large)}")
     return np.diag(sigma**2)
 
 

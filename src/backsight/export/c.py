@@ -1,18 +1,21 @@
 """An estimator as C99 for a controller, with a test that runs there."""
 
 import os
+import re
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
+from backsight.description import checked
 from backsight.engine import vm
 from backsight.engine.c99 import Precision
 from backsight.engine.c99 import source as c99
 from backsight.engine.program import While, flat, walk
 from backsight.engine.recursion import Recursion
-from backsight.errors import DataError, EngineError
+from backsight.errors import DataError, EngineError, printable
 from backsight.estimators.base import AbstractEstimator
 from backsight.export._selftest import Vectors, selftest
 from backsight.kernels import sources
@@ -36,6 +39,7 @@ TOLERANCE = {"double": 1e-10, "float": 1e-2}
 """Largest deviation from Python, relative to the largest value of the output."""
 
 
+@checked(EngineError)
 def export_c(
     estimator: AbstractEstimator,
     model: Model,
@@ -43,7 +47,8 @@ def export_c(
     out: str | os.PathLike[str],
     *,
     name: str = "estimator",
-    precision: str = "double",
+    precision: Literal["double", "float"] = "double",
+    force: bool = False,
 ) -> Path:
     """Write ``name.c``, ``name.h``, a self-test, a Makefile and a README.
 
@@ -64,6 +69,8 @@ def export_c(
     precision : {"double", "float"}
         Type of all numbers. In ``float`` an estimator with a wide range of covariances may lose
         accuracy; the self-test says how much.
+    force : bool
+        Replace files of the same names in the folder that are not from an earlier export.
 
     Returns
     -------
@@ -77,7 +84,8 @@ def export_c(
     DataError
         If the recording does not fit the model or the self-test would not be finite.
     OutputError
-        If the folder cannot be written.
+        If the folder cannot be written, or holds files of the same names that are not from an
+        earlier export.
     """
     if not (name.isidentifier() and name.isascii()):
         raise EngineError(f"'{name}' is no name in C: use letters, digits and underscores")
@@ -86,28 +94,28 @@ def export_c(
     kind = Precision(precision)
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
     program = walk(recursion.step)
-    source = c99.write(
+    source = c99.write_c99(
         program,
         name=name,
         start=recursion.carry0.tolist(),
         results=[c.name for c in recursion.channels],
         precision=kind,
-        about=f"{estimator.title} for '{model.name}', every {recursion.dt:g} s.\n"
+        about=f"{estimator.title} for '{_line(model.name)}', every {recursion.dt:g} s.\n"
         f"Written by Backsight {version('backsight')}; change the model, not this file.",
     )
     data = [d[:SAMPLES] for d in match(model, recording, estimator=estimator)]
     vectors = _vectors(recursion, data)
     passes = [s.limit for s in flat(program.body) if isinstance(s, While)]
     kernels = sources.files(source.kernels) if source.kernels else []
-    with whole(out) as folder:
-        files = {
-            f"{name}.h": source.header,
-            f"{name}.c": source.code,
-            f"{name}_selftest.c": selftest(vectors, name, kind, TOLERANCE[precision]),
-            "Makefile": _makefile(name, [f.name for f in kernels]),
-            **{f.name: f.read_text(encoding="utf-8") for f in kernels},
-            "README.md": _readme(source, name, kind, passes, recursion, model),
-        }
+    files = {
+        f"{name}.h": source.header,
+        f"{name}.c": source.code,
+        f"{name}_selftest.c": selftest(vectors, name, kind, TOLERANCE[precision]),
+        "Makefile": _makefile(name, [f.name for f in kernels]),
+        **{f.name: f.read_text(encoding="utf-8") for f in kernels},
+        "README.md": _readme(source, name, kind, passes, recursion, model),
+    }
+    with whole(out, names=files, force=force) as folder:
         for file, text in files.items():
             (folder / file).write_text(text, encoding="utf-8")
     return Path(out)
@@ -126,6 +134,15 @@ def _vectors(recursion: Recursion, data: list[Array]) -> Vectors:
         inputs=dict(zip(names, data, strict=True)),
         outputs={c.name: o for c, o in zip(recursion.channels, outputs, strict=True)},
     )
+
+
+def _line(text: str) -> str:
+    return printable(" ".join(text.split()))
+
+
+def _markdown(text: str) -> str:
+    """Text that Markdown shows as it is."""
+    return re.sub(r"([\\`*_{}\[\]<>()#+!|~$&-])", r"\\\1", _line(text))
 
 
 def _makefile(name: str, kernels: list[str]) -> str:
@@ -156,7 +173,9 @@ def _readme(
 ) -> str:
     # A multiplication with its operands takes a dozen bytes on common processors.
     flash = 1.5 * kind.bytes * source.operations / 1000
-    states = ", ".join(f"{s.name} [{s.unit}]" if s.unit else s.name for s in model.states)
+    states = ", ".join(
+        f"{s.name} [{_markdown(s.unit)}]" if s.unit else s.name for s in model.states
+    )
     inputs = ", ".join(s.name for s in model.inputs) or "none"
     outputs = ", ".join(s.name for s in model.outputs)
     workspace = kind.bytes * source.workspace + INT * source.ints

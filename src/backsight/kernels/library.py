@@ -12,7 +12,9 @@ from backsight.kernels import sources
 NAME = "_backsight"
 """Of the library's file, without the ending."""
 
-REMEDY = "install a C compiler and install Backsight again ('pip install .' in its folder)"
+REMEDY = (
+    "install a C compiler and Backsight again ('pip install .' in its folder), or one of its wheels"
+)
 
 
 def path() -> Path:
@@ -28,6 +30,15 @@ def path() -> Path:
     if not found:
         raise EngineError(f"the C kernels of Backsight are not compiled: {REMEDY}")
     return found[0]
+
+
+def missing() -> str:
+    """What to tell of an installation without the kernels; nothing if they are there."""
+    try:
+        path()
+    except EngineError as error:
+        return str(error)
+    return ""
 
 
 def address(kernel: str) -> int:

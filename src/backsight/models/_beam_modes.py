@@ -14,12 +14,13 @@ Source: Blevins, "Formulas for Natural Frequency and Mode Shape", 1979, table 8-
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Literal, TypeAlias
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from backsight.errors import ModelError, nearest
+from backsight.errors import ModelError
 from backsight.types import Array
 
 
@@ -51,7 +52,10 @@ class Boundary:
     before: float
 
 
-BOUNDARIES = {
+BoundaryName: TypeAlias = Literal["cantilever", "pinned-pinned", "free-free", "clamped-clamped"]
+"""How a beam may be held, by the names in `BOUNDARIES`."""
+
+BOUNDARIES: dict[BoundaryName, Boundary] = {
     "cantilever": Boundary(
         (0, 1),
         (2, 3),
@@ -104,12 +108,12 @@ class Shapes:
         return bent + (np.abs(self.slopes) if derivative < 2 else 0.0)
 
 
-def shapes(boundary: str, modes: int, *, tip: float = 0.0) -> Shapes:
+def shapes(boundary: BoundaryName, modes: int, *, tip: float = 0.0) -> Shapes:
     """First modes of a beam, rigid-body motions included.
 
     Parameters
     ----------
-    boundary : str
+    boundary : BoundaryName
         A name in `BOUNDARIES`.
     modes : int
         Number of modes.
@@ -119,11 +123,9 @@ def shapes(boundary: str, modes: int, *, tip: float = 0.0) -> Shapes:
     Raises
     ------
     ModelError
-        If the boundary is unknown, the number of modes is not a whole number from 1 on, or the tip
+        If the number of modes is not a whole number from 1 on, or the tip
         mass is negative or at a beam that is no cantilever.
     """
-    if boundary not in BOUNDARIES:
-        raise ModelError(f"unknown boundary '{boundary}': {nearest(boundary, BOUNDARIES)}")
     if not isinstance(modes, int | np.integer) or modes < 1:
         raise ModelError(f"the number of modes is {modes}; it must be a whole number from 1 on")
     if not (math.isfinite(tip) and tip >= 0):

@@ -9,11 +9,13 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
+from backsight.description import checked
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 
 
+@checked(ModelError)
 def augment(
     model: Model,
     parameters: Sequence[str] = (),

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from backsight.description import checked
 from backsight.errors import ModelError, nearest
-from backsight.models._beam_modes import Shapes, shapes
-from backsight.models.modal import SENSORS, modal
+from backsight.models._beam_modes import BoundaryName, Shapes, shapes
+from backsight.models.modal import SENSORS, SensorKind, modal
 from backsight.models.model import Model
 from backsight.types import Array
 
@@ -20,13 +21,14 @@ _SECTION = ("width", "thickness", "youngs_modulus", "density")
 _DIRECT = ("bending_stiffness", "mass_per_length")
 
 
+@checked(ModelError, only=("boundary",))
 def beam(
     length: float,
     *,
-    sensors: Mapping[str, tuple[str, float]],
+    sensors: Mapping[str, tuple[SensorKind, float]],
     forces: Mapping[str, float] | None = None,
     inputs: Mapping[str, float] | None = None,
-    boundary: str = "cantilever",
+    boundary: BoundaryName = "cantilever",
     modes: int = 3,
     damping: ArrayLike = 0.01,
     width: float | None = None,
@@ -189,7 +191,7 @@ class _Places:
             )
         return row
 
-    def sensor(self, name: str, given: tuple[str, float]) -> tuple[str, Array]:
+    def sensor(self, name: str, given: tuple[SensorKind, float]) -> tuple[SensorKind, Array]:
         match given:
             case (str() as kind, position):
                 pass

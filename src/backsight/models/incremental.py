@@ -3,12 +3,14 @@
 import numpy as np
 
 from backsight.data.increments import PREFIX
+from backsight.description import checked
 from backsight.errors import ModelError
 from backsight.models.lti import lti, state_space
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 
 
+@checked(ModelError)
 def incremental(model: Model) -> Model:
     r"""Replace the state x of a linear discrete-time model by its increments and the outputs.
 

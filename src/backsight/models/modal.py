@@ -2,25 +2,38 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
-from backsight.models.second_order import second_order
+from backsight.models.second_order import Motion, second_order
 from backsight.models.signals import Signal
 from backsight.types import Array
 
-SENSORS = {"displacement": "", "velocity": "/s", "acceleration": "/s2", "strain": None}
+SensorKind: TypeAlias = Literal[Motion, "strain"]
+"""What a sensor on a structure measures."""
+
+SENSORS: dict[SensorKind, str | None] = {
+    "displacement": "",
+    "velocity": "/s",
+    "acceleration": "/s2",
+    "strain": None,
+}
 """Kinds of sensors, and what their unit adds to that of the length (a strain has none)."""
+
+
+FASTEST = 1e100
+"""Above it squares of frequencies would leave the range of numbers [Hz]."""
 
 
 def modal(
     frequencies: ArrayLike,
     *,
     damping: ArrayLike = 0.01,
-    sensors: Mapping[str, tuple[str, ArrayLike]],
+    sensors: Mapping[str, tuple[SensorKind, ArrayLike]],
     forces: Mapping[str, ArrayLike] | None = None,
     inputs: Mapping[str, ArrayLike] | None = None,
     modal_masses: ArrayLike = 1.0,
@@ -89,6 +102,8 @@ def modal(
     masses = _per_mode(modal_masses, n, "modal_masses")
     if not (masses > 0).all():
         raise ModelError(f"modal_masses is {modal_masses}; every one must be positive")
+    if hertz.max() > FASTEST:
+        raise ModelError(f"a frequency is {hertz.max():g} Hz; no structure moves so fast")
     omega = 2 * np.pi * hertz
     unknown = {k: _shape(v, n, f"force '{k}'") for k, v in (forces or {}).items()}
     known = {k: _shape(v, n, f"input '{k}'") for k, v in (inputs or {}).items()}
@@ -114,7 +129,7 @@ def modal(
     return dataclasses.replace(model, outputs=_with_units(model.outputs, units))
 
 
-def _sensor(name: str, given: tuple[str, ArrayLike], n: int) -> tuple[str, Array]:
+def _sensor(name: str, given: tuple[SensorKind, ArrayLike], n: int) -> tuple[SensorKind, Array]:
     match given:
         case (str() as kind, shape):
             pass
@@ -165,11 +180,11 @@ def _numbers(given: ArrayLike, what: str) -> Array:
     return values
 
 
-def _motion(kind: str) -> str:
+def _motion(kind: SensorKind) -> Motion:
     return "displacement" if kind == "strain" else kind
 
 
-def _unit(kind: str, length: str) -> str:
+def _unit(kind: SensorKind, length: str) -> str:
     ends = SENSORS[kind]
     return "" if ends is None or not length else length + ends
 

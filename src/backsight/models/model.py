@@ -8,7 +8,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from backsight.description import Positive, equations, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
+from backsight.models._latex import latex
 from backsight.models.signals import Named, Signal, signals
 from backsight.types import Array
 
@@ -93,7 +95,11 @@ class Model:
         object.__setattr__(self, "h", self._trace(h, "h", self.outputs))
 
     def _check(self) -> None:
-        problems = [p for s in self.signals for p in s.problems()]
+        problems = [
+            f"'{s.name}' is not a name: use letters, digits and underscores"
+            for s in self.signals
+            if not s.name.isidentifier()
+        ]
         problems += [
             f"the name '{name}' is used twice"
             for name, count in Counter(s.name for s in self.signals).items()
@@ -103,8 +109,10 @@ class Model:
             problems.append("a model needs at least one state")
         if not self.outputs:
             problems.append("a model needs at least one output")
-        if self.dt is not None and not self.dt > 0:
-            problems.append(f"the sampling period dt is {self.dt}; it must be positive")
+        if self.dt is not None:
+            problems.append(fault(Positive, self.dt, "the sampling period dt") or "")
+        problems.append(fault(str, self.name, "the name") or "")
+        problems = [p for p in problems if p]
         if problems:
             raise ModelError(f"model '{self.name}': " + "; ".join(problems))
 
@@ -161,9 +169,10 @@ class Model:
             ("outputs", ", ".join(map(_label, self.outputs))),
             ("parameters", ", ".join(f"{s.name} = {s.value:g}" for s in self.parameters)),
         ]
-        rows = [row for row in rows if row[1]]
-        lines = [f"{'└' if row is rows[-1] else '├'}── {row[0]:<10}  {row[1]}" for row in rows]
-        return "\n".join([f"{self.name} ({kind})", *lines])
+        return tree(f"{self.name} ({kind})", [row for row in rows if row[1]])
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self)) + equations(latex(self))
 
     def _trace(self, given: Equations, name: str, of: tuple[Signal, ...]) -> ca.Function:
         x, u, p = (

@@ -7,7 +7,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError
-from backsight.models.modal import modal
+from backsight.models.modal import SensorKind, modal
 from backsight.models.model import Model
 from backsight.types import Array
 
@@ -23,7 +23,7 @@ def reduced(
     stiffness: ArrayLike,
     *,
     modes: int,
-    sensors: Mapping[str, tuple[str, Place]],
+    sensors: Mapping[str, tuple[SensorKind, Place]],
     forces: Mapping[str, Place] | None = None,
     inputs: Mapping[str, Place] | None = None,
     damping: ArrayLike | None = None,
@@ -95,14 +95,15 @@ def reduced(
             f"stiffness is not positive semidefinite: a squared frequency is {squares[0]:.3g}"
         )
     omega = np.sqrt(np.where(squares > edge, squares, 0.0))
-    if damping_matrix is not None:
-        C = _symmetric(damping_matrix, "damping_matrix")
+    ratios = damping
+    if ratios is None:
+        C = _symmetric([] if damping_matrix is None else damping_matrix, "damping_matrix")
         if C.shape != M.shape:
             raise ModelError(f"damping_matrix has the shape {C.shape}, but mass {M.shape}")
-        damping = Phi.T @ C @ Phi
+        ratios = Phi.T @ C @ Phi
     return modal(
         omega / (2 * np.pi),
-        damping=np.asarray(damping),
+        damping=ratios,
         sensors={k: (kind, _at(Phi, at, f"sensor '{k}'")) for k, (kind, at) in sensors.items()},
         forces={k: _at(Phi, at, f"force '{k}'") for k, at in (forces or {}).items()},
         inputs={k: _at(Phi, at, f"input '{k}'") for k, at in (inputs or {}).items()},
@@ -120,7 +121,10 @@ def _at(Phi: Array, place: Place, what: str) -> Array:
             raise ModelError(f"{what} is at coordinate {place}; there are 0 to {n - 1}")
         weights = np.eye(n)[place]
     else:
-        weights = np.asarray(place, float)
+        try:
+            weights = np.asarray(place, float)
+        except (TypeError, ValueError):
+            raise ModelError(f"{what} is neither a coordinate nor a list of weights") from None
     if weights.shape != (n,):
         raise ModelError(f"{what} has {weights.shape} weights; {n} coordinates need ({n},)")
     row = weights @ Phi

@@ -5,12 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
+from backsight.description import checked
 from backsight.errors import ModelError
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.types import Array
 
 
+@checked(ModelError)
 def check_sampling(model: Model, dt: float) -> None:
     """Raise `ModelError` if a model vibrates faster than sampling can carry.
 

@@ -5,10 +5,13 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
+from backsight.description import checked
+from backsight.errors import ModelError
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 
 
+@checked(ModelError)
 def scale(model: Model) -> Model:
     r"""Divide every state, input and output by its `Signal.scale` (eq. 37).
 

@@ -6,7 +6,7 @@ dynamics with plant uncertainties in nanopositioning system estimation", ACC 201
 
 import sys
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -23,7 +23,10 @@ Entries: TypeAlias = ArrayLike | Sequence[Sequence[float | str]] | str
 Direction: TypeAlias = str | Sequence[float | str] | ArrayLike
 """A coordinate, or one entry per coordinate."""
 
-_UNIT_ENDS = {"displacement": "", "velocity": "/s", "acceleration": "/s2"}
+Motion: TypeAlias = Literal["displacement", "velocity", "acceleration"]
+"""What an output measures."""
+
+_UNIT_ENDS: dict[Motion, str] = {"displacement": "", "velocity": "/s", "acceleration": "/s2"}
 
 
 def second_order(
@@ -32,7 +35,7 @@ def second_order(
     stiffness: Entries,
     *,
     forces: Mapping[str, Direction],
-    outputs: Mapping[str, tuple[str, Direction]],
+    outputs: Mapping[str, tuple[Motion, Direction]],
     inputs: Signals = (),
     parameters: Signals = (),
     coordinates: Signals | None = None,
@@ -181,7 +184,8 @@ def _check_mass(M: ca.DM) -> None:
     if not np.isfinite(values).all():
         raise ModelError("mass is not finite at the values of the parameters")
     # Judged after scaling to a unit diagonal: masses and moments of inertia differ in size.
-    size = np.sqrt(np.abs(np.outer(values.diagonal(), values.diagonal())))
+    root = np.sqrt(np.abs(values.diagonal()))
+    size = np.outer(root, root)
     scaled = values / np.where(size > 0, size, 1.0)
     skew = np.abs(scaled - scaled.T)
     if skew.max() > 1e-9:
@@ -220,7 +224,7 @@ def _direction(
 
 def _output(
     name: str,
-    given: tuple[str, Direction],
+    given: tuple[Motion, Direction],
     motion: Mapping[str, ca.SX],
     of_q: Sequence[Signal],
     symbols: Mapping[str, ca.SX],
@@ -235,7 +239,7 @@ def _output(
     return ca.dot(_direction(where, f"output '{name}'", of_q, symbols), motion[kind])
 
 
-def _output_unit(kind: str, where: Direction, of_q: Sequence[Signal]) -> str:
+def _output_unit(kind: Motion, where: Direction, of_q: Sequence[Signal]) -> str:
     units = {s.unit for s in of_q if not isinstance(where, str) or s.name == where}
     unit = units.pop() if len(units) == 1 else ""
     return unit and unit + _UNIT_ENDS[kind]

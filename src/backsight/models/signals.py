@@ -2,17 +2,19 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
-from backsight.errors import ModelError, nearest
+from backsight.description import Description, Positive, Sound, Unlimited
+from backsight.errors import BacksightError, ModelError, nearest, printable
 from backsight.types import Array, ByName
 
 
 @dataclasses.dataclass(frozen=True)
-class Signal:
+class Signal(Description):
     """A state, input, output or parameter.
 
     Parameters
@@ -31,34 +33,37 @@ class Signal:
         Set by the model.
     """
 
+    refusal: ClassVar[type[BacksightError]] = ModelError
+
     unit: str = ""
     value: float = 0.0
-    scale: float | None = None
-    lower: float = -math.inf
-    upper: float = math.inf
+    scale: Positive | None = None
+    lower: Unlimited = -math.inf
+    upper: Unlimited = math.inf
     position: float | None = None
     name: str = ""
 
-    def problems(self) -> list[str]:
-        """What is wrong with this signal, one message each."""
-        found = []
-        if not self.name.isidentifier():
-            found.append(f"'{self.name}' is not a name: use letters, digits and underscores")
-        if self.scale is not None and not (math.isfinite(self.scale) and self.scale > 0):
-            found.append(f"scale of '{self.name}' is {self.scale}; it must be positive")
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        of = f" of '{self.name}'" if self.name else ""
+        if sound("unit") and (printable(self.unit) != self.unit or {*self.unit} & {"\n", "\t"}):
+            yield f"unit{of} has control characters: {self.unit!a}"
+        if not sound("lower", "upper", "value"):
+            return
         if not self.lower < self.upper:
-            found.append(f"bounds of '{self.name}' are contradictory: {self.lower} to {self.upper}")
+            yield f"bounds{of} are contradictory: {self.lower} to {self.upper}"
         elif not self.lower <= self.value <= self.upper:
-            found.append(
-                f"value of '{self.name}' is {self.value}, outside its bounds "
-                f"{self.lower} to {self.upper}"
-            )
-        return found
+            yield f"value{of} is {self.value}, outside its bounds {self.lower} to {self.upper}"
 
 
 def signals(given: Mapping[str, object] | Sequence[Signal], kind: str) -> tuple[Signal, ...]:
     """Read ``{name: unit}``, ``{name: value}``, ``{name: (value, unit)}`` or ``{name: Signal}``."""
     if not isinstance(given, Mapping):
+        for entry in given:
+            if not isinstance(entry, Signal):
+                raise ModelError(
+                    f"{kind}s: give a dict of names, or Signals that have names; not {entry!r}"
+                )
         return tuple(given)
     return tuple(dataclasses.replace(_signal(n, v, kind), name=n) for n, v in given.items())
 
@@ -78,10 +83,17 @@ def _signal(name: str, value: object, kind: str) -> Signal:
             for key in value:
                 if key not in known:
                     raise ModelError(f"{kind} '{name}' has no field '{key}': {nearest(key, known)}")
-            return Signal(**value)
+            return _of_table(value, f"{kind} '{name}'")
     raise ModelError(
         f"{kind} '{name}': give a unit, a value, (value, unit) or a Signal, not {value!r}"
     )
+
+
+def _of_table(given: Mapping[str, Any], where: str) -> Signal:
+    try:
+        return Signal(**given)
+    except ModelError as error:
+        raise ModelError(f"{where}: {error.bare or error}") from None
 
 
 def vector(given: ByName, of: Sequence[Signal], *, what: str, default: Array) -> Array:

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 
 import casadi as ca
 
+from backsight.description import checked
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
 
 
+@checked(ModelError)
 def forces_as_inputs(model: Model, forces: Sequence[str]) -> Model:
     r"""Move parameters that are unknown forces to the end of the inputs.
 

@@ -50,7 +50,7 @@ def at(where: str) -> Iterator[None]:
     except ProblemError:
         raise
     except BacksightError as error:
-        raise ProblemError(f"{where}: {error}") from None
+        raise ProblemError(f"{where}: {error.bare or error}") from None
 
 
 def shown(value: object) -> str:

@@ -7,8 +7,8 @@ from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.problem._checking import at, checked
-from backsight.problem._kinds import KINDS, Given
+from backsight.problem._checking import at, checked, shown
+from backsight.problem._kinds import ALL_KINDS, Given
 from backsight.problem._tables import ColumnTable, EstimateTable, ProblemTable
 
 
@@ -49,11 +49,15 @@ def _plain(table: ProblemTable) -> Model:
     given = dict(table.model)
     kind = given.pop("kind", None)
     if kind is None:
-        raise ProblemError(f"model.kind: is missing; known: {', '.join(sorted(KINDS))}")
-    if kind not in KINDS:
-        raise ProblemError(f"model.kind: unknown kind '{kind}', {nearest(kind, KINDS)}")
-    with at("model"):
-        return checked(KINDS[kind], given, where="model").build(
+        raise ProblemError(f"model.kind: is missing; known: {', '.join(sorted(ALL_KINDS))}")
+    if not isinstance(kind, str):
+        raise ProblemError(f"model.kind: must be text in quotes, not {shown(kind)}")
+    if kind not in ALL_KINDS:
+        raise ProblemError(f"model.kind: unknown kind '{kind}', {nearest(kind, ALL_KINDS)}")
+    with at("model.kind"):
+        described = ALL_KINDS[kind]
+    with at("model"), ALL_KINDS.blamed(kind):
+        return checked(described, given, where="model").build(
             Given(
                 inputs={name: column.unit for name, column in table.recording.inputs.items()},
                 outputs={name: column.unit for name, column in table.recording.outputs.items()},

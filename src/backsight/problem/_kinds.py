@@ -3,12 +3,13 @@
 import abc
 import dataclasses
 import inspect
+import typing
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import pydantic
 
-from backsight.errors import ProblemError
+from backsight.errors import ModelError, ProblemError
 from backsight.models.beam import beam
 from backsight.models.builtin import duffing, friction_drive, sdof
 from backsight.models.equations import from_equations
@@ -18,6 +19,7 @@ from backsight.models.model import Model
 from backsight.models.reduced import reduced
 from backsight.models.second_order import second_order
 from backsight.models.signals import Signal
+from backsight.plugins import Extended
 from backsight.problem._tables import Table
 
 Matrix = list[list[float]]
@@ -149,12 +151,14 @@ class SecondOrderTable(ModelTable):
 
     def build(self, given: Given) -> Model:
         """See `ModelTable.build`."""
+        # Which kinds there are is the model's own to say.
+        outputs: dict[str, Any] = {name: (s.kind, s.at) for name, s in self.outputs.items()}
         return second_order(
             self.mass,
             self.damping,
             self.stiffness,
             forces=self.forces,
-            outputs={name: (sensor.kind, sensor.at) for name, sensor in self.outputs.items()},
+            outputs=outputs,
             inputs=given.inputs,
             parameters=_parameters(self.parameters, given.start),
             coordinates=self.coordinates,
@@ -250,3 +254,29 @@ KINDS: dict[str, type[ModelTable]] = {
     **{function.__name__: _builtin(function) for function in (sdof, duffing, friction_drive)},
 }
 """Every kind of model by the name that ``model.kind`` gives."""
+
+
+def _adopted(kind: str, found: object) -> type[ModelTable]:
+    """Somebody else's function that makes a model: its annotations say what a file may give."""
+    if not callable(found):
+        raise ModelError(f"it must be a function that returns a Model, not {found!r}")
+    hints = typing.get_type_hints(found)
+    untyped = [n for n in inspect.signature(found).parameters if n not in hints]
+    if untyped:
+        raise ModelError(f"{', '.join(untyped)}: an argument needs a type that a file can give")
+    entries: dict[str, Any] = {
+        name: (float if Signal in typing.get_args(hint) else hint, None)
+        for name, hint in hints.items()
+        if name != "return"
+    }
+    try:
+        table = pydantic.create_model(kind, __base__=BuiltinTable, **entries)
+    except pydantic.errors.PydanticUserError as error:
+        reason = str(error).partition(".")[0]
+        raise ModelError(f"an argument has a type that a file cannot give: {reason}") from None
+    table.function = staticmethod(typing.cast(Callable[..., Model], found))
+    return table
+
+
+ALL_KINDS = Extended("backsight.models", "model", KINDS, _adopted)
+"""Ours and those of installed extensions."""

@@ -5,10 +5,11 @@ import dataclasses
 import types
 import typing
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from backsight.description import plain
 from backsight.errors import ProblemError, nearest
 from backsight.problem._checking import at, shown
 from backsight.types import Array
@@ -71,16 +72,19 @@ def required(field: dataclasses.Field[Any]) -> bool:
 
 def parts_of(annotation: Any) -> list[type]:
     """Return the dataclasses that a field may hold."""
-    options = typing.get_args(annotation) if _is_union(annotation) else [annotation]
+    annotation = plain(annotation)
+    options = map(plain, typing.get_args(annotation) if _is_union(annotation) else [annotation])
     return [o for o in options if isinstance(o, type) and dataclasses.is_dataclass(o)]
 
 
 def _value(annotation: Any, given: object, where: str) -> object:
+    annotation = plain(annotation)
     parts = parts_of(annotation)
     if parts and isinstance(given, Mapping):
         return _part(parts, given, where)
     if _is_union(annotation):
-        options = [o for o in typing.get_args(annotation) if o not in (*parts, types.NoneType)]
+        options = [plain(o) for o in typing.get_args(annotation)]
+        options = [o for o in options if o not in (*parts, types.NoneType)]
         lists = [o for o in options if typing.get_origin(o)]
         return _first_that_fits(
             lists if isinstance(given, list) and lists else options, given, where
@@ -88,6 +92,9 @@ def _value(annotation: Any, given: object, where: str) -> object:
     if parts:
         raise ProblemError(f"{where}: must be a table, not {shown(given)}")
     origin = typing.get_origin(annotation)
+    if origin is Literal:
+        # Which words are known is the description's own to say.
+        return _single(str, given, where)
     if origin is np.ndarray:
         return _array(given, where)
     if origin is tuple and isinstance(given, Sequence) and not isinstance(given, str):
@@ -96,14 +103,17 @@ def _value(annotation: Any, given: object, where: str) -> object:
     if origin is Mapping and isinstance(given, Mapping):
         kind = typing.get_args(annotation)[1]
         return {name: _value(kind, entry, f"{where}.{name}") for name, entry in given.items()}
-    return _single(float if origin is tuple else annotation, given, where)
+    if origin in (tuple, Mapping):
+        what = "a list" if origin is tuple else "a table"
+        raise ProblemError(f"{where}: must be {what}, not {shown(given)}")
+    return _single(annotation, given, where)
 
 
 def _part(parts: Sequence[type], given: Mapping[str, Any], where: str) -> object:
     named = {part.__name__: part for part in parts}
     rest = dict(given)
     name = rest.pop("kind", parts[0].__name__) if len(parts) > 1 else parts[0].__name__
-    if name not in named:
+    if not isinstance(name, str) or name not in named:
         raise ProblemError(f"{where}.kind: unknown kind {shown(name)}, {nearest(str(name), named)}")
     return built(named[name], rest, where=where, fixed={})
 

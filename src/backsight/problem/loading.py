@@ -2,16 +2,18 @@
 
 import os
 import re
+import stat
 import tomllib
 from pathlib import Path
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ProblemError, nearest
-from backsight.estimators import ESTIMATORS
+from backsight.estimators import ALL_ESTIMATORS
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem._checking import checked
+from backsight.problem._checking import at, checked
 from backsight.problem._joint import check_known, joint_model
+from backsight.problem._limits import DEEPEST, MOST_BYTES, check_keys, check_tree
 from backsight.problem._settings import built, fields_of
 from backsight.problem._tables import EstimatorTable, ProblemTable
 from backsight.problem._uncertain import noise, prior
@@ -37,10 +39,14 @@ def load(path: str | os.PathLike[str]) -> Problem:
     """
     file = Path(path)
     text = _text(file)
+    check_keys(text)
     try:
         given = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
         raise ProblemError(f"{file} is not TOML: {error}") from None
+    except RecursionError:
+        raise ProblemError(f"{file}: tables and lists are more than {DEEPEST} deep") from None
+    check_tree(given)
     table = checked(ProblemTable, given)
     built(Integrator, table.integrator, where="integrator", fixed={})
     model = joint_model(table)
@@ -64,6 +70,13 @@ def load(path: str | os.PathLike[str]) -> Problem:
 
 def _text(file: Path) -> str:
     try:
+        kind = file.stat()
+        if stat.S_ISDIR(kind.st_mode):
+            raise ProblemError(f"'{file}' is a folder; give a file")
+        if not stat.S_ISREG(kind.st_mode):
+            raise ProblemError(f"'{file}' is a device or a pipe; give a file")
+        if kind.st_size > MOST_BYTES:
+            raise ProblemError(f"{file} has {kind.st_size} bytes; the limit is {MOST_BYTES}")
         return file.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         others = [str(p.name) for p in file.parent.glob("*.toml")]
@@ -73,6 +86,8 @@ def _text(file: Path) -> str:
         raise ProblemError(f"cannot read '{file}': {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise ProblemError(f"{file} is not text in UTF-8; save it as such") from None
+    except ValueError as error:  # a zero in the name
+        raise ProblemError(f"cannot read {str(file)!a}: {error}") from None
 
 
 def _estimator(
@@ -81,10 +96,11 @@ def _estimator(
     where = f"estimators.{name}"
     if not _GROUP.fullmatch(name):
         raise ProblemError(f"{where}: use letters, digits, blanks and . + - _ in the name")
-    if entry.kind not in ESTIMATORS:
-        hint = nearest(entry.kind, ESTIMATORS)
+    if entry.kind not in ALL_ESTIMATORS:
+        hint = nearest(entry.kind, ALL_ESTIMATORS)
         raise ProblemError(f"{where}.kind: unknown kind '{entry.kind}', {hint}")
-    kind = ESTIMATORS[entry.kind]
+    with at(f"{where}.kind"):
+        kind = ALL_ESTIMATORS[entry.kind]
     takes_integrator = "integrator" in (f.name for f in fields_of(kind))
     common = {"integrator": table.integrator} if table.integrator and takes_integrator else {}
     unknowns = {**table.estimate, **table.disturbances}

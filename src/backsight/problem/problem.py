@@ -4,13 +4,14 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
+from backsight.description import Printed
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.problem._tables import RecordingTable
 
 
 @dataclasses.dataclass(frozen=True)
-class Problem:
+class Problem(Printed):
     """A recording, a model with what is unknown among its states, and estimators.
 
     Parameters

@@ -2,13 +2,14 @@
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from importlib.metadata import version
 from pathlib import Path
 
 import xarray as xr
 
 from backsight.analysis.comparison import ALIGNMENT, summary
+from backsight.estimators import ALL_ESTIMATORS
 from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
 from backsight.problem._checking import at
@@ -16,8 +17,8 @@ from backsight.problem.problem import Problem
 from backsight.problem.seeing import doubts
 from backsight.problem.source import recording
 from backsight.report import report
-from backsight.run.compare import Comparison, compare
-from backsight.run.estimation import check_window, failure, match
+from backsight.run.compare import Comparison, compared
+from backsight.run.estimation import Task, failure, match, ready
 
 ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
 
@@ -28,6 +29,8 @@ def execute(
     *,
     progress: Callable[[str, int, int], None],
     tell: Callable[[str], None] = lambda _: None,
+    force: bool = False,
+    outside: Collection[str] = (),
 ) -> Comparison:
     """Run all estimators of a problem over its recording and write the results.
 
@@ -46,6 +49,10 @@ def execute(
         Told the estimator at work, the samples done, and the number of samples.
     tell : callable
         Told, before the first estimator starts, which states cannot be seen, a sentence at a time.
+    force : bool
+        Replace files of these names in the folder that are not from an earlier run.
+    outside : collection of str
+        Other files from which the recording may take measurements, see `backsight.read`.
 
     Returns
     -------
@@ -55,38 +62,37 @@ def execute(
     Raises
     ------
     OutputError
-        If the folder cannot be written.
+        If the folder cannot be written, or holds files of these names that are not from an earlier
+        run.
     ProblemError, DataError
         If the recording cannot be read or does not fit the model.
     """
-    with whole(out) as folder:
-        data = recording(problem)
+    names = [ESTIMATES, SUMMARY, *([PAGE] if problem.report else [])]
+    with whole(out, names=names, force=force) as folder:
+        data = recording(problem, outside=outside)
         samples = data.sizes["time"]
-        _rehearse(problem, data)
+        tasks = _ready(problem, data)
         for sentence in doubts(problem, data):
             tell(sentence)
-        results = compare(
-            problem.estimators,
-            problem.model,
-            data,
-            throw=False,
-            progress=lambda name, done: progress(name, done, samples),
+        results = compared(
+            tasks, throw=False, progress=lambda name, done: progress(name, done, samples)
         )
         with writing(Path(out)):
             _write(folder, problem, results)
     return results
 
 
-def _rehearse(problem: Problem, data: xr.Dataset) -> None:
-    """Find out what does not fit before the first estimator has run for minutes."""
+def _ready(problem: Problem, data: xr.Dataset) -> dict[str, Task]:
+    """Compile every estimator; what does not fit is found before the first one has run."""
     for estimator in problem.estimators.values():
         match(problem.model, data, estimator=estimator)
     with at("model"):
         check_sampling(problem.model, float(data.attrs["dt"]))
+    tasks = {}
     for name, estimator in problem.estimators.items():
-        with at(f"estimators.{name}"):
-            check_window(estimator, data.sizes["time"])
-            estimator.compile(problem.model, float(data.attrs["dt"]))
+        with at(f"estimators.{name}"), ALL_ESTIMATORS.blamed(estimator.key):
+            tasks[name] = ready(estimator, problem.model, data)
+    return tasks
 
 
 def _write(folder: Path, problem: Problem, results: Mapping[str, xr.Dataset]) -> None:

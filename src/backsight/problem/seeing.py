@@ -2,10 +2,12 @@
 
 import xarray as xr
 
-from backsight.analysis.observability import Observability, observability, observability_along
-from backsight.discrete.runge_kutta import Integrator
-from backsight.errors import ModelError
-from backsight.estimators.uncertainty import Prior
+from backsight.analysis.observability import (
+    Observability,
+    check_observability,
+    check_observability_along,
+)
+from backsight.errors import ModelError, TuningError
 from backsight.problem.problem import Problem
 from backsight.run.estimation import matched_inputs
 
@@ -24,19 +26,22 @@ def examine(problem: Problem, data: xr.Dataset) -> Observability:
         If the motion does not stay finite.
     """
     try:
-        return observability(problem.model)
+        return check_observability(problem.model)
     except ModelError:
         u = matched_inputs(problem.model, data)
     first = next(iter(problem.estimators.values()))
-    prior, integrator = getattr(first, "prior", None), getattr(first, "integrator", None)
+    try:
+        x0 = first.assumed[1].mean(problem.model)
+    except TuningError:
+        x0 = None
     samples = FIRST_SAMPLES
     while True:
-        found = observability_along(
+        found = check_observability_along(
             problem.model,
             u[:samples],
             dt=float(data.attrs["dt"]),
-            x0=prior.mean(problem.model) if isinstance(prior, Prior) else None,
-            integrator=integrator if isinstance(integrator, Integrator) else None,
+            x0=x0,
+            integrator=first.integration,
         )
         if found.observable or samples >= min(len(u), MOST_SAMPLES):
             return found

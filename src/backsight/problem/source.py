@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 import xarray as xr
@@ -15,10 +16,12 @@ from backsight.problem.problem import Problem
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
-def recording(problem: Problem) -> xr.Dataset:
+def recording(problem: Problem, *, outside: Collection[str] = ()) -> xr.Dataset:
     """Read the recording of a problem, as `backsight.data.read` does.
 
     The path is relative to the problem file; ``${NAME}`` in it stands for the environment variable.
+    From which other files it may take measurements (`outside`), a problem file cannot say: it may
+    come from elsewhere with the recording.
 
     Raises
     ------
@@ -46,6 +49,7 @@ def recording(problem: Problem) -> xr.Dataset:
         stop=table.stop,
         resample=table.resample,
         skip_lines=table.skip_lines,
+        outside=outside,
     )
 
 

@@ -1,4 +1,4 @@
-"""Results as a page to look at, and static figures.
+"""Results as a page to look at.
 
 The package itself is imported together with `backsight`; what draws, only when something is drawn.
 """

@@ -12,8 +12,8 @@ from backsight.analysis.forces import Hits, forces, where
 from backsight.report._series import Plot, Series, quantity
 from backsight.report._tables import swatch, table
 from backsight.report._theme import heading, remark
-from backsight.report._thin import peaks
 from backsight.report._traces import Trace, encoded, plain
+from backsight.report.thin import peaks
 from backsight.rounding import plus_minus, significant, whole
 from backsight.types import Array
 

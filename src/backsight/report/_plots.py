@@ -9,8 +9,8 @@ from backsight.analysis.comparison import failed
 from backsight.analysis.consistency import windowed_nis
 from backsight.report._series import Plot, Series, quantity, signals
 from backsight.report._theme import heading, remark
-from backsight.report._thin import Positions
 from backsight.report._traces import Trace, band, bulk, limits, line, plain, view
+from backsight.report.thin import Positions
 from backsight.schema import Status
 from backsight.types import Array
 

@@ -35,7 +35,7 @@ def comparison(rows: Sequence[Row], every: Sequence[Series], outputs: Mapping[st
     return table("comparison", head, body, caption="Over the whole recording")
 
 
-def consistency(rows: Sequence[Row], every: Sequence[Series]) -> str:
+def consistency_table(rows: Sequence[Row], every: Sequence[Series]) -> str:
     """What is left in the innovations: one line per estimator and output."""
     head = ["estimator", "output", "correlation<small>of successive innovations</small>"]
     head += ["explained<small>by past inputs</small>", "within 3σ<small>ideal: 99.7 %</small>"]

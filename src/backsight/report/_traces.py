@@ -9,7 +9,7 @@ import html
 
 import numpy as np
 
-from backsight.report._thin import Positions, envelope, thin
+from backsight.report.thin import Positions, envelope, thin
 from backsight.types import Array
 
 Trace = dict[str, object]

@@ -25,8 +25,8 @@ from backsight.report._plots import (
 )
 from backsight.report._series import Plot, Series, series, signals
 from backsight.report._theme import TEMPLATE
-from backsight.report._thin import POINTS, interval_length
 from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
+from backsight.report.thin import POINTS, interval_length
 from backsight.rounding import whole
 
 
@@ -95,7 +95,7 @@ def _sections(
             "<p>Innovations measured with their own covariance. Of a consistent estimator, 95 % "
             "lie in the band; above it the estimator is over-confident, below it too cautious. "
             "They are neither correlated with each other nor explained by inputs.</p>"
-            + tables.consistency(rows, every),
+            + tables.consistency_table(rows, every),
             [nis_plot(every)],
         ),
     ]

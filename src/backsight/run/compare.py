@@ -6,16 +6,18 @@ from collections.abc import Callable, Iterator, Mapping
 import xarray as xr
 
 from backsight.analysis.comparison import ranked_table, units, verdicts
+from backsight.description import Printed, checked
+from backsight.engine.execute import Engine
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run._ranking import as_text, final_values, ranking, true_errors
 from backsight.run.diagnosis import audited
-from backsight.run.estimation import carry_out, check_memory, ready
+from backsight.run.estimation import Task, carry_out, check_memory, ready
 
 
 @dataclasses.dataclass(frozen=True)
-class Comparison(Mapping[str, xr.Dataset]):
+class Comparison(Printed, Mapping[str, xr.Dataset]):
     """Results by name; prints itself as a ranked table.
 
     Parameters
@@ -37,6 +39,9 @@ class Comparison(Mapping[str, xr.Dataset]):
 
     def __str__(self) -> str:
         return self.table()
+
+    def __repr__(self) -> str:
+        return f"Comparison of {', '.join(map(repr, self.results))}"
 
     def table(self, reference: Mapping[str, float] | None = None, *, width: int = 80) -> str:
         """Return the ranking, the final values and the errors against the truth as text.
@@ -60,12 +65,13 @@ class Comparison(Mapping[str, xr.Dataset]):
         return verdicts(ranked_table(self.results, reference))
 
 
+@checked()
 def compare(
     estimators: Mapping[str, AbstractEstimator],
     model: Model,
     recording: xr.Dataset,
     *,
-    engine: str | None = None,
+    engine: Engine | None = None,
     throw: bool = True,
     progress: Callable[[str, int], None] = lambda *_: None,
 ) -> Comparison:
@@ -89,10 +95,23 @@ def compare(
     if not estimators:
         raise TuningError("there is no estimator to compare")
     tasks = {name: ready(e, model, recording) for name, e in estimators.items()}
+    return compared(tasks, engine=engine, throw=throw, progress=progress)
+
+
+def compared(
+    tasks: Mapping[str, Task],
+    *,
+    engine: Engine | None = None,
+    throw: bool = True,
+    progress: Callable[[str, int], None] = lambda *_: None,
+) -> Comparison:
+    """Run what is ready, see `compare`: estimators of one model over one recording."""
     samples = next(iter(tasks.values())).samples
     check_memory([task.recursion for task in tasks.values()], samples)
     results = {
         name: carry_out(task, engine=engine, throw=throw, progress=lambda k, n=name: progress(n, k))
         for name, task in tasks.items()
     }
-    return Comparison(audited(results, estimators, model, recording))
+    estimators = {name: task.estimator for name, task in tasks.items()}
+    first = next(iter(tasks.values()))
+    return Comparison(audited(results, estimators, first.model, first.recording))

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 import xarray as xr
 
+from backsight.description import checked
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
@@ -15,7 +16,8 @@ from backsight.sparse import AbstractSelection, Fit, ForceSearch, Greedy, force_
 from backsight.types import Array
 
 
-def sparse_forces(
+@checked()
+def find_sparse_forces(
     estimator: CompressiveSensingMHE,
     model: Model,
     recording: xr.Dataset,
@@ -59,7 +61,8 @@ def sparse_forces(
 
     Examples
     --------
-    >>> found = bs.sparse_forces(method, beam, recording, selection=bs.Greedy())  # doctest: +SKIP
+    >>> find, greedy = bs.forces.find_sparse_forces, bs.forces.Greedy()
+    >>> found = find(method, beam, recording, selection=greedy)  # doctest: +SKIP
     """
     started = time.perf_counter()
     search = prepared(estimator, model, recording)
@@ -79,7 +82,7 @@ def sparse_forces(
 
 
 def prepared(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset) -> ForceSearch:
-    """Check estimator, model and recording, and make the regression of `sparse_forces`."""
+    """Check estimator, model and recording, and make the regression of `find_sparse_forces`."""
     data = match(model, recording)
     forced = estimator.forced(model, float(recording.attrs["dt"]))
     return force_search(

@@ -3,12 +3,12 @@
 import abc
 import dataclasses
 import math
-import numbers
-from typing import final
+from typing import Annotated, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from backsight.description import Count, Description, Positive, Range
 from backsight.errors import DataError, TuningError
 from backsight.sparse._best_subset import best_subset
 from backsight.sparse._force_search import ForceSearch
@@ -25,7 +25,7 @@ SMALLEST = 1e-12
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractSelection(abc.ABC):
+class AbstractSelection(Description, abc.ABC):
     """A way to choose atoms."""
 
     @abc.abstractmethod
@@ -79,15 +79,9 @@ class Reweighted(AbstractSelection):
     Fourier Analysis and Applications 14, doi:10.1007/s00041-008-9045-x.
     """
 
-    iterations: int = 3
-    floor: float = 0.1
+    iterations: Count = 3
+    floor: Positive = 0.1
     refit: bool = True
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.iterations, numbers.Integral) or self.iterations < 1:
-            raise TuningError(f"iterations is {self.iterations}; it must be a whole number from 1")
-        if not (math.isfinite(self.floor) and self.floor > 0):
-            raise TuningError(f"floor is {self.floor}; it must be positive")
 
     def select(self, search: ForceSearch) -> Fit:
         """See `AbstractSelection.select`."""
@@ -123,11 +117,7 @@ class Greedy(AbstractSelection):
     Statistics 22, doi:10.1214/aos/1176325766.
     """
 
-    penalty: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.penalty is not None and not (math.isfinite(self.penalty) and self.penalty > 0):
-            raise TuningError(f"penalty is {self.penalty}; it must be positive")
+    penalty: Positive | None = None
 
     def select(self, search: ForceSearch) -> Fit:
         """See `AbstractSelection.select`."""
@@ -158,7 +148,7 @@ class Given(AbstractSelection):
         Not zero where a force has acted, such as the ``d_hat`` of an estimator.
     """
 
-    forces: ArrayLike
+    forces: Annotated[ArrayLike, Range("be finite", missing=True)]
 
     def select(self, search: ForceSearch) -> Fit:
         """See `AbstractSelection.select`."""

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import xarray as xr
 
+from backsight.description import Level, checked
 from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -16,12 +17,13 @@ ANY = 1.0
 """A weight for estimators whose own is not used."""
 
 
-def force_path(
+@checked()
+def trace_force_path(
     estimator: CompressiveSensingMHE,
     model: Model,
     recording: xr.Dataset,
     *,
-    least: float = 0.01,
+    least: Level = 0.01,
 ) -> xr.Dataset:
     r"""Forces for all weights of the l1 norm, over a whole recording.
 
@@ -32,7 +34,7 @@ def force_path(
     Parameters
     ----------
     estimator : CompressiveSensingMHE
-        As for `sparse_forces`; its `lam` is not used.
+        As for `find_sparse_forces`; its `lam` is not used.
     model : Model
     recording : xarray.Dataset
     least : float
@@ -50,7 +52,7 @@ def force_path(
     Raises
     ------
     TuningError, ModelError, DataError
-        As `sparse_forces`; if `least` is not between 0 and 1; or if the recording is at rest.
+        As `find_sparse_forces`; if `least` is not between 0 and 1; or if the recording is at rest.
     """
     search = unweighted(estimator, model, recording)
     path = whole_path(search, least)

@@ -1,15 +1,15 @@
 """How surely a set of sensors finds sparse forces: by Monte Carlo."""
 
 import dataclasses
-import math
+from collections.abc import Iterator
 
 import numpy as np
 import scipy
 import xarray as xr
 
 from backsight import schema
-from backsight.analysis.forces import ForceErrors, force_errors
-from backsight.errors import TuningError
+from backsight.analysis.forces import ForceErrors, compare_forces
+from backsight.description import Count, Description, NonNegative, Positive, Sound, Whole, checked
 from backsight.estimators.cs_mhe import CompressiveSensingMHE, Forced
 from backsight.models.model import Model
 from backsight.run.estimation import estimate_many
@@ -19,7 +19,7 @@ from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Hits:
+class Hits(Description):
     """Random hits at random places.
 
     Parameters
@@ -37,28 +37,26 @@ class Hits:
     least : float, optional
         Found forces smaller than this are not counted; a third of the smallest size if not given.
     steps, places : int
-        How far off a hit may be found, see `force_errors`.
+        How far off a hit may be found, see `compare_forces`.
     """
 
-    samples: int
-    number: int = 4
+    samples: Count
+    number: Whole = 4
     sizes: tuple[float, float] = (3.0, 12.0)
-    spacing: int = 4
-    margin: int = 5
-    least: float | None = None
-    steps: int = 0
-    places: int = 0
+    spacing: Count = 4
+    margin: Whole = 5
+    least: NonNegative | None = None
+    steps: Whole = 0
+    places: Whole = 0
 
-    def __post_init__(self) -> None:
-        if not (self.number >= 1 and self.spacing >= 1 and self.margin >= 0):
-            raise TuningError(
-                f"number = {self.number}, spacing = {self.spacing}, margin = {self.margin}: "
-                "give a hit or more, at least one sample apart, and no negative margin"
-            )
-        if not 0 < self.sizes[0] <= self.sizes[1] < math.inf:
-            raise TuningError(f"sizes is {self.sizes}; give the smallest and the largest magnitude")
-        if self.room < 1:
-            raise TuningError(
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("number") and not self.number:
+            yield "number = 0: give a hit or more"
+        if sound("sizes") and not 0 < self.sizes[0] <= self.sizes[1]:
+            yield f"sizes is {self.sizes}; give the smallest and the largest magnitude"
+        if sound("samples", "number", "spacing", "margin") and self.room < 1:
+            yield (
                 f"{self.number} hits {self.spacing} samples apart do not fit into {self.samples} "
                 f"samples with a margin of {self.margin}"
             )
@@ -81,26 +79,27 @@ class Hits:
     def judged(self, found: Array, true: Array) -> ForceErrors:
         """Errors of what was found."""
         least = self.sizes[0] / 3 if self.least is None else self.least
-        return force_errors(found, true, least=least, steps=self.steps, places=self.places)
+        return compare_forces(found, true, least=least, steps=self.steps, places=self.places)
 
 
-def recovery(
+@checked()
+def rate_sensors(
     estimator: CompressiveSensingMHE,
     model: Model,
     hits: Hits,
     *,
-    dt: float,
+    dt: Positive,
     truth: Model | None = None,
     selection: AbstractSelection | None = None,
-    runs: int = 50,
-    seed: int = 0,
+    runs: Count = 50,
+    seed: Whole = 0,
 ) -> xr.Dataset:
     r"""Try how surely sparse forces are found by the sensors of a model.
 
     The rank of the observability matrix says how many forces random walks can follow
-    (`force_locations`); of sparse forces at more places there is no such number, for it depends on
-    noise, on places that act alike, and on how close hits follow one another. So hits are drawn,
-    measured with noise of the estimator's `noise`, and looked for.
+    (`check_force_locations`); of sparse forces at more places there is no such number, for it
+    depends on noise, on places that act alike, and on how close hits follow one another. So
+    hits are drawn, measured with noise of the estimator's `noise`, and looked for.
 
     Parameters
     ----------
@@ -113,7 +112,8 @@ def recovery(
         What is simulated; the model itself if not given. With another one, the error of the model
         counts, too.
     selection : L1, Reweighted or Greedy, optional
-        Search in the whole recording, as `sparse_forces` does; if not given, the moving window.
+        Search in the whole recording, as `find_sparse_forces` does; if not given, the moving
+        window.
     runs : int
         Recordings.
     seed : int
@@ -136,8 +136,6 @@ def recovery(
     Wilson, "Probable inference, the law of succession, and statistical inference", 1927,
     doi:10.1080/01621459.1927.10502953.
     """
-    if runs < 1:
-        raise TuningError(f"runs is {runs}; it takes one or more")
     system = estimator.forced(model if truth is None else truth, dt)
     rng = np.random.default_rng(seed)
     true = [hits.draw(rng, len(estimator.forces)) for _ in range(runs)]

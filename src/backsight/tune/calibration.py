@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.description import Printed, checked
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -35,7 +36,7 @@ UNDETERMINED = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
-class Calibration:
+class Calibration(Printed):
     """What a calibration found, and how sure it is.
 
     Parameters
@@ -85,10 +86,11 @@ class Calibration:
         return "\n".join(rows)
 
 
+@checked()
 def calibrate(
+    estimator: CompressiveSensingMHE,
     model_of: ModelOf,
     recording: xr.Dataset,
-    estimator: CompressiveSensingMHE,
     start: Mapping[str, float],
     *,
     selection: L1 | Greedy | None = None,
@@ -111,12 +113,12 @@ def calibrate(
 
     Parameters
     ----------
+    estimator : CompressiveSensingMHE
+        As for `find_sparse_forces`. A small `sigma_force`, well below the forces looked for, makes
+        the recording tell most.
     model_of : callable
         ``{name: value}`` to a model, such as ``lambda v: bs.modal([v["f1"], v["f2"]], ...)``.
     recording : xarray.Dataset
-    estimator : CompressiveSensingMHE
-        As for `sparse_forces`. A small `sigma_force`, well below the forces looked for, makes the
-        recording tell most.
     start : dict
         Names and values to start from; all positive.
     selection : L1 or Greedy, optional
@@ -136,7 +138,7 @@ def calibrate(
     TuningError
         If a setting is not possible, the recording does not tell the values, or no force is found.
     ModelError, DataError
-        As `sparse_forces`, at the start.
+        As `find_sparse_forces`, at the start.
 
     References
     ----------

@@ -9,6 +9,8 @@ import xarray as xr
 from scipy.linalg import expm
 from scipy.signal import dlsim
 
+from backsight.description import Positive, checked
+from backsight.discrete.runge_kutta import Hold
 from backsight.errors import DataError, TuningError
 from backsight.estimators.observers import gain_vector
 from backsight.models.affine import AffineForm, affine_form
@@ -23,15 +25,16 @@ POINTS = 500
 """Samples of the motion at which the model is linearised."""
 
 
+@checked()
 def propose_gamma(
     model: Model,
     motion: xr.Dataset,
     *,
-    lam: float,
-    rate: float = 10.0,
+    gain: Positive,
+    rate: Positive = 10.0,
     poles: complex | tuple[complex, ...] = -1.0,
-    hold: str = "zoh",
-    period: float | None = None,
+    hold: Hold = "zoh",
+    period: Positive | None = None,
     diagonal: bool = False,
 ) -> Array:
     r"""Gamma with which the errors of all combinations of parameters decay at one rate.
@@ -51,7 +54,7 @@ def propose_gamma(
         As for the observer; the values of the parameters are the nominal ones.
     motion : xarray.Dataset
         Inputs and states: a recording with ``x_true``, or a result with ``x_hat``.
-    lam : float
+    gain : float
         The observer's gain lambda [1/s]; lambda_max if it adapts.
     rate : float
         g [1/s].
@@ -78,28 +81,23 @@ def propose_gamma(
     DataError
         If the motion lacks a signal or is too short.
     """
-    for name, value in (("lam", lam), ("rate", rate)):
-        if not (np.isfinite(value) and value > 0):
-            raise TuningError(f"{name} is {value}; it must be positive")
     form = affine_form(model)
     theta = _nominal(model, form)
     x, u = trajectory(model, motion, form)
-    if hold not in ("zoh", "foh"):
-        raise TuningError(f"unknown hold '{hold}': use 'zoh' (held) or 'foh' (ramp)")
     psi = form.psi.map(len(x) - 1)
     ahead = u[:-1] if hold == "zoh" else u[1:]
     begins = np.asarray(psi(x[:-1].T, u[:-1].T)).T * theta
     ends = np.asarray(psi(x[1:].T, ahead.T)).T * theta
     dt = float(motion.attrs["dt"])
-    count = _samples(len(begins), SETTLING / (lam * dt), None if period is None else period / dt)
-    Y = _upsilon(begins, ends, lam * dt, gain_vector(poles, form.n))[-count:]
+    count = _samples(len(begins), SETTLING / (gain * dt), None if period is None else period / dt)
+    Y = _upsilon(begins, ends, gain * dt, gain_vector(poles, form.n))[-count:]
     M = Y.T @ Y / len(Y)
     _check_excited(M, form)
     inverse = np.diag(1 / np.diag(M)) if diagonal else np.linalg.inv(M)
     return rate * np.outer(theta, theta) * inverse
 
 
-def propose_lambda(model: Model, motion: xr.Dataset, *, factor: float = 2.5) -> float:
+def propose_gain(model: Model, motion: xr.Dataset, *, factor: float = 2.5) -> float:
     r"""Gain lambda [1/s] that is well above the frequencies of model and motion.
 
     The larger of the fastest eigenvalue of the linearised model (for one mass on a spring

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.description import Count, Level, Printed, Whole, checked
 from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -21,7 +22,7 @@ LAGS = 5
 
 
 @dataclasses.dataclass(frozen=True)
-class LambdaChoice:
+class LambdaChoice(Printed):
     """A weight, and what speaks for it.
 
     Parameters
@@ -39,6 +40,7 @@ class LambdaChoice:
     reached: bool
 
 
+@checked()
 def lambda_from_noise(
     estimator: CompressiveSensingMHE,
     model: Model,
@@ -46,8 +48,8 @@ def lambda_from_noise(
     *,
     false_alarm: float = 0.05,
     draws: int = 400,
-    seed: int = 0,
-) -> float:
+    seed: Whole = 0,
+) -> LambdaChoice:
     r"""Weight at which noise alone seldom makes a force.
 
     Of a recording of noise with the stated deviations, and of background forces, the l1 norm finds
@@ -67,10 +69,16 @@ def lambda_from_noise(
     draws, seed : int
         Recordings of noise that are drawn.
 
+    Returns
+    -------
+    LambdaChoice
+        ``table`` has ``false_alarm``, the share of the drawn recordings in which a force is found,
+        over ``lam``. `reached` is always true.
+
     Raises
     ------
     TuningError, ModelError, DataError
-        As `sparse_forces`, or if `false_alarm` is not a probability.
+        As `find_sparse_forces`, or if `false_alarm` is not a probability.
     """
     if not (0 < false_alarm < 1 and draws >= 1 / false_alarm):
         raise TuningError(
@@ -83,15 +91,19 @@ def lambda_from_noise(
     reach = noise @ search.regression.columns[measured]
     side = search.regression.side
     reach = np.maximum(np.where(side >= 0, reach, 0.0), np.where(side <= 0, -reach, 0.0))
-    return 2 * float(np.quantile(reach.max(axis=1), 1 - false_alarm))
+    weights = 2 * np.sort(reach.max(axis=1))
+    share = 1 - np.arange(1, draws + 1) / draws
+    table = xr.Dataset({"false_alarm": ("lam", share)}, coords={"lam": weights})
+    return LambdaChoice(float(np.quantile(weights, 1 - false_alarm)), table, reached=True)
 
 
+@checked()
 def lambda_from_whiteness(
     estimator: CompressiveSensingMHE,
     model: Model,
     recording: xr.Dataset,
     *,
-    level: float = 0.95,
+    level: Level = 0.95,
 ) -> LambdaChoice:
     """Weight whose forces leave nothing but noise at the least expense.
 
@@ -120,7 +132,7 @@ def lambda_from_whiteness(
     Raises
     ------
     TuningError, ModelError, DataError
-        As `sparse_forces`.
+        As `find_sparse_forces`.
     """
     search = unweighted(estimator, model, recording)
     path = whole_path(search, LEAST)
@@ -168,12 +180,13 @@ def _colour(search: ForceSearch, residual: Array) -> float:
     )
 
 
+@checked()
 def lambda_from_sensors(
     estimator: CompressiveSensingMHE,
     model: Model,
     recording: xr.Dataset,
     *,
-    points: int = 30,
+    points: Count = 30,
 ) -> LambdaChoice:
     """Largest weight with which the other sensors predict each sensor as well as with any.
 
@@ -203,9 +216,9 @@ def lambda_from_sensors(
     Raises
     ------
     TuningError, ModelError
-        As `sparse_forces`.
+        As `find_sparse_forces`.
     DataError
-        As `sparse_forces`, or if there is only one sensor.
+        As `find_sparse_forces`, or if there is only one sensor.
     """
     outputs = [s.name for s in model.outputs]
     if len(outputs) < 2:

@@ -8,31 +8,33 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import xarray as xr
 
+from backsight.description import Count, Positive, Whole, checked
 from backsight.errors import TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
 from backsight.models.some_outputs import some_outputs
 from backsight.sparse import AbstractSelection
-from backsight.tune._recovery import Hits, recovery
+from backsight.tune._recovery import Hits, rate_sensors
 
 MOST = 100
 """Sets of sensors that are tried one by one; of more, sensors are added one after the other."""
 
 
+@checked()
 def place_sensors(
     estimator: CompressiveSensingMHE,
     model: Model,
     hits: Hits,
     *,
-    dt: float,
-    count: int,
+    dt: Positive,
+    count: Count,
     selection: AbstractSelection | None = None,
-    runs: int = 20,
-    seed: int = 0,
-    most: int = MOST,
+    runs: Count = 20,
+    seed: Whole = 0,
+    most: Whole = MOST,
     progress: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
-    """Choose sensors by how surely they find random hits, see `recovery`.
+    """Choose sensors by how surely they find random hits, see `rate_sensors`.
 
     All sets are tried if they are not too many. Otherwise sensors are added one after the other,
     each time the one with which most is found; the first ones find little alone, so that the sets
@@ -45,7 +47,7 @@ def place_sensors(
     model : Model
         Every output is a candidate for a sensor.
     hits, dt, selection, runs, seed
-        As in `recovery`. All sets see the same hits.
+        As in `rate_sensors`. All sets see the same hits.
     count : int
         Sensors to choose.
     most : int
@@ -117,7 +119,7 @@ class _Trial:
             self.estimator, noise=dataclasses.replace(noise, sigma_y=None, R=R)
         )
         try:
-            about = recovery(
+            about = rate_sensors(
                 estimator,
                 some_outputs(self.model, names),
                 self.hits,

@@ -5,11 +5,13 @@ import math
 
 import xarray as xr
 
+from backsight.description import checked
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
 from backsight.run.estimation import estimate
 
 
+@checked()
 def lambda_max(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset) -> float:
     r"""Smallest weight of the l1 norm with which no window of a recording contains a force.
 

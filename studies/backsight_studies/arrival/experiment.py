@@ -1,12 +1,11 @@
 """Every arrival cost on every plant, and on measured machines if their recordings are there."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
-from backsight.errors import DataError
 from backsight.run.estimation import estimate_many
 from backsight.types import Array
 from backsight_studies.arrival import machines
@@ -14,9 +13,7 @@ from backsight_studies.arrival.evaluate import Measures, from_filter, measure, r
 from backsight_studies.arrival.machines import Convergence
 from backsight_studies.arrival.methods import FREE, Variant, variants
 from backsight_studies.arrival.plants import REACTOR, SPRING, Plant, plants
-
-Progress = Callable[[str, float], None]
-"""Told what is being done and the share of the work that is done, 0 to 1."""
+from backsight_studies.study import Progress
 
 SHOWN = 10
 """Horizon of the figures over time."""
@@ -81,10 +78,7 @@ class Experiment:
 
 
 def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
-    """Run everything; raises `DataError` if there is no seed or one is negative."""
-    chosen = tuple(dict.fromkeys(seeds))
-    if not chosen or any(seed < 0 for seed in chosen):
-        raise DataError(f"the study needs seeds, none of them negative, not {list(chosen)}")
+    """Run everything."""
     studied = plants()
     work = [(plant, variants(plant)) for plant in studied]
     tasks = machines.tasks()
@@ -93,13 +87,13 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
     drawn: dict[str, dict[str, Array]] = {}
     done = 0
     for plant, listed in work:
-        recordings = [plant.record(seed) for seed in chosen]
+        recordings = [plant.record(seed) for seed in seeds]
         reference: list[xr.Dataset] = []
         for variant in listed:
             progress(f"{plant.name}: {_named(variant)}", done / total)
             results = _estimated(variant, recordings)
             reference = reference or results
-            rows += _rows(plant, variant, chosen, results, reference)
+            rows += _rows(plant, variant, seeds, results, reference)
             if plant.name == REACTOR and variant.N in (0, SHOWN) and variant.label != FREE:
                 drawn[_named(variant)] = _series(results[0])
             done += 1
@@ -108,8 +102,7 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
         progress(task.what, done / total)
         measured.append(task.carry_out())
         done += 1
-    progress("", 1.0)
-    return Experiment(studied, chosen, tuple(rows), drawn, tuple(measured))
+    return Experiment(studied, tuple(seeds), tuple(rows), drawn, tuple(measured))
 
 
 def _named(variant: Variant) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from backsight.report.figures import band, figure, label, line, save, truth
+from backsight.plot import band, figure, label, line, truth
 from backsight.types import Array
 from backsight_studies.arrival.evaluate import BAND
 from backsight_studies.arrival.expected import NOMINAL, nonlinear
@@ -14,7 +14,7 @@ from backsight_studies.arrival.experiment import SHOWN, Experiment
 from backsight_studies.arrival.machines import MACHINES
 from backsight_studies.arrival.methods import ARRIVALS, CLIPPED, KALMAN, LINEAR, NONE, SMOOTHED
 from backsight_studies.arrival.plants import HORIZONS, SPRING
-from backsight_studies.panels import axes_by_row, finished
+from backsight_studies.panels import axes_by_row, finished, save_all
 
 QUANTITY = {"v": "the speed", "pA": "A's pressure", "mu": "μ", "k3": "k3"}
 
@@ -32,7 +32,7 @@ def draw(experiment: Experiment, folder: Path) -> dict[str, Path]:
     }
     figures |= {f"start_{m.name.lower()}": _machine(experiment, m.name) for m in MACHINES
                 if any(c.machine == m.name for c in experiment.machines)}  # fmt: skip
-    return {name: save(made, folder / f"{name}.png", dpi=130) for name, made in figures.items()}
+    return save_all(figures, folder)
 
 
 def _reactor(e: Experiment) -> Figure:

@@ -13,6 +13,7 @@ from backsight_studies.arrival.machines import Convergence
 from backsight_studies.arrival.methods import CLIPPED, KALMAN, LINEAR, NAIVE, NONE, SMOOTHED, SOUND
 from backsight_studies.arrival.plants import HORIZONS, REACTOR, SPRING, Plant
 from backsight_studies.arrival.tables import listed
+from backsight_studies.check_tables import expected_table
 from backsight_studies.checks import Check
 from backsight_studies.html import Cell
 
@@ -23,7 +24,7 @@ def build(experiment: Experiment, checks: Sequence[Check], figures: Mapping[str,
     """The whole page as HTML."""
     e = experiment
     spring, reactor, *others = e.plants
-    pictures = {name: _picture(figures[name], text) for name, text in remarks.CAPTIONS.items()}
+    pictures = {name: html.picture(figures[name], text) for name, text in remarks.CAPTIONS.items()}
     sections = [
         ("What is compared", html.text(*remarks.SETUP)),
         ("A linear plant: equal to the Kalman filter or not", _spring(e, spring)),
@@ -37,7 +38,7 @@ def build(experiment: Experiment, checks: Sequence[Check], figures: Mapping[str,
         ),
         ("Error and bands over the horizon", pictures["horizon"] + pictures["bands"]),
         ("Measured machines", _machines(e, figures)),
-        ("Checks", _checks(checks)),
+        ("Checks", expected_table(checks)),
     ]
     lead = html.text(remarks.LEAD) + html.items(*short(e, checks))
     return html.page(TITLE, sections, lead=lead, foot=html.text(remarks.SOURCE, remarks.LIMITS))
@@ -135,7 +136,7 @@ def _machines(e: Experiment, figures: Mapping[str, Path]) -> str:
         ]
         parts.append(html.table(head, rows, caption=machine))
         caption = remarks.START_CAPTION.format(machine)
-        parts.append(_picture(figures[f"start_{machine.lower()}"], caption))
+        parts.append(html.picture(figures[f"start_{machine.lower()}"], caption))
     return "".join(parts)
 
 
@@ -147,25 +148,3 @@ def _time(c: Convergence, p: str) -> Cell:
 
 def _percent(share: float) -> str:
     return f"{significant(100 * share, 3)} %"
-
-
-def _picture(path: Path, caption: str) -> str:
-    return html.picture(path, alt=caption, caption=caption)
-
-
-def _checks(checks: Sequence[Check]) -> str:
-    rows: list[list[str | Cell]] = [
-        [
-            c.name,
-            Cell("yes" if c.passed else "no", good=c.passed),
-            _shown(c.paper),
-            _shown(c.measured),
-            _shown(c.tolerance),
-        ]
-        for c in checks
-    ]
-    return html.table(["check", "met", "expected", "measured", "tolerance"], rows)
-
-
-def _shown(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.4g}"

@@ -1,12 +1,12 @@
 """Everything that the study computes."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
-from backsight.analysis.observability import force_locations, force_zeros
+from backsight.analysis.observability import check_force_locations, force_zeros
 from backsight.estimators.uncertainty import Noise
 from backsight.run.estimation import estimate
 from backsight.tune.sparsity import lambda_max
@@ -28,8 +28,7 @@ from backsight_studies.beam.tuning import (
 )
 from backsight_studies.beam.walks import PLACES, best_walk, joint
 from backsight_studies.beam.windows import Windows, program
-
-Progress = Callable[[str, float], None]
+from backsight_studies.study import Progress
 
 NOISES = (0.0, 1e-6, 1e-5)
 """Standard deviations of the sensors [m]."""
@@ -116,7 +115,7 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
     """Compute everything; the noise is that of the seeds."""
     true, clean = model(THICKNESS[0.0]), struck(forces())
     progress("observability and reference windows", 0.0)
-    locations = force_locations(true, DT)
+    locations = check_force_locations(true, DT)
     zeros = np.sort(force_zeros(true, DT).real)
     references = {name: _reference(*given) for name, given in expected.WINDOWS.items()}
     progress("all readings of the estimator", 0.05)

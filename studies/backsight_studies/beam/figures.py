@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from backsight.report.figures import band, figure, label, legend, line, save, truth
+from backsight.plot import band, figure, label, legend, line, truth
 from backsight.report.palette import BLACK, BLUE, ORANGE, VERMILLION
 from backsight.types import Array
 from backsight_studies.beam.claims import TABLE_3, WORST, noise_name
@@ -16,7 +16,7 @@ from backsight_studies.beam.experiment import SHOWN_WINDOW, SWEPT, Experiment
 from backsight_studies.beam.plant import DT, NODES, THICKNESS, N, forces
 from backsight_studies.beam.sweeps import Q_EXPONENTS, R_EXPONENTS
 from backsight_studies.beam.tuning import EPS_R, READING_1, TABLE, THRESHOLD
-from backsight_studies.panels import axes_by_row, finished
+from backsight_studies.panels import axes_by_row, finished, save_all
 
 MISTAKEN_WINDOW = 45
 """The window of Fig. 12."""
@@ -34,7 +34,7 @@ def draw(experiment: Experiment, folder: Path) -> dict[str, Path]:
         "fig12": _mistaken_window(experiment),
         "fig13": _mistaken_recording(experiment),
     }
-    return {name: save(drawn, folder / f"{name}.png", dpi=130) for name, drawn in made.items()}
+    return save_all(made, folder)
 
 
 def _ranks(e: Experiment) -> Figure:

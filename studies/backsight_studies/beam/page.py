@@ -22,8 +22,7 @@ def build(
 ) -> str:
     """The whole page as HTML."""
     pictures = "".join(
-        html.picture(figures[name], alt=caption, caption=caption)
-        for name, caption in remarks.CAPTIONS.items()
+        html.picture(figures[name], caption) for name, caption in remarks.CAPTIONS.items()
     )
     sections = [
         ("The experiment", html.text(*remarks.SETUP)),

@@ -7,7 +7,7 @@ from backsight_studies.beam import expected
 from backsight_studies.beam.experiment import Experiment
 from backsight_studies.beam.plant import HITS
 from backsight_studies.beam.sweeps import Q_EXPONENTS, R_EXPONENTS
-from backsight_studies.claims import Claim
+from backsight_studies.claims import Claim, write_claims
 from backsight_studies.sheets import write_sheet
 
 
@@ -56,8 +56,4 @@ def write_tables(e: Experiment, claims: Sequence[Claim], out: Path) -> None:
             for b, k in enumerate(R_EXPONENTS)
         ],
     )
-    write_sheet(
-        out / "claims.csv",
-        ["claim", "setting", "holds", "measured"],
-        [[c.text, c.setting, c.holds, c.measured] for c in claims],
-    )
+    write_claims(claims, out)

@@ -2,11 +2,11 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from backsight.run.sparse_forces import sparse_forces
+from backsight.run.sparse_forces import find_sparse_forces
 from backsight.sparse import Greedy
 from backsight.types import Array
 from backsight_studies.beam.evaluate import counts, window_mse
@@ -24,6 +24,7 @@ from backsight_studies.beam.tuning import (
 )
 from backsight_studies.beam.windows import Windows, program
 from backsight_studies.beam_experiment.plant import FREQUENCIES, NODE, reference, struck
+from backsight_studies.study import Progress
 
 EXACT = "no model error"
 BEAMS = {**FREQUENCIES, EXACT: tuple(float(f) for f in frequencies(THICKNESS[0.0]))}
@@ -44,8 +45,6 @@ WEIGHTS = {
 
 STEPS = (17, 18)
 """Steps in whose middle the reference is not zero."""
-
-Progress = Callable[[str, float], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +108,9 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
     setting = Setting(TABLE[0.0].eps_Q, 12.0)
     made = dataclasses.replace(estimator(THICKNESS[0.0], setting), threshold=0.0)
     for key, found in recordings.items():
-        results = [sparse_forces(made, model(THICKNESS[0.0]), r, selection=Greedy()) for r in found]
+        results = [
+            find_sparse_forces(made, model(THICKNESS[0.0]), r, selection=Greedy()) for r in found
+        ]
         l0[key] = [result["d_hat"].values for result in results]
     return Experiment(windows, l0)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from backsight.report.figures import figure, label, legend, line, save, truth
+from backsight.plot import figure, label, legend, line, truth
 from backsight.report.palette import BLACK
 from backsight_studies.beam.evaluate import by_window, counts, kept
 from backsight_studies.beam.figures import at_nodes
@@ -14,6 +14,7 @@ from backsight_studies.beam.tuning import READING_1, READING_3, THRESHOLD
 from backsight_studies.beam_experiment.experiment import NOISE, STEPS, Experiment
 from backsight_studies.beam_experiment.plant import FREQUENCIES, SAMPLES, hammer, reference
 from backsight_studies.beam_experiment.verdicts import MEASURED
+from backsight_studies.panels import save_all
 
 SHOWN_WINDOW = 12
 """The window of Fig. 18."""
@@ -30,7 +31,7 @@ def draw(e: Experiment, folder: Path) -> dict[str, Path]:
         "fig19": _recording(e),
         "fig20": _windows(e),
     }
-    return {name: save(drawn, folder / f"{name}.png", dpi=130) for name, drawn in made.items()}
+    return save_all(made, folder)
 
 
 def _hammer() -> Figure:

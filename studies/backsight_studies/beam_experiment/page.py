@@ -48,7 +48,7 @@ def build(
     e: Experiment, claims: Sequence[Claim], checks: Sequence[Check], figures: Mapping[str, Path]
 ) -> str:
     """The whole page as HTML."""
-    pictures = "".join(html.picture(figures[k], alt=c, caption=c) for k, c in CAPTIONS.items())
+    pictures = "".join(html.picture(figures[k], c) for k, c in CAPTIONS.items())
     table = html.table(
         ["mode", "measured [Hz]", "model [Hz]", "printed deviation [%]", "deviation [%]"],
         [

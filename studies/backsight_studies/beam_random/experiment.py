@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from backsight.analysis.forces import force_errors
-from backsight.run.sparse_forces import sparse_forces
+from backsight.analysis.forces import compare_forces
+from backsight.run.sparse_forces import find_sparse_forces
 from backsight.tune.calibration import calibrate
 from backsight.types import Array
 from backsight_studies.beam.plant import DT, THICKNESS, frequencies, model
@@ -27,13 +27,12 @@ from backsight_studies.beam_random.scenarios import (
     scenario,
     whole,
 )
+from backsight_studies.study import Progress
 
 SPAN, POINTS = 0.16, 9
 """Common scales of the frequencies that a calibration tries."""
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-Progress = Callable[[str, float], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,8 +109,8 @@ def _windowed(method: str, mismatch: float, scenarios: Sequence[Scenario]) -> li
 
 def outcome(found: Array, true: Array) -> Outcome:
     """Compare forces (steps, nodes) with the true ones; small ones do not count."""
-    exact = force_errors(found, true, least=THRESHOLD)
-    near = force_errors(found, true, least=THRESHOLD, steps=1, places=1)
+    exact = compare_forces(found, true, least=THRESHOLD)
+    near = compare_forces(found, true, least=THRESHOLD, steps=1, places=1)
     return Outcome(exact.f1, near.f1, exact.false_alarms, exact.magnitude)
 
 
@@ -121,12 +120,12 @@ def recorded(job: tuple[int, float]) -> tuple[dict[str, Outcome], list[float]]:
     s, thickness = scenario(seed), THICKNESS[mismatch]
     by = ByFrequencies(thickness)
     unsure = whole(thickness, WEIGHTS[""])
-    fit = calibrate(by, s.recording, unsure, by.start(), span=SPAN, points=POINTS)
+    fit = calibrate(unsure, by, s.recording, by.start(), span=SPAN, points=POINTS)
     outcomes = {}
     for suffix, chosen in (("", model(thickness)), (CALIBRATED, fit.model)):
         made = whole(thickness, WEIGHTS[suffix])
         for method, selection in WHOLE.items():
-            result = sparse_forces(made, chosen, s.recording, selection=selection)
+            result = find_sparse_forces(made, chosen, s.recording, selection=selection)
             outcomes[method + suffix] = outcome(result["d_hat"].values, s.d)
     true = frequencies(THICKNESS[0.0])
     return outcomes, list(np.array(list(fit.values.values())) / true - 1)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from backsight.report.figures import figure, label, save
+from backsight.plot import figure, label
 from backsight.report.palette import ON_LIGHT
 from backsight_studies.beam.plant import THICKNESS
 from backsight_studies.beam_random.experiment import Experiment
@@ -17,7 +17,7 @@ from backsight_studies.beam_random.scenarios import (
     PAPER,
     REWEIGHTED,
 )
-from backsight_studies.panels import finished
+from backsight_studies.panels import finished, save_all
 
 SHOWN = (PAPER, L1_WINDOW, GATED, REWEIGHTED + CALIBRATED, L0, L0 + CALIBRATED)
 MARKERS = "osvD^P"
@@ -32,7 +32,7 @@ FIELDS = {
 def draw(experiment: Experiment, folder: Path) -> dict[str, Path]:
     """Write all figures as PNG; returns name to file."""
     made = {"methods": _methods(experiment), "frequencies": _frequencies(experiment)}
-    return {name: save(drawn, folder / f"{name}.png", dpi=130) for name, drawn in made.items()}
+    return save_all(made, folder)
 
 
 def _methods(e: Experiment) -> Figure:

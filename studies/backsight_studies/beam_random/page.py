@@ -53,7 +53,7 @@ FIELDS = {
 
 def build(e: Experiment, checks: Sequence[Check], figures: Mapping[str, Path]) -> str:
     """The whole page as HTML."""
-    pictures = "".join(html.picture(figures[k], alt=c, caption=c) for k, c in CAPTIONS.items())
+    pictures = "".join(html.picture(figures[k], c) for k, c in CAPTIONS.items())
     sections = [
         ("The experiment", html.text(*SETUP)),
         ("What was found", "".join(_table(e, *field) for field in FIELDS.items())),

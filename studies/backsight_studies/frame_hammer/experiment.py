@@ -1,12 +1,10 @@
 """Everything that is worked out: measured and simulated recordings, with and without the limit."""
 
 import dataclasses
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from backsight.errors import DataError
 from backsight.types import Array
 from backsight_studies.frame_hammer.detect import Detection, detect
 from backsight_studies.frame_hammer.follow import QUIET, SAMPLES, Track
@@ -17,8 +15,7 @@ from backsight_studies.frame_hammer.sparse import FORCES, Sparse, sparse
 from backsight_studies.frame_hammer.straight import straightened
 from backsight_studies.frame_hammer.synthetic import simulated
 from backsight_studies.frame_hammer.window import Window
-
-Progress = Callable[[str, float], None]
+from backsight_studies.study import Progress, Recordings
 
 COMPARED = 24
 """Windows in which models with and without the limit are compared."""
@@ -64,12 +61,8 @@ class Experiment:
     simulated: tuple[Case, ...]
 
 
-def carry_out(
-    seeds: Sequence[int], further: Sequence[str | os.PathLike[str]], progress: Progress
-) -> Experiment:
+def carry_out(seeds: Sequence[int], further: Recordings, progress: Progress) -> Experiment:
     """Work on all recordings; `seeds` of the simulated ones, one per height each."""
-    if any(seed < 0 for seed in seeds):
-        raise DataError(f"the seeds are {list(seeds)}; they must not be negative")
     known = recordings(further)
     total = len(known) + len(HEIGHTS) * len(seeds)
 

@@ -8,13 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from backsight.report.figures import figure, label, legend, line, save
+from backsight.plot import figure, label, legend, line
 from backsight.report.palette import ON_LIGHT
 from backsight_studies.frame_hammer.experiment import Case, Experiment
 from backsight_studies.frame_hammer.follow import ADVANCE, LOOK, SAMPLES, Piece
 from backsight_studies.frame_hammer.rig import DT, HEIGHTS, SENSORS, STEP
 from backsight_studies.frame_hammer.sparse import FORCES
 from backsight_studies.frame_hammer.window import Window
+from backsight_studies.panels import save_all
 
 MARKS = ("o", "s", "^")
 
@@ -38,7 +39,7 @@ def draw(experiment: Experiment, folder: Path) -> dict[str, Path]:
         if case.sparse is not None:
             made[f"forces_{name}"] = _forces(case, case.sparse.result)
     made["sizes"] = _sizes(experiment)
-    return {name: save(drawn, folder / f"{name}.png", dpi=130) for name, drawn in made.items()}
+    return save_all(made, folder)
 
 
 def _hits(case: Case) -> Figure:

@@ -1,4 +1,10 @@
-"""Follow the swinging beam through a recording, from hit to hit."""
+"""Follow the swinging beam through a recording, from hit to hit.
+
+The study's own: when a hit is looked for, when it is believed and when the beam counts as lost is
+decided by shares of the energy that were chosen on the signals of its rig. An estimator of the
+library weighs residuals by the noise that is stated and says how sure it is; here the errors of the
+model are larger than the noise, and nobody can state them.
+"""
 
 import dataclasses
 from collections.abc import Callable, Sequence

@@ -32,13 +32,13 @@ def build(experiment: Experiment, checks: Sequence[Check], figures: Mapping[str,
     sections.append(("Recordings", _recordings(experiment)))
     for case in experiment.measured:
         pictures = "".join(
-            html.picture(figures[key], alt=caption, caption=caption)
+            html.picture(figures[key], caption)
             for kind, caption in CAPTIONS.items()
             if (key := f"{kind}_{case.recording.name}") in figures
         )
         sections.append((case.recording.name, pictures))
     caption = CAPTIONS["sizes"]
-    sections.append(("Sizes", html.picture(figures["sizes"], alt=caption, caption=caption)))
+    sections.append(("Sizes", html.picture(figures["sizes"], caption)))
     sections.append(("Checks", required_table(checks)))
     lead = html.items(*short(experiment, checks))
     return html.page(TITLE, sections, lead=lead, foot=html.text(f"Recordings: {SOURCE}."))

@@ -1,4 +1,9 @@
-"""Search a window for a hit: when, at which height, how hard."""
+"""Search a window for a hit: when, at which height, how hard.
+
+The study's own: moments, sizes and pulses to try are those of its rig. The search for sparse forces
+in any linear model, exact and without a list of sizes, is `backsight.run.sparse_forces`; it cannot
+work on these readings, which are nonlinear in the forces by the clipping.
+"""
 
 import dataclasses
 from collections.abc import Sequence

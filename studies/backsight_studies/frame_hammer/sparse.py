@@ -11,7 +11,7 @@ import xarray as xr
 
 import backsight as bs
 from backsight import schema
-from backsight.analysis.forces import Impact, impacts
+from backsight.analysis.forces import Impact, find_impacts
 from backsight.models.sensor_lag import sensor_lag
 from backsight.types import Array
 from backsight_studies.frame_hammer.rig import DT, HEIGHTS, SENSORS, Axis
@@ -88,7 +88,7 @@ def sparse(axis: Axis, values: Array) -> Sparse:
 
 def _hits(result: xr.Dataset) -> tuple[Impact, ...]:
     """Forces joined over time, without the twist and without what is too small to be a hit."""
-    found = [hit for hit in impacts(result, gap=2, ghost=GHOST) if hit.place != TWIST]
+    found = [hit for hit in find_impacts(result, gap=2, ghost=GHOST) if hit.place != TWIST]
     largest = max((abs(hit.impulse) for hit in found), default=0.0)
     return tuple(hit for hit in found if abs(hit.impulse) >= SMALLEST * largest)
 
@@ -116,5 +116,5 @@ def _estimator(axis: Axis, lam: float) -> bs.CompressiveSensingMHE:
         lam=lam,
         N=HORIZON,
         sigma_force=SIGMA_FORCE,
-        dictionary=bs.HalfSines(PULSES),
+        dictionary=bs.forces.HalfSines(PULSES),
     )

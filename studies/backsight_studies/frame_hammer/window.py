@@ -5,7 +5,13 @@ accelerations are linear in the unknowns; what the sensors make of them is not,
 
 .. math:: \dot s = \omega_c\,(\mathrm{clip}(a) - s), \qquad y_{jk} = s_j(t_k + j\,\delta) + b_j .
 
-The offsets b are eliminated. The unknowns are found by Levenberg and Marquardt's method.
+The offsets b are eliminated. The unknowns are found by Levenberg and Marquardt's method (Marquardt,
+SIAM J. 11, 1963, doi:10.1137/0111030), a few iterations from each of many starts.
+
+It is the study's own and not general: the motion is the closed form of the modes of one beam, the
+hits are half-sine pulses on the sub-steps of one converter, which reads four channels one after the
+other. In the library a clipped and lagged sensor is a model (`sensor_lag`), channels of other times
+are samples that the others miss, and a window over any model is fitted by the MHE.
 """
 
 import dataclasses

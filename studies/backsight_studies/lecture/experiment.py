@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from backsight_studies.lecture.plants import (
     masses_motion,
     two_masses,
 )
+from backsight_studies.study import Progress
 
 BATCH = ((2, 8), (4, 16))
 """Pairs of every m-th sample and horizon N of the lecture's batch figures."""
@@ -83,8 +85,10 @@ class Experiment:
     limited: Limited
 
 
-def carry_out(seed: int) -> Experiment:
-    """Compute everything, with the random numbers of one seed."""
+def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
+    """Compute everything, with the random numbers of the first seed."""
+    seed = seeds[0]
+    progress("simulating and estimating", 0.0)
     found = [
         multirate(name, m, N, seed=seed)
         for name in ("two states", "two masses")

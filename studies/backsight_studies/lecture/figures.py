@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from backsight.report.figures import figure, label, legend, line, save, truth
+from backsight.plot import figure, label, legend, line, truth
 from backsight_studies.lecture.experiment import ALPHAS, BATCH, RECURSIVE, Experiment
 from backsight_studies.lecture.plants import DT, FORCE
+from backsight_studies.panels import save_all
 
 SHOWN = 60
 """Samples in the figures of the multirate estimates."""
@@ -26,7 +27,7 @@ def draw(experiment: Experiment, folder: Path) -> dict[str, Path]:
         "increments": _increments(experiment),
         "limits": _limits(experiment),
     }
-    return {name: save(drawn, folder / f"{name}.png", dpi=130) for name, drawn in made.items()}
+    return save_all(made, folder)
 
 
 def _multirate(experiment: Experiment, pairs: tuple[tuple[int, int], ...], form: str) -> Figure:

@@ -38,7 +38,7 @@ CAPTIONS = {
 def build(experiment: Experiment, checks: Sequence[Check], figures: Mapping[str, Path]) -> str:
     """The whole page as HTML."""
     sections = [
-        (name.capitalize(), html.picture(figures[name], alt=caption, caption=caption))
+        (name.capitalize(), html.picture(figures[name], caption))
         for name, caption in CAPTIONS.items()
     ]
     sections += [

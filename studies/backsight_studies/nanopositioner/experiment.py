@@ -1,9 +1,8 @@
 """Every estimator on every recording."""
 
 import dataclasses
-import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import xarray as xr
@@ -28,15 +27,13 @@ from backsight_studies.nanopositioner.tuning import (
     mho,
     mho_weighted,
 )
+from backsight_studies.study import Progress, Recordings
 
 SCENARIOS = {"nominal": 0.0, "mode2": 0.3}
 """Name to the gain of the second mode, of which the estimators do not know."""
 
 SWEEP = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 """Weights of the measurements in the window."""
-
-Progress = Callable[[str, float], None]
-"""Told what is being done and the share of the work that is done, 0 to 1."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,22 +114,16 @@ def explored() -> list[Variant]:
     return [ekf_trusting(), ekf_retuned(), *(mho(m, PAPER_RULE_NEWTON) for m in ALPHA), *swept()]
 
 
-def carry_out(
-    seeds: Sequence[int],
-    recordings: Sequence[str | os.PathLike[str]],
-    progress: Progress,
-) -> Experiment:
+def carry_out(seeds: Sequence[int], recordings: Recordings, progress: Progress) -> Experiment:
     """Run everything.
 
     Raises
     ------
     DataError
-        If there is nothing to do, a seed is negative or a recording does not have the right form.
+        If there is nothing to do, or a recording does not have the right form.
     """
     if not seeds and not recordings:
         raise DataError("the study has neither seeds nor recordings: give at least one")
-    if any(seed < 0 for seed in seeds):
-        raise DataError(f"seeds must not be negative: {', '.join(map(str, seeds))}")
     simulated = [
         Trial(scenario, seed, simulate_stage(seed, mode2=gain))
         for scenario, gain in SCENARIOS.items()
@@ -149,11 +140,10 @@ def carry_out(
         rows.append(Row(trial, variant, measure(result, trial.stage)))
         if trial is shown:
             results[variant.label] = result
-    progress("", 1.0)
     return Experiment(tuple(rows), shown, results)
 
 
-def _read(recordings: Sequence[str | os.PathLike[str]]) -> list[Trial]:
+def _read(recordings: Recordings) -> list[Trial]:
     paths = [Path(p) for p in recordings]
     count = Counter(p.stem for p in paths)
     found = []

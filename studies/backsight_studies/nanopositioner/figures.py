@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from backsight.report.figures import figure, label, line, save, truth
+from backsight.plot import figure, label, line, truth
 from backsight.types import Array
 from backsight_studies.nanopositioner.evaluate import (
     BAND,
@@ -18,7 +18,7 @@ from backsight_studies.nanopositioner.evaluate import (
 )
 from backsight_studies.nanopositioner.experiment import SCENARIOS, Experiment, Row
 from backsight_studies.nanopositioner.tuning import ALPHA, CONVERGED, PAPER_RULE
-from backsight_studies.panels import axes_by_row, finished
+from backsight_studies.panels import axes_by_row, finished, save_all
 
 COLUMNS = (PAPER_RULE, CONVERGED)
 """Solvers, side by side in every figure."""
@@ -56,7 +56,7 @@ def draw(experiment: Experiment, folder: Path) -> dict[str, Path]:
     }
     if any(s in SCENARIOS for s in experiment.scenarios):
         figures["alpha"] = _sweep(experiment)
-    return {name: save(made, folder / f"{name}.png", dpi=130) for name, made in figures.items()}
+    return save_all(figures, folder)
 
 
 def _errors(experiment: Experiment, method: str) -> Figure:

@@ -223,8 +223,7 @@ def _stopped(of: Mapping[str, Measures], method: str) -> str:
 
 def _figures(figures: Mapping[str, Path]) -> str:
     return "".join(
-        html.picture(figures[name], alt=caption, caption=caption)
-        for name, caption in remarks.CAPTIONS.items()
+        html.picture(figures[name], caption) for name, caption in remarks.CAPTIONS.items()
     )
 
 
@@ -247,7 +246,7 @@ def _weight(experiment: Experiment, file: Path) -> str:
             f"({observers[fastest].k_time:.3g} ms) and scatters least at α = {quietest:g} "
             f"({100 * observers[quietest].std_k:.2g} %)."
         )
-    return html.items(*points) + html.picture(file, alt=remarks.SWEEP, caption=remarks.SWEEP)
+    return html.items(*points) + html.picture(file, remarks.SWEEP)
 
 
 def _checks(checks: Sequence[Check]) -> str:

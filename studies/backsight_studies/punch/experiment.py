@@ -1,12 +1,11 @@
 """Every observer in every scenario."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import xarray as xr
 
-from backsight.errors import DataError
 from backsight.types import Array
 from backsight_studies.punch import tuning
 from backsight_studies.punch.evaluate import (
@@ -50,9 +49,7 @@ from backsight_studies.punch.scenarios import (
     explored,
 )
 from backsight_studies.punch.tuning import Variant, observer, scaled_start
-
-Progress = Callable[[str, float], None]
-"""Told what is being done and the share of the work that is done, 0 to 1."""
+from backsight_studies.study import Progress
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,18 +126,14 @@ class Experiment:
 
 
 def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
-    """Run everything; raises `DataError` if there is no seed or one is negative."""
-    chosen = list(dict.fromkeys(seeds))
-    if not chosen or any(seed < 0 for seed in chosen):
-        raise DataError(f"the study needs seeds, none of them negative, not {chosen}")
-    work = _Work(progress, total=count(len(chosen)))
+    """Run everything."""
+    work = _Work(progress, total=count(len(seeds)))
     progress("strokes of the punch", 0.0)
     motions = {r.name: simulate_punch(r, seconds=SECONDS) for r in READINGS}
-    rows = tuple(_starts(chosen, motions, work))
-    jumps = tuple(_jumps(chosen[0], motions, work))
-    gains = tuple(_gains(chosen, motions, work))
-    biases = tuple(_biases(chosen[0], motions["stiff"], work))
-    progress("", 1.0)
+    rows = tuple(_starts(seeds, motions, work))
+    jumps = tuple(_jumps(seeds[0], motions, work))
+    gains = tuple(_gains(seeds, motions, work))
+    biases = tuple(_biases(seeds[0], motions["stiff"], work))
     return Experiment(
         rows=rows,
         jumps=jumps,
@@ -170,7 +163,7 @@ class _Work:
         self.drawn[figure, label] = {name: v[::every] for name, v in series.items()}
 
 
-def _starts(seeds: list[int], motions: dict[str, xr.Dataset], work: _Work) -> Iterator[Row]:
+def _starts(seeds: Sequence[int], motions: dict[str, xr.Dataset], work: _Work) -> Iterator[Row]:
     for scenario in (*STARTS, *ONLY_D):
         motion = motions[scenario.reading.name]
         for i, seed in enumerate(seeds if not scenario.only else seeds[:1]):
@@ -203,7 +196,7 @@ def _jumps(seed: int, motions: dict[str, xr.Dataset], work: _Work) -> Iterator[J
                 yield JumpRow(reading, variant.label, parameter, response)
 
 
-def _gains(seeds: list[int], motions: dict[str, xr.Dataset], work: _Work) -> Iterator[GainRow]:
+def _gains(seeds: Sequence[int], motions: dict[str, xr.Dataset], work: _Work) -> Iterator[GainRow]:
     for reading in READINGS:
         changes = {GAIN_JUMP: {"c": JUMPS["c"][1] * reading.stiffness}}
         clean = simulate_punch(reading, seconds=GAIN_END, changes=changes)

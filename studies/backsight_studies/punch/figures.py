@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from backsight.report.figures import figure, label, line, save, truth
+from backsight.plot import figure, label, line, truth
 from backsight.types import Array
-from backsight_studies.panels import axes_by_row, finished
+from backsight_studies.panels import axes_by_row, finished, save_all
 from backsight_studies.punch.experiment import Experiment
 from backsight_studies.punch.plant import READINGS, STIFF, Reading
 from backsight_studies.punch.scenarios import (
@@ -47,7 +47,7 @@ def draw(experiment: Experiment, folder: Path) -> dict[str, Path]:
         "figure5": _gain(experiment),
         "bias": _bias(experiment),
     }
-    return {name: save(made, folder / f"{name}.png", dpi=130) for name, made in figures.items()}
+    return save_all(figures, folder)
 
 
 def _starts(e: Experiment, scenario: str) -> Figure:

@@ -29,8 +29,8 @@ def build(
     """The whole page as HTML."""
     starts = "".join(_starts(experiment, s) for s in STARTS)
     only_d = "".join(_starts(experiment, s) for s in ONLY_D)
-    pictures = "".join(_picture(figures, name, c) for name, c in remarks.CAPTIONS.items())
-    bias = html.text(remarks.BIAS) + _picture(figures, "bias", remarks.BIAS_CAPTION)
+    pictures = "".join(html.picture(figures[name], c) for name, c in remarks.CAPTIONS.items())
+    bias = html.text(remarks.BIAS) + html.picture(figures["bias"], remarks.BIAS_CAPTION)
     sections = [
         ("The experiment", html.text(*remarks.SETUP)),
         ("Soft or stiff", html.text(remarks.EXCITATION) + _excitation(experiment)),
@@ -136,7 +136,3 @@ def _gains(e: Experiment) -> str:
             rows.append([label, *noise, time, significant(median([g.before for g in found]), 4)])
         parts.append(html.table(head, rows, caption=f"{reading.name} spring, medians"))
     return "".join(parts)
-
-
-def _picture(figures: Mapping[str, Path], name: str, caption: str) -> str:
-    return html.picture(figures[name], alt=caption, caption=caption)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from backsight_studies.claims import Claim
+from backsight_studies.claims import Claim, write_claims
 from backsight_studies.punch.evaluate import PARAMETERS
 from backsight_studies.punch.experiment import Experiment
 from backsight_studies.sheets import write_sheet
@@ -19,11 +19,7 @@ def write_tables(experiment: Experiment, claims: Sequence[Claim], out: Path) -> 
         ["qx", "sigma_y", "bias_d"],
         [[b.speed_noise, b.sensor_noise, b.bias] for b in experiment.biases],
     )
-    write_sheet(
-        out / "claims.csv",
-        ["claim", "setting", "holds", "measured"],
-        [[c.text, c.setting, c.holds, c.measured] for c in claims],
-    )
+    write_claims(claims, out)
 
 
 def _starts(experiment: Experiment) -> tuple[list[str], list[list[object]]]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -70,8 +71,8 @@ def observer(
     lam: float | None = None,
     rate: float = RATE,
     diagonal: bool = False,
-    form: str = "consistent",
-    interpolation: str = "model",
+    form: Literal["consistent", "printed"] = "consistent",
+    interpolation: Literal["model", "linear", "hold"] = "model",
     adaptive: AdaptiveGain | None = None,
 ) -> Variant:
     """Adaptive high-gain observer, Gamma from the motion.
@@ -92,8 +93,8 @@ def observer(
     estimator = AHG(
         Noise(sigma_y=SIGMA_Y),
         Prior(x0=dict(start), sigma_x0=sigma),
-        lam=gain,
-        Gamma=propose_gamma(joint, motion, lam=gain, rate=rate, period=PERIOD, diagonal=diagonal),
+        gain=gain,
+        Gamma=propose_gamma(joint, motion, gain=gain, rate=rate, period=PERIOD, diagonal=diagonal),
         form=form,
         interpolation=interpolation,
         adaptive=adaptive,

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+from backsight.description import Printed
 from backsight.rounding import shortest
 
 LOST = 1e4
@@ -11,7 +12,7 @@ difference of large numbers there. The estimates lose none."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Claim:
+class Claim(Printed):
     """Differences of one arrival cost, in standard deviations of the estimate.
 
     Parameters
@@ -47,7 +48,7 @@ class Claim:
 
 
 @dataclasses.dataclass(frozen=True)
-class Certificate:
+class Certificate(Printed):
     """What `certify` found; prints itself.
 
     Parameters

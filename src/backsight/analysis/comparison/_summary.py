@@ -13,7 +13,7 @@ from backsight.analysis.comparison.verdict import line
 from backsight.analysis.consistency import (
     Consistency,
     NoiseFactors,
-    consistency,
+    check_consistency,
     log_likelihood,
     mean_nis,
     measured_channels,
@@ -70,7 +70,7 @@ def assess(
         mean_nis=mean_nis(settled),
         nis_expected=float(measured_channels(settled).where(valid).mean("time")),
         nis_band=nis_band(settled),
-        consistency=consistency(settled),
+        consistency=check_consistency(settled),
         rms_innovation=_by_name(rms_innovation(settled), "output"),
         rms_error=_rms_error(settled),
         final=_final(result, reference or {}),

@@ -5,10 +5,11 @@ import math
 
 from backsight.analysis.consistency import Consistency
 from backsight.analysis.forces import Hits
+from backsight.description import Printed
 
 
 @dataclasses.dataclass(frozen=True)
-class Final:
+class Final(Printed):
     """Last estimate of one state [unit], and the reference value it is held against, if any."""
 
     value: float
@@ -33,7 +34,7 @@ class Final:
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
+class Row(Printed):
     """What the comparison table says of one estimator.
 
     Parameters

@@ -24,7 +24,7 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
     return recording + ranking + [f"{row.estimator}: {line(row)}." for row in rows]
 
 
-def consistency(row: Row) -> str:
+def agreement(row: Row) -> str:
     """Return a clause or two on whether an estimator agrees with its own covariances, and why not.
 
     Sizes of innovations are judged by `mean_nis`, their pattern and the cause by
@@ -79,7 +79,7 @@ def line(row: Row) -> str:
         return "diverged, its estimates are worthless; see the status"
     against = _against_reference(row)
     found = str(row.hits) if row.hits is not None and not row.remarks else ""
-    return "; ".join(text for text in (found, consistency(row), against, *row.remarks) if text)
+    return "; ".join(text for text in (found, agreement(row), against, *row.remarks) if text)
 
 
 def _compared(ratio: float) -> str:

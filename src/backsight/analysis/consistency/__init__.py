@@ -2,7 +2,7 @@
 
 from backsight.analysis.consistency._consistency import NOISE_FACTORS as NOISE_FACTORS
 from backsight.analysis.consistency._consistency import Consistency as Consistency
-from backsight.analysis.consistency._consistency import consistency as consistency
+from backsight.analysis.consistency._consistency import check_consistency as check_consistency
 from backsight.analysis.consistency._coverage import coverage as coverage
 from backsight.analysis.consistency._nis import log_likelihood as log_likelihood
 from backsight.analysis.consistency._nis import mean_nis as mean_nis

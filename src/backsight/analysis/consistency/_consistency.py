@@ -15,6 +15,7 @@ from backsight.analysis.consistency._coverage import (
 from backsight.analysis.consistency._nis import mean_nis, measured_channels, nis, nis_band
 from backsight.analysis.consistency._noise_factors import NoiseFactors
 from backsight.analysis.consistency.whiteness import Colour, colours
+from backsight.description import Printed, checked
 from backsight.errors import DataError
 from backsight.rounding import significant
 from backsight.schema import check_result
@@ -27,7 +28,7 @@ NOISE_FACTORS = "noise_factors"
 
 
 @dataclasses.dataclass(frozen=True)
-class Consistency:
+class Consistency(Printed):
     """Agreement of a result with its own covariances; prints itself.
 
     Parameters
@@ -107,7 +108,8 @@ class Consistency:
         return "\n".join(lines)
 
 
-def consistency(result: xr.Dataset) -> Consistency:
+@checked(DataError)
+def check_consistency(result: xr.Dataset) -> Consistency:
     """Judge how a result agrees with its own covariances; see `Consistency`.
 
     Parameters

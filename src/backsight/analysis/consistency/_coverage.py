@@ -16,6 +16,7 @@ import scipy
 import xarray as xr
 
 from backsight.analysis.consistency.whiteness import normalised
+from backsight.description import Printed
 from backsight.types import Array
 
 DEVIATIONS = (1.0, 2.0, 3.0)
@@ -26,7 +27,7 @@ NORMAL = tuple(float(scipy.special.erf(d / math.sqrt(2.0))) for d in DEVIATIONS)
 
 
 @dataclasses.dataclass(frozen=True)
-class MeanNees:
+class MeanNees(Printed):
     """Mean of the normalised estimation error squared.
 
     Parameters

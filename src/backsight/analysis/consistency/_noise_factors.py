@@ -26,6 +26,7 @@ import math
 
 import numpy as np
 
+from backsight.description import Printed
 from backsight.types import Array
 
 LAGS = 12
@@ -65,7 +66,7 @@ class Path:
 
 
 @dataclasses.dataclass(frozen=True)
-class NoiseFactors:
+class NoiseFactors(Printed):
     """By how much the variances of the noise should be larger than those that were assumed.
 
     Parameters

@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.description import Printed
 from backsight.types import Array
 
 LAGS = 20
@@ -33,7 +34,7 @@ WIDEST = 4.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Colour:
+class Colour(Printed):
     """What is left in the innovations of one output.
 
     Parameters

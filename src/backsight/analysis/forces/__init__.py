@@ -1,7 +1,7 @@
 """Estimated forces beside applied ones: impacts, hits, errors."""
 
 from backsight.analysis.forces._force_errors import ForceErrors as ForceErrors
-from backsight.analysis.forces._force_errors import force_errors as force_errors
+from backsight.analysis.forces._force_errors import compare_forces as compare_forces
 from backsight.analysis.forces._force_remarks import REMARKS as REMARKS
 from backsight.analysis.forces._force_remarks import force_remarks as force_remarks
 from backsight.analysis.forces._hits import Hits as Hits
@@ -9,5 +9,5 @@ from backsight.analysis.forces._hits import forces as forces
 from backsight.analysis.forces._hits import hits as hits
 from backsight.analysis.forces._hits import where as where
 from backsight.analysis.forces._impacts import Impact as Impact
-from backsight.analysis.forces._impacts import impacts as impacts
+from backsight.analysis.forces._impacts import find_impacts as find_impacts
 from backsight.analysis.forces._impacts import matches as matches

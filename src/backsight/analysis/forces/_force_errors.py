@@ -6,12 +6,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from backsight.description import Printed, checked
 from backsight.errors import DataError
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class ForceErrors:
+class ForceErrors(Printed):
     """Found forces beside true ones.
 
     Parameters
@@ -55,7 +56,8 @@ class ForceErrors:
         return not self.missed and not self.false_alarms
 
 
-def force_errors(
+@checked(DataError)
+def compare_forces(
     found: ArrayLike, true: ArrayLike, *, least: float = 0.0, steps: int = 0, places: int = 0
 ) -> ForceErrors:
     """Compare forces over time and place with the true ones.

@@ -6,7 +6,8 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from backsight.analysis.forces._impacts import Impact, impacts
+from backsight.analysis.forces._impacts import Impact, find_impacts
+from backsight.description import Printed
 from backsight.rounding import plus_minus, significant
 from backsight.schema import AGO
 from backsight.types import Array
@@ -19,7 +20,7 @@ TOUCHING = 0
 
 
 @dataclasses.dataclass(frozen=True)
-class Hit:
+class Hit(Printed):
     """A hit with the height of its force.
 
     Parameters
@@ -43,7 +44,7 @@ class Hit:
 
 
 @dataclasses.dataclass(frozen=True)
-class Hits:
+class Hits(Printed):
     """All hits of a result, the largest impulse first; prints itself.
 
     Parameters
@@ -70,8 +71,8 @@ class Hits:
 def hits(result: xr.Dataset) -> Hits | None:
     """Find the hits of a result.
 
-    Forces of neighbouring steps at the same place are one hit, see `impacts`. Where an estimator
-    gives a force to every sample, those count that chance does not explain (see `LEVEL`).
+    Forces of neighbouring steps at the same place are one hit, see `find_impacts`. Where an
+    estimator gives a force to every sample, those count that chance does not explain (see `LEVEL`).
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def hits(result: xr.Dataset) -> Hits | None:
     held, std = forces(result)
     acting = result.assign(d_hat=held.copy(data=_beyond_chance(held.values, std.values)), d_std=std)
     labels = dict(zip(map(str, acting["force"].values), where(acting), strict=True))
-    found = [_hit(hit, acting, labels[hit.place]) for hit in impacts(acting, gap=TOUCHING)]
+    found = [_hit(hit, acting, labels[hit.place]) for hit in find_impacts(acting, gap=TOUCHING)]
     found.sort(key=lambda hit: -abs(hit.impact.impulse))
     units = acting["force_unit"].values if "force_unit" in acting.coords else [""]
     return Hits(tuple(found), str(units[0]) if len(set(units)) == 1 else "")

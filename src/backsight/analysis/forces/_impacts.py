@@ -7,12 +7,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from backsight.description import Printed, checked
 from backsight.errors import DataError
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Impact:
+class Impact(Printed):
     """One hit.
 
     Parameters
@@ -37,7 +38,8 @@ class Impact:
     end: float
 
 
-def impacts(result: xr.Dataset, *, gap: int = 1, ghost: float = 0.0) -> list[Impact]:
+@checked(DataError)
+def find_impacts(result: xr.Dataset, *, gap: int = 1, ghost: float = 0.0) -> list[Impact]:
     """Join the forces of neighbouring steps into hits.
 
     A pulse that lasts for several samples, or whose moment falls between two of them, is found as
@@ -112,7 +114,7 @@ def _ghost(hit: Impact, other: Impact, share: float) -> bool:
 
 
 @dataclasses.dataclass(frozen=True)
-class Matches:
+class Matches(Printed):
     """Found hits beside true ones.
 
     Parameters

@@ -1,11 +1,15 @@
 """What measurements can show of states, parameters and forces."""
 
-from backsight.analysis.observability._force_locations import force_locations as force_locations
+from backsight.analysis.observability._force_locations import (
+    check_force_locations as check_force_locations,
+)
 from backsight.analysis.observability._force_locations import force_zeros as force_zeros
 from backsight.analysis.observability._observability import Observability as Observability
-from backsight.analysis.observability._observability import observability as observability
 from backsight.analysis.observability._observability import (
-    observability_along as observability_along,
+    check_observability as check_observability,
+)
+from backsight.analysis.observability._observability import (
+    check_observability_along as check_observability_along,
 )
 from backsight.analysis.observability.zeros import independent as independent
 from backsight.analysis.observability.zeros import transmission_zeros as transmission_zeros

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from backsight.analysis.observability.zeros import independent, transmission_zeros
+from backsight.description import Positive, checked
 from backsight.discrete.exact import zoh
 from backsight.errors import ModelError
 from backsight.models.lti import state_space
@@ -23,7 +24,10 @@ TOLERANCE = 1e-9
 """Singular values below this share of the largest are zero, states and outputs made comparable."""
 
 
-def force_locations(model: Model, dt: float, *, forces: Sequence[str] | None = None) -> xr.Dataset:
+@checked(ModelError)
+def check_force_locations(
+    model: Model, dt: Positive, *, forces: Sequence[str] | None = None
+) -> xr.Dataset:
     r"""Judge a model to which more and more random-walk forces are added as states.
 
     With :math:`d_{k+1} = d_k` the joint model is
@@ -103,7 +107,7 @@ def force_zeros(
     Parameters
     ----------
     model, dt, forces
-        As in `force_locations`.
+        As in `check_force_locations`.
 
     Raises
     ------
@@ -171,7 +175,8 @@ def _verdict(result: xr.Dataset, model: Model, blind: list[int]) -> str:
     about, total = result.attrs, result.sizes["number"] - 1
     if about["most"] < 0:
         return (
-            f"{model.name}: the states are not observable even without forces; see `observability`"
+            f"{model.name}: the states are not observable even without forces; "
+            "see `check_observability`"
         )
     most = f"random-walk forces at up to {about['most']} of {total} places are observable"
     states = int(result["states"][0]) + about["most"]

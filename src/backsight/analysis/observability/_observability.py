@@ -9,7 +9,9 @@ import scipy
 from backsight.analysis.observability._combinations import combinations, ratio
 from backsight.analysis.observability._sensitivity import sensitivities
 from backsight.analysis.observability._sensors import Sensor, repairs
+from backsight.description import Positive, Printed, checked
 from backsight.discrete.runge_kutta import Integrator
+from backsight.errors import ModelError
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.types import Array
@@ -22,7 +24,7 @@ WINDOW_TOLERANCE = 1e-8
 
 
 @dataclasses.dataclass(frozen=True)
-class Observability:
+class Observability(Printed):
     """What the outputs of a model say about its states; prints itself in words.
 
     Parameters
@@ -100,11 +102,12 @@ class Observability:
         return found
 
 
-def observability(
+@checked(ModelError)
+def check_observability(
     model: Model,
     *,
     candidates: Mapping[str, Sensor] | None = None,
-    tolerance: float = LINEAR_TOLERANCE,
+    tolerance: Positive = LINEAR_TOLERANCE,
 ) -> Observability:
     """Judge a linear model.
 
@@ -124,7 +127,7 @@ def observability(
     Raises
     ------
     ModelError
-        If the model is not linear; use `observability_along`.
+        If the model is not linear; use `check_observability_along`.
     """
     A, _, C, _ = state_space(model)
     _, (size, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
@@ -151,7 +154,7 @@ def observability(
     )
 
 
-def observability_along(
+def check_observability_along(
     model: Model,
     u: Array,
     *,
@@ -177,7 +180,7 @@ def observability_along(
     x0 : (nx,) array, optional
         First state; the values in the model if not given.
     integrator, candidates, tolerance
-        As elsewhere; see `observability`.
+        As elsewhere; see `check_observability`.
 
     Raises
     ------

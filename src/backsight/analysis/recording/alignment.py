@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from backsight.analysis.recording.alignment_scale import PLAUSIBLE, Ratio
+from backsight.description import Printed
 from backsight.rounding import significant
 from backsight.types import Array
 
@@ -28,7 +29,7 @@ PARTLY = 0.25
 
 
 @dataclasses.dataclass(frozen=True)
-class Alignment:
+class Alignment(Printed):
     """What was found out about the times and units of a recording; prints itself.
 
     Parameters

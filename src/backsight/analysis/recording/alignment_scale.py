@@ -14,6 +14,7 @@ import math
 
 import numpy as np
 
+from backsight.description import Printed
 from backsight.rounding import significant
 from backsight.types import Array
 
@@ -46,7 +47,7 @@ ALIKE, ALIKE_IF_LARGE, LARGE = 1.6, 3.0, 200.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Ratio:
+class Ratio(Printed):
     """Measured output per response of the model.
 
     Parameters

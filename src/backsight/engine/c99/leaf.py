@@ -2,9 +2,11 @@
 
 import dataclasses
 import math
+from typing import Annotated, ClassVar, Literal
 
+from backsight.description import Called, Description
 from backsight.engine.program import Leaf, Operation
-from backsight.errors import EngineError
+from backsight.errors import BacksightError, EngineError
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARE = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
@@ -18,7 +20,7 @@ FUNCTIONS = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Precision:
+class Precision(Description):
     """Type of all numbers.
 
     Parameters
@@ -26,11 +28,9 @@ class Precision:
     name : {"double", "float"}
     """
 
-    name: str
+    refusal: ClassVar[type[BacksightError]] = EngineError
 
-    def __post_init__(self) -> None:
-        if self.name not in ("double", "float"):
-            raise EngineError(f"unknown precision '{self.name}': use 'double' or 'float'")
+    name: Annotated[Literal["double", "float"], Called("precision")]
 
     @property
     def bytes(self) -> int:
@@ -53,7 +53,7 @@ class Precision:
         return f"({text}{self.suffix})" if value < 0 else text + self.suffix
 
 
-def write_leaf(leaf: Leaf, real: str, kind: Precision) -> str:
+def write_c99_leaf(leaf: Leaf, real: str, kind: Precision) -> str:
     """Write a leaf as a function; its inputs are read before its outputs are written."""
     names = [identifier(name) for name in leaf.names]
     inputs, outputs = names[: len(leaf.inputs)], names[len(leaf.inputs) :]

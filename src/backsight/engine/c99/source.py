@@ -5,8 +5,9 @@ import re
 from collections.abc import Sequence
 
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
-from backsight.engine.c99.leaf import Precision, identifier, write_leaf
+from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
 from backsight.engine.program import Buffer, Program
+from backsight.errors import printable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Source:
     operations: int
 
 
-def write(
+def write_c99(
     program: Program,
     *,
     name: str,
@@ -177,7 +178,7 @@ def _code(
         [
             f'{_comment(about)}\n#include <math.h>\n\n#include "{name}.h"',
             *_includes(program.kernels, kind),
-            *(write_leaf(leaf, f"{name}_real", kind) for leaf in program.leaves),
+            *(write_c99_leaf(leaf, f"{name}_real", kind) for leaf in program.leaves),
             "\n".join(
                 [
                     f"void {name}_init({name}_memory *memory)",
@@ -205,7 +206,16 @@ def _includes(kernels: Sequence[str], kind: Precision) -> list[str]:
 
 
 def _comment(text: str) -> str:
-    return "/* " + text.replace("*/", "* /").replace("\n", "\n   ") + " */"
+    """A comment that ends where it should, whatever is in the text.
+
+    Beside the marks of comments themselves, trigraphs and a backslash at the end of a line could
+    join and end it, and writing that turns its direction could show other code than there is.
+    """
+    lines = []
+    for line in text.splitlines():
+        plain = re.sub(r"\?(?=\?)", "? ", printable(line))
+        lines.append(plain.replace("*/", "* /").replace("/*", "/ *").rstrip(" \t\\"))
+    return "/* " + "\n   ".join(lines) + " */"
 
 
 def _declared(line: str) -> str:

@@ -39,7 +39,7 @@ def declarations(leaves: Iterable[Leaf], width: Width) -> str:
         if width.lanes > 1:
             lines.append(_each_lane(name, n, width))
     return "\n".join(
-        [*lines, *(llvm_math.write(f, width) for f in llvm_math.FUNCTIONS if f in used)]
+        [*lines, *(llvm_math.write_math(f, width) for f in llvm_math.FUNCTIONS if f in used)]
     )
 
 
@@ -60,7 +60,7 @@ def _each_lane(name: str, n: int, width: Width) -> str:
     return "\n".join([*lines, f"  ret {t} {result}", "}"])
 
 
-def write_leaf(leaf: Leaf, width: Width, *, inline: bool) -> str:
+def write_llvm_leaf(leaf: Leaf, width: Width, *, inline: bool) -> str:
     """Write a leaf as a function of pointers to its inputs and outputs.
 
     All inputs are read before an output is written, so that they may be the same memory.

@@ -32,7 +32,7 @@ FARTHEST = 2.0**40
 """Largest argument of sine and cosine that is reduced here; the C library serves larger ones."""
 
 
-def write(name: str, width: Width) -> str:
+def write_math(name: str, width: Width) -> str:
     """Write ``@math.exp``, ``@math.log`` ... as a function of a number, or of one in every lane."""
     kind, text = width.number, Text()
     result = FUNCTIONS[name](Numbers(text, width), "%x")

@@ -14,7 +14,7 @@ SPACE = "%.space"
 """Address of the memory in which all kernels work."""
 
 
-def symbol(kernel: str) -> str:
+def kernel_symbol(kernel: str) -> str:
     """Name under which machine code finds a kernel."""
     return f"backsight.{kernel}"
 
@@ -34,7 +34,7 @@ def called(call: Foreign) -> str:
 def write_foreign(program: Program, width: Width) -> list[str]:
     """Write all that a module needs to call its kernels."""
     declarations = [
-        f"declare void @{symbol(kernel)}(ptr, ptr, ptr, ptr, ptr) nounwind"
+        f"declare void @{kernel_symbol(kernel)}(ptr, ptr, ptr, ptr, ptr) nounwind"
         for kernel in program.kernels
     ]
     distinct = {called(call): call for call in program.foreign}
@@ -66,7 +66,9 @@ def _call(call: Foreign, text: Text, inputs: Sequence[str], outputs: Sequence[st
             text.add(f"store ptr {entry}, ptr {text.address('ptr', table, k)}, align 8")
     ints = text.address("double", SPACE, call.reals)
     arguments = f"@sizes.{called(call)[1:]}", "%.args", "%.results", SPACE, ints
-    text.add(f"call void @{symbol(call.kernel.name)}({', '.join(f'ptr {a}' for a in arguments)})")
+    text.add(
+        f"call void @{kernel_symbol(call.kernel.name)}({', '.join(f'ptr {a}' for a in arguments)})"
+    )
 
 
 def _each_lane(call: Foreign, text: Text, width: Width, vectors: Sequence[str]) -> None:

@@ -23,7 +23,7 @@ def widest() -> int:
     return 8 if llvm.get_host_cpu_features().get("avx512f") else 4
 
 
-def assemble(text: str) -> bytes:
+def assemble_code(text: str) -> bytes:
     """Compile a module for this processor to an object file."""
     target = _target()
     module = llvm.parse_assembly(text)
@@ -70,7 +70,7 @@ class Code:
         return call
 
 
-def load(content: bytes, symbols: Mapping[str, int]) -> Code:
+def load_code(content: bytes, symbols: Mapping[str, int]) -> Code:
     """Load an object file into this process; `symbols` are addresses of what else it calls."""
     _provide_library()
     for name, address in symbols.items():

@@ -1,7 +1,7 @@
 """A loop program in LLVM's language."""
 
 from backsight.engine.llvm._lanes import Lanes
-from backsight.engine.llvm._leaf import declarations, write_leaf
+from backsight.engine.llvm._leaf import declarations, write_llvm_leaf
 from backsight.engine.llvm._statements import Statements
 from backsight.engine.llvm._text import Text
 from backsight.engine.llvm.foreign import space, write_foreign
@@ -15,7 +15,7 @@ LARGEST_LOCAL = 1024
 """Numbers, of all lanes, in a buffer that is a local variable; larger ones are the caller's."""
 
 
-def write(program: Program, width: Width) -> str:
+def write_llvm(program: Program, width: Width) -> str:
     """Write a module with ``void run(int64 n, void **pointers)``, which makes n > 0 steps.
 
     ``pointers`` holds the addresses of the memory (numbers of the lanes side by side), of the
@@ -26,7 +26,7 @@ def write(program: Program, width: Width) -> str:
         declarations(program.leaves, width),
         *(_constant(b, width) for b in constants),
         *(_table(t) for t in program.tables),
-        *(write_leaf(f, width, inline=_inline(f, program)) for f in program.leaves),
+        *(write_llvm_leaf(f, width, inline=_inline(f, program)) for f in program.leaves),
         *write_foreign(program, width),
         _steps(program, width),
         _run(program, width),

@@ -6,7 +6,7 @@ import re
 
 import casadi as ca
 
-from backsight.engine.program.leaf import Leaf, Part, leaf_of, parts_of
+from backsight.engine.program.leaf import Leaf, Part, leaf_of, leaf_parts
 from backsight.engine.program.program import Buffer, Slice, Table
 
 
@@ -62,7 +62,7 @@ class Scope:
     def parts(self, leaf: Leaf) -> list[Part]:
         """Return the parts of a leaf, see `backsight.engine.program.leaf.parts_of`."""
         if leaf.name not in self._parts:
-            parts = parts_of(leaf)
+            parts = leaf_parts(leaf)
             self._parts[leaf.name] = (
                 parts
                 if len(parts) == 1

@@ -211,7 +211,7 @@ def _copies(pieces: Pieces, target: Slice) -> list[Copy]:
 
 
 def _loop(
-    function: ca.Function, loop: loops.Loop, arguments: Sequence[Slice], scope: Scope
+    function: ca.Function, loop: loops.LoopFunction, arguments: Sequence[Slice], scope: Scope
 ) -> Walked:
     body, n = loop.body, loop.n_carry
     _check_dense(body, scope.recursion)
@@ -235,7 +235,7 @@ def _loop(
     return [*start, whole], [[v] for v in (*carry, *stacks)]
 
 
-def _places(loop: loops.Loop, counter: str, scope: Scope) -> Callable[[Slice, int], Slice]:
+def _places(loop: loops.LoopFunction, counter: str, scope: Scope) -> Callable[[Slice, int], Slice]:
     """Where in a stack of pieces of some size a pass of the loop finds its piece."""
 
     def forward(stack: Slice, size: int) -> Slice:

@@ -156,7 +156,7 @@ PART = 300
 """Operations in a part of a leaf."""
 
 
-def parts_of(leaf: Leaf) -> list[Part]:
+def leaf_parts(leaf: Leaf) -> list[Part]:
     """Take a large leaf apart into leaves for some of the results, if these share little."""
     whole = [(leaf, [(j, 0) for j in range(len(leaf.outputs))])]
     if len(leaf.operations) <= LARGEST_WHOLE:

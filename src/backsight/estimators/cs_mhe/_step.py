@@ -6,92 +6,128 @@ import numpy as np
 from backsight.algebra.symmetric import vech
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
-from backsight.estimators.cs_mhe._window import ROUNDING, Solved, Solver, begun_before, motion
+from backsight.estimators.cs_mhe._window import (
+    ROUNDING,
+    Solver,
+    WindowSolution,
+    begun_before,
+    motion,
+)
 from backsight.estimators.cs_mhe.carryover import Carryover, slide
 from backsight.estimators.cs_mhe.tables import Forced
-from backsight.estimators.parts.filtering import carry_inputs, choose, physical
-from backsight.estimators.parts.window import advance, as_columns, empty_queue, queued
-from backsight.schema import Status
-from backsight.types import Array
+from backsight.estimators.parts.filtering import choose, physical
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, leaf, named_results
+from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.window import empty_queue, moved_on, queued
 
-RAISED = (Status.ITERATION_LIMIT, Status.DEPENDENT, Status.UNOBSERVED)
-"""Meaning of the flags."""
+NUMBERS = ("nonzeros", "steps", "kkt", "lam_max")
+"""Outputs about the active set."""
 
 CONSTANT = 1
 """Arrival cost with a covariance that stays."""
 
 
-def recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recursion:
+def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recursion:
     """Put a window's beginning, its solution and its memory together."""
     forced, N, lag = solver.forced, solver.N, solver.lag
-    s, nu, nf = forced.system.s, forced.nu, len(forced.names)
-    (ny, nx), samples = forced.system.C.shape, N + 1
+    s, nu, nf, ny = forced.system.s, forced.nu, len(forced.names), len(forced.system.C)
+    samples = N + 1
     data = [ca.MX.sym(n, k) for n, k in (("u", nu), ("y", ny), ("m", ny))]
     u, y, mask = _enter(forced)(*data)
-    memory = _memory(solver, carryover)
-    symbol, parts = carry_inputs(memory)
-    x_start, P_start, x_next, P_next, U, Y, M, absent, tail, warm, mean, variance, late = parts
+    m = _memory(solver, carryover)
+    e, S = _innovation(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
 
-    e, S = _innovation(forced, samples)(x_next, P_next, absent, u, y, mask)
-    U, Y, M = advance(tuple(as_columns((U, Y, M), samples)), (u, y, mask))
-    absent, slid = _counted()(absent)
-    tail = ca.reshape(tail, -1, samples)
-    warm, mean, variance = (ca.reshape(v, solver.shape[0], -1) for v in (warm, mean, variance))
-    residuals, states, last = motion(forced, samples, tail.shape[0])(x_start, absent, tail, U, Y, M)
+    # 1. the window moves on; its samples differ from the motion without forces
+    U, Y, M = moved_on((m.U, m.Y, m.M), (u, y, mask))
+    absent, slid = _counted()(m.absent)
+    residuals, states, last = motion(forced, samples, m.tail.shape[0])(
+        m.x_start, absent, m.tail, U, Y, M
+    )
+
+    # 2. the problem of eq. 8-14
     found = solver.solve(
         [residuals, M, absent],
-        ca.reshape(P_start, nx, nx),
-        _weights(solver, carryover, mean, variance),
-        warm,
+        m.P_start,
+        _weights(solver, carryover, m.mean, m.variance),
+        m.warm,
     )
+
+    # 3. the estimate, `lag` samples before the end
     here = N - lag
-    x, P, v, *forces = _output(forced)(
+    now = named_results(
+        _output(forced),
         states[:, here] + found.x[1],
         found.P[1],
         U[:, here],
-        tail[:, here] if tail.numel() else ca.MX.zeros(nf),
+        m.tail[:, here] if m.tail.numel() else ca.MX.zeros(nf),
         found.forces,
     )
+    (e, S), late = queued(m.late, [e, S], lag)
+    told = named_results(_told(solver.lam), *found.info)
+    estimate = physical(s, x=now["x"], P=now["triangle"], u=now["v"], e=e, S=S, flags=told["flags"])
+
+    # 4. arrival cost, eq. 12, and what the next window expects (Algorithm 1)
     second = ca.horzcat(states[:, 1:], last)[:, 0] + found.x[0]
-    P_second = ca.MX(s.P0.ravel()) if solver.arrival == CONSTANT else ca.vec(found.P[0])
-    carry = choose(slid, [second, P_second], [x_start, P_start])
-    carry += [last + found.x[2], ca.vec(found.P[2]), *map(ca.vec, (U, Y, M)), absent]
+    P_second = ca.MX(s.P0) if solver.arrival == CONSTANT else found.P[0]
+    x_start, P_start = choose(slid, [second, P_second], [m.x_start, m.P_start])
+    tail = m.tail
     if tail.numel():
         leaving = found.alpha[:, 0] + found.extra[:, 0]
-        carry.append(ca.vec(slide(slid, tail) + slid * begun_before(solver, leaving)))
-    carry += map(ca.vec, _handed_on(solver, carryover, slid, found, variance))
-    (e, S), late = queued(late, [e, S], lag)
-    carry.append(late)
-    flags, *numbers = _told(solver.lam)(*found.info)
-    estimate = physical(s, RAISED)(x, P, v, e, S, flags)
-    return Recursion(
-        step=ca.Function(name, [symbol, *data], [ca.vertcat(*carry), *estimate, *forces, *numbers]),
-        carry0=np.concatenate(memory),
+        tail = slide(slid, tail) + slid * begun_before(solver, leaving)
+    return m.recursion(
+        name,
+        data,
+        next={
+            "x_start": x_start,
+            "P_start": P_start,
+            "x_next": last + found.x[2],
+            "P_next": found.P[2],
+            "U": U,
+            "Y": Y,
+            "M": M,
+            "absent": absent,
+            "tail": tail,
+            "late": late,
+            **_handed_on(solver, carryover, slid, found, m),
+        },
+        outputs={
+            **estimate,
+            **{name: now[name] for name in ("d_hat", "d_raw", "d_std")},
+            **{name: told[name] for name in NUMBERS},
+        },
         channels=(*ESTIMATE_CHANNELS, *_channels(forced.names)),
         dt=s.dt,
         lag=lag,
     )
 
 
-def _memory(solver: Solver, carryover: Carryover | None) -> list[Array]:
-    """What is kept from sample to sample, before the first one."""
+def _memory(solver: Solver, carryover: Carryover | None) -> Memory:
+    """What is kept from sample to sample."""
     s, samples = solver.forced.system.s, solver.N + 1
     nf, ny = len(solver.forced.names), len(s.sy)
     atoms, steps = solver.shape
-    known = atoms * steps if carryover else 0
-    return [
-        *[s.x0, s.P0.ravel()] * 2,
-        *(np.zeros(k * samples) for k in (solver.forced.nu, ny, ny)),
-        np.full(1, float(samples)),
-        np.zeros(nf * samples if solver.shapes.shape[1] > 1 else 0),
-        *(np.zeros(k) for k in (atoms * steps, known, known)),
-        empty_queue(s, solver.lag),
-    ]
+    expected = np.zeros((atoms, steps if carryover else 0))
+    return Memory(
+        x_start=s.x0,
+        P_start=s.P0,
+        x_next=s.x0,
+        P_next=s.P0,
+        U=np.zeros((solver.forced.nu, samples)),
+        Y=np.zeros((ny, samples)),
+        M=np.zeros((ny, samples)),
+        absent=samples,
+        tail=np.zeros((nf if solver.shapes.shape[1] > 1 else 0, samples)),
+        warm=np.zeros((atoms, steps)),
+        mean=expected,
+        variance=expected,
+        late=empty_queue(s, solver.lag),
+    )
 
 
 def _channels(names: tuple[str, ...]) -> tuple[Channel, ...]:
     forces = (Channel(n, ("force",), labels=names) for n in ("d_hat", "d_raw", "d_std"))
-    return (*forces, *map(Channel, ("nonzeros", "steps", "kkt", "lam_max")))
+    return (*forces, *map(Channel, NUMBERS))
 
 
 def _enter(forced: Forced) -> ca.Function:
@@ -109,14 +145,14 @@ def _innovation(forced: Forced, samples: int) -> ca.Function:
     """
     system, nu = forced.system, forced.nu
     nx, ny = len(system.A), len(system.C)
-    x, P, absent = ca.SX.sym("x", nx), ca.SX.sym("P", nx * nx), ca.SX.sym("absent")
+    x, P, absent = ca.SX.sym("x", nx), ca.SX.sym("P", nx, nx), ca.SX.sym("absent")
     u, y, mask = ca.SX.sym("u", nu), ca.SX.sym("y", ny), ca.SX.sym("m", ny)
     C, R = ca.sparsify(ca.DM(system.C)), system.s.R + (forced.F * forced.sigma**2) @ forced.F.T
     ramp = ca.mtimes(ca.sparsify(ca.DM(system.B_next[:, :nu])), u)
     x_prior = x + ca.if_else(absent < samples, ca.densify(ramp), 0)
     D = ca.sparsify(ca.DM(system.D[:, :nu]))
     e = mask * (y - ca.mtimes(C, x_prior) - ca.mtimes(D, u))
-    S = ca.mtimes([C, ca.reshape(P, nx, nx), C.T]) + ca.DM(R)
+    S = ca.mtimes([C, P, C.T]) + ca.DM(R)
     return ca.Function(
         "innovation", [x, P, absent, u, y, mask], [ca.densify(e), vech(ca.densify(S))]
     )
@@ -140,37 +176,41 @@ def _weights(
 
 
 def _handed_on(
-    solver: Solver, carryover: Carryover | None, slid: ca.MX, found: Solved, variance: ca.MX
-) -> list[ca.MX]:
+    solver: Solver, carryover: Carryover | None, slid: ca.MX, found: WindowSolution, m: Memory
+) -> dict[str, ca.MX]:
     """Where the next window starts from, and what it expects, see `Carryover.carry`."""
     if carryover is None:
-        return [slide(slid, found.alpha)]
+        return {"warm": slide(slid, found.alpha), "mean": m.mean, "variance": m.variance}
     last = solver.N - 1 + solver.forced.direct
     seen = np.arange(last, last - solver.shape[1], -1, dtype=np.float64)
-    return carryover.carry(
+    warm, mean, variance = carryover.carry(
         slid,
         (found.alpha, found.extra, found.variance),
-        variance,
+        m.variance,
         threshold=solver.threshold,
         seen=seen,
     )
+    return {"warm": warm, "mean": mean, "variance": variance}
 
 
 def _output(forced: Forced) -> ca.Function:
-    """State, lower triangle of its covariance, all inputs, forces.
+    """``(x, whole, u, tail, forces)`` to state, its covariance, all inputs and forces."""
+    s, nu, nf = forced.system.s, forced.nu, len(forced.names)
 
-    ``(x, P, u, tail, forces) -> (x, P, v, d_hat, d_raw, d_std)``
-    """
-    nx, nu, nf = len(forced.system.A), forced.nu, len(forced.names)
-    x, P = ca.SX.sym("x", nx), ca.SX.sym("P", nx, nx)
-    u, tail, forces = ca.SX.sym("u", nu), ca.SX.sym("tail", nf), ca.SX.sym("forces", nf, 3)
-    kept, raw = forces[:, 0] + tail, forces[:, 1] + tail
-    v = ca.vertcat(u, raw / forced.system.s.su[nu:])
-    return ca.Function(
-        "output",
-        [x, P, u, tail, forces],
-        [x, vech(P), v, kept, raw, ca.sqrt(forces[:, 2])],
-    )
+    def formula(x: ca.SX, whole: ca.SX, u: ca.SX, tail: ca.SX, forces: ca.SX) -> Results:
+        kept, raw = forces[:, 0] + tail, forces[:, 1] + tail
+        return {
+            "x": x,
+            "triangle": vech(whole),
+            "v": ca.vertcat(u, raw / s.su[nu:]),
+            "d_hat": kept,
+            "d_raw": raw,
+            "d_std": ca.sqrt(forces[:, 2]),
+        }
+
+    nx = len(forced.system.A)
+    sizes = {"x": nx, "whole": (nx, nx), "u": nu, "tail": nf, "forces": (nf, 3)}
+    return leaf("output", sizes, formula)
 
 
 def _told(lam: float) -> ca.Function:
@@ -178,8 +218,18 @@ def _told(lam: float) -> ca.Function:
 
     Violations that are mere rounding are not told apart, so that every compiler gives the same.
     """
-    info = [ca.SX.sym(n) for n in ("status", "kkt", "steps", "nonzeros", "lam_max", "unobserved")]
-    status, kkt, steps, nonzeros, lam_max, unobserved = info
-    residual = ca.fmax(kkt / lam, ROUNDING)
-    flags = ca.vertcat(status == 1, status == 2, unobserved)
-    return ca.Function("told", info, [flags, nonzeros, steps, residual, lam_max])
+
+    def formula(
+        status: ca.SX, kkt: ca.SX, steps: ca.SX, nonzeros: ca.SX, lam_max: ca.SX, unobserved: ca.SX
+    ) -> Results:
+        flags = Flags(iteration_limit=status == 1, dependent=status == 2, unobserved=unobserved)
+        return {
+            "flags": flags.vector(),
+            "nonzeros": nonzeros,
+            "steps": steps,
+            "kkt": ca.fmax(kkt / lam, ROUNDING),
+            "lam_max": lam_max,
+        }
+
+    info = ("status", "kkt", "steps", "nonzeros", "lam_max", "unobserved")
+    return leaf("told", dict.fromkeys(info, 1), formula)

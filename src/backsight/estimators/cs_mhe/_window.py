@@ -10,6 +10,9 @@ from backsight.engine.loops import scan
 from backsight.estimators.cs_mhe.tables import Forced, Tables
 from backsight.types import Array
 
+KERNEL = "cs_window"
+"""Finds the optimum."""
+
 NO_LIMIT = 1e30
 """A weight of the l1 norm with which no force is found."""
 
@@ -21,7 +24,7 @@ MARGIN = 16
 
 
 @dataclasses.dataclass(frozen=True)
-class Solved:
+class WindowSolution:
     """What the kernel returns.
 
     Parameters
@@ -105,7 +108,7 @@ class Solver:
         P: ca.MX,
         weights: list[ca.MX],
         warm: ca.MX,
-    ) -> Solved:
+    ) -> WindowSolution:
         """Solve a window.
 
         Parameters
@@ -125,12 +128,12 @@ class Solver:
         side = np.tile(self.side, self.tables.steps)
         given = [ca.MX(ca.DM(a)) for a in (*constants, side, np.array(options))]
         alpha, extra, variance, x, P_all, forces, info = foreign.call(
-            "cs_window",
+            KERNEL,
             self.sizes,
             inputs=[*given, *window, P, *weights, warm],
             outputs=[self.shape] * 3 + [(nx, 3), (nx, 3 * nx), (nf, 3), (6, 1)],
         )
-        return Solved(
+        return WindowSolution(
             alpha,
             extra,
             variance,

@@ -1,21 +1,20 @@
 """What one window tells the next about the forces that it found (Algorithm 1)."""
 
 import dataclasses
-import math
-import numbers
+from typing import Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Count, Description, Positive
 from backsight.engine.loops import scan
-from backsight.errors import TuningError, nearest
 from backsight.types import Array
 
-READINGS = ("separate", "prior", "release")
+Reading: TypeAlias = Literal["separate", "prior", "release"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Carryover:
+class Carryover(Description):
     r"""Forces above the threshold are expected again, one step nearer to the window's beginning.
 
     The paper's :math:`\bar\alpha^*` is the last estimate and :math:`P_{\alpha^*}` its variance plus
@@ -35,18 +34,9 @@ class Carryover:
         A force is carried over once it was seen in so many samples.
     """
 
-    drift: tuple[float, float]
-    reading: str = "separate"
-    age: int = 1
-
-    def __post_init__(self) -> None:
-        if self.reading not in READINGS:
-            hint = nearest(self.reading, READINGS)
-            raise TuningError(f"unknown reading '{self.reading}': {hint}")
-        if len(self.drift) != 2 or not all(math.isfinite(d) and d > 0 for d in self.drift):
-            raise TuningError(f"drift is {self.drift}; give two positive variances (first, last)")
-        if not isinstance(self.age, numbers.Integral) or self.age < 1:
-            raise TuningError(f"age is {self.age}; it must be a whole number from 1 on")
+    drift: tuple[Positive, Positive]
+    reading: Reading = "separate"
+    age: Count = 1
 
     def weights(self, mean: ca.MX, variance: ca.MX, lam: float) -> list[ca.MX]:
         """Priors of the next window: weights of l1, information and mean of alpha, of extras.

@@ -2,15 +2,18 @@
 
 import abc
 import dataclasses
+from collections.abc import Iterator
+from typing import Annotated
 
 import numpy as np
 
+from backsight.description import Called, Count, Description, Distinct, Sound
 from backsight.errors import TuningError
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractDictionary(abc.ABC):
+class AbstractDictionary(Description, abc.ABC):
     r"""Atoms that begin at every step of the window.
 
     The forces over the steps, held between the samples, are
@@ -53,12 +56,12 @@ class HalfSines(AbstractDictionary):
         Durations in sampling periods; pulses of all of them are offered.
     """
 
-    widths: tuple[int, ...] = (2,)
+    widths: Annotated[tuple[Count, ...], Distinct()] = (2,)
 
-    def __post_init__(self) -> None:
-        if not self.widths or any(w != int(w) or w < 1 for w in self.widths):
-            raise TuningError(f"widths is {self.widths}; give whole numbers of samples from 1 on")
-        object.__setattr__(self, "widths", tuple(int(w) for w in self.widths))
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("widths") and not self.widths:
+            yield "widths is (); give whole numbers of samples from 1 on"
 
     def shapes(self, forces: int) -> Array:
         """See `AbstractDictionary.shapes`."""
@@ -79,19 +82,26 @@ class Atoms(AbstractDictionary):
         One column per atom: how large each force is, over one step or over several.
     """
 
-    matrix: Array
+    matrix: Annotated[Array, Called("the dictionary")]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "matrix", np.asarray(self.matrix, float))
+
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if not sound("matrix"):
+            return
         matrix = np.asarray(self.matrix, float)
-        if matrix.ndim not in (2, 3) or not matrix.size or not np.isfinite(matrix).all():
-            raise TuningError(
+        if matrix.ndim not in (2, 3) or not matrix.size:
+            yield (
                 f"the dictionary has the shape {matrix.shape}; give (forces, atoms) or (forces, "
                 "steps, atoms) finite numbers"
             )
+            return
         empty = ~np.abs(matrix).reshape(-1, matrix.shape[-1]).max(axis=0).astype(bool)
         if empty.any():
-            raise TuningError(f"atom {int(np.argmax(empty))} of the dictionary is zero; remove it")
-        object.__setattr__(self, "matrix", matrix)
+            yield f"atom {int(np.argmax(empty))} of the dictionary is zero; remove it"
 
     def shapes(self, forces: int) -> Array:
         """See `AbstractDictionary.shapes`."""

@@ -1,17 +1,26 @@
 """Compressive-sensing moving horizon estimation: states and sparse unknown forces."""
 
 import dataclasses
-import math
-import numbers
-from typing import ClassVar
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from backsight.description import (
+    Distinct,
+    Horizon,
+    NonNegative,
+    PositiveOrInfinite,
+    Range,
+    Sound,
+    Whole,
+)
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import ModelError, TuningError, nearest
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.cs_mhe._step import recursion
-from backsight.estimators.cs_mhe._window import NO_LIMIT, Solver
+from backsight.estimators.cs_mhe._step import cs_recursion
+from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
 from backsight.estimators.cs_mhe.tables import Forced, check_forces, tables
@@ -23,8 +32,9 @@ from backsight.models.signals import vector
 from backsight.models.unknown_forces import forces_as_inputs
 from backsight.types import Array, ByName
 
-ARRIVALS = ("none", "constant", "filtered", "smoothed")
-CORRECTIONS = ("none", "amplitude", "energy")
+Arrival: TypeAlias = Literal["none", "constant", "filtered", "smoothed"]
+Correction: TypeAlias = Literal["none", "amplitude", "energy"]
+ARRIVALS, CORRECTIONS = get_args(Arrival), get_args(Correction)
 
 STEPS_PER_ATOM = 4
 """The active set may take so many steps for every atom that can be active, and some more."""
@@ -95,6 +105,13 @@ class CompressiveSensingMHE(AbstractEstimator):
 
     A window that is not full yet, or has gaps, is one with samples that were not measured.
 
+    Raises
+    ------
+    EngineError
+        If the C kernels of the package are not compiled.
+    TuningError
+        If a setting is wrong.
+
     References
     ----------
     Kirchner, Croes, Cosco, Desmet, "Exploiting input sparsity for joint state/input moving horizon
@@ -105,51 +122,50 @@ class CompressiveSensingMHE(AbstractEstimator):
 
     key: ClassVar[str] = "csmhe"
     title: ClassVar[str] = "Compressive-sensing moving horizon estimator"
+    kernels: ClassVar[tuple[str, ...]] = (KERNEL,)
 
     noise: Noise
     prior: Prior
-    forces: tuple[str, ...]
-    lam: float
-    N: int = 10
-    sigma_force: ByName = 0.0
+    forces: Annotated[tuple[str, ...], Distinct()]
+    lam: PositiveOrInfinite
+    N: Horizon = 10
+    sigma_force: Annotated[ByName, Range("not be negative", 0.0)] = 0.0
     dictionary: Impulses | HalfSines | Atoms = dataclasses.field(default_factory=Impulses)
-    nonnegative: tuple[str, ...] = ()
-    nonpositive: tuple[str, ...] = ()
-    arrival: str = "filtered"
+    nonnegative: Annotated[tuple[str, ...], Distinct()] = ()
+    nonpositive: Annotated[tuple[str, ...], Distinct()] = ()
+    arrival: Arrival = "filtered"
     carryover: Carryover | None = None
-    threshold: float = 0.0
-    correction: str = "none"
-    lag: int | None = None
-    hold: str = "zoh"
+    threshold: NonNegative = 0.0
+    correction: Correction = "none"
+    lag: Whole | None = None
+    hold: Hold = "zoh"
 
-    def __post_init__(self) -> None:
-        problems = []
-        if not isinstance(self.N, numbers.Integral) or self.N < 1:
-            problems.append(f"the horizon N is {self.N}; it must be a whole number from 1 on")
-        elif self.lag is not None and self.lag not in range(self.N + 1):
-            problems.append(f"lag is {self.lag}; it must be a whole number from 0 to N = {self.N}")
-        if not self.lam > 0:
-            problems.append(f"lam is {self.lam}; it must be positive")
-        if not (self.threshold >= 0 and math.isfinite(self.threshold)):
-            problems.append(f"threshold is {self.threshold}; it must not be negative")
-        if self.arrival not in ARRIVALS:
-            problems.append(f"unknown arrival '{self.arrival}': {nearest(self.arrival, ARRIVALS)}")
-        if self.correction not in CORRECTIONS:
-            hint = nearest(self.correction, CORRECTIONS)
-            problems.append(f"unknown correction '{self.correction}': {hint}")
-        if problems:
-            raise TuningError("; ".join(problems))
-        for name in ("forces", "nonnegative", "nonpositive"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("lag", "N") and self.lag is not None and self.lag > self.N:
+            yield f"lag is {self.lag}; it must be a whole number from 0 to N = {self.N}"
+        if not sound("forces", "nonnegative", "nonpositive"):
+            return
+        if not self.forces:
+            yield "forces: no unknown force is named"
+        for name in dict.fromkeys((*self.nonnegative, *self.nonpositive)):
+            if name not in self.forces:
+                yield f"'{name}' is none of the forces: {nearest(name, self.forces)}"
+            elif name in self.nonnegative and name in self.nonpositive:
+                yield f"the force '{name}' is nonnegative and nonpositive: it is zero"
 
     @property
     def delay(self) -> int:
         """Samples from the newest one back to that of the output."""
         return self.N if self.lag is None else self.lag
 
+    def variants(self) -> Mapping[str, AbstractEstimator]:
+        """See `AbstractEstimator.variants`: only itself, by the word for its arrival cost."""
+        return {self.arrival: self}
+
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        return recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
+        return cs_recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
 
     def forced(self, model: Model, dt: float) -> Forced:
         """Discretise the model with its unknown forces as inputs, and check both.
@@ -172,8 +188,6 @@ class CompressiveSensingMHE(AbstractEstimator):
             )
         except ModelError as error:
             raise TuningError(str(error)) from None
-        if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
-            raise TuningError(f"sigma_force is {self.sigma_force}; it must not be negative")
         E, F = (system.B + system.B_next)[:, -m:], system.D[:, -m:]
         unit = system.s.su[-m:]
         forced = Forced(system, E / unit, F / unit, sigma, self.forces)
@@ -205,14 +219,9 @@ class CompressiveSensingMHE(AbstractEstimator):
 
     def sides(self) -> Array:
         """Sign of every atom: 1, -1, or 0 if it is free."""
-        side, both = np.zeros(len(self.forces)), set(self.nonnegative) & set(self.nonpositive)
-        if both:
-            raise TuningError(f"the force '{min(both)}' is nonnegative and nonpositive: it is zero")
+        side = np.zeros(len(self.forces))
         for names, sign in ((self.nonnegative, 1.0), (self.nonpositive, -1.0)):
             for name in names:
-                if name not in self.forces:
-                    hint = nearest(name, self.forces)
-                    raise TuningError(f"'{name}' is none of the forces: {hint}")
                 side[self.forces.index(name)] += sign
         belongs = self.dictionary.force_of(len(side))
         if side.any() and min(belongs) < 0:

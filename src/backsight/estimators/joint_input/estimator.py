@@ -1,25 +1,29 @@
 """Joint estimation of states and forces of which nothing is known (Gillijns and De Moor)."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Called, Distinct, Range, Sound
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
-from backsight.estimators.joint_input._step import covariance0, step
+from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
-from backsight.estimators.parts.filtering import carry_inputs, physical
+from backsight.estimators.parts.covariance import Covariance
+from backsight.estimators.parts.filtering import physical
+from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.linear import linear
+from backsight.estimators.parts.memory import Memory
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
 from backsight.models.unknown_forces import forces_as_inputs
-from backsight.schema import Status
 from backsight.types import Array
 
 UNKNOWN = 1e4
@@ -57,7 +61,7 @@ class JointInput(AbstractEstimator):
     hold : {"zoh", "foh"}
         Known inputs between the samples of a continuous model: held, or interpolated. The unknown
         forces are held.
-    sigma_forces : dict or number, optional
+    sigma_force : dict or number, optional
         Standard deviation given to the forces at samples whose measurements do not determine them
         [their unit]; by default 1e4 times what the noise of the sensors alone would make of it.
 
@@ -68,7 +72,7 @@ class JointInput(AbstractEstimator):
     large while a force acts.
 
     Rows that were not measured are left out. If those that remain do not determine all forces, the
-    forces of this sample get the mean zero and the standard deviation `sigma_forces`; the
+    forces of this sample get the mean zero and the standard deviation `sigma_force`; the
     covariances count that, and the status says *unobserved*. The same is said of the force before
     the first sample, without a status.
 
@@ -85,12 +89,16 @@ class JointInput(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    forces: tuple[str, ...]
-    hold: str = "zoh"
-    sigma_forces: Mapping[str, float] | float | None = None
+    forces: Annotated[tuple[str, ...], Distinct(), Called("forces")]
+    hold: Hold = "zoh"
+    sigma_force: Annotated[
+        Mapping[str, float] | float | None, Range("be positive", 0.0, above=True)
+    ] = None
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "forces", tuple(self.forces))
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("forces") and not self.forces:
+            yield "forces: no unknown force is named"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
@@ -106,36 +114,45 @@ class JointInput(AbstractEstimator):
 
     def _spread(self, found: Forces, joined: Model) -> Array:
         """Covariance of forces that the measurements do not determine, scaled, (m, m)."""
-        if self.sigma_forces is None:
+        if self.sigma_force is None:
             information = found.H.T @ np.linalg.solve(found.system.s.R, found.H)
             return np.asarray(UNKNOWN**2 * np.linalg.inv(information), float)
         signals = joined.inputs[-len(self.forces) :]
         missing = np.full(len(signals), np.nan)
         try:
-            sigma = vector(self.sigma_forces, signals, what="sigma_forces", default=missing)
+            sigma = vector(self.sigma_force, signals, what="sigma_force", default=missing)
         except ModelError as error:
             raise TuningError(str(error)) from None
         bad = [s.name for s, v in zip(signals, sigma, strict=True) if not 0 < v < np.inf]
         if bad:
-            raise TuningError(f"sigma_forces must be positive and finite for {', '.join(bad)}")
+            raise TuningError(f"sigma_force must be positive and finite for {', '.join(bad)}")
         return np.diag((sigma / found.unit) ** 2)
 
 
 def _recursion(name: str, found: Forces) -> Recursion:
-    s, labels = found.system.s, found.names
-    sizes = (("u", found.nu), ("y", s.model.ny), ("m", s.model.ny))
-    data = [ca.MX.sym(n, k) for n, k in sizes]
-    memory = [s.x0, covariance0(found), np.zeros(1)]
-    symbol, (x, P, started) = carry_inputs(memory)
-    ahead, (x, vP, v, e, S, flags), forces = step(found, [x, P, started, *data])
-    outputs = physical(s, (Status.CLIPPED, Status.UNOBSERVED))(x, vP, v, e, S, flags)
-    return Recursion(
-        step=ca.Function(name, [symbol, *data], [ca.vertcat(*ahead, 1), *outputs, *forces]),
-        carry0=np.concatenate(memory),
+    s, kept = found.system.s, Covariance(found.system.s.model.nx)
+    sizes = {"u": found.nu, "y": s.model.ny, "m": s.model.ny}
+    data = [ca.MX.sym(n, k) for n, k in sizes.items()]
+    m = Memory(x=s.x0, P=kept.kept(s.P0), started=0)
+    now = named_results(step(found), m.x, m.P, m.started, *data)
+    estimate = physical(
+        s,
+        x=now["x_post"],
+        P=now["triangle"],
+        u=now["v"],
+        e=now["e"],
+        S=now["spread"],
+        flags=now["flags"],
+    )
+    return m.recursion(
+        name,
+        data,
+        next={"x": now["x_next"], "P": now["P_next"], "started": 1},
+        outputs={**estimate, "d_hat": now["d"], "P_d": now["d_triangle"]},
         channels=(
             *ESTIMATE_CHANNELS,
-            Channel("d_hat", ("force",), labels=labels, ago=0 if found.direct else 1),
-            Channel("P_d", ("force", "force_"), symmetric=True, labels=labels),
+            Channel("d_hat", ("force",), labels=found.names, ago=0 if found.direct else 1),
+            Channel("P_d", ("force", "force_"), symmetric=True, labels=found.names),
         ),
         dt=s.dt,
     )

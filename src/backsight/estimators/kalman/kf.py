@@ -3,24 +3,20 @@
 import dataclasses
 from typing import ClassVar
 
+import casadi as ca
 import numpy as np
 import scipy
 
+from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.parts import gaussian, large
+from backsight.estimators.kalman import ekf
+from backsight.estimators.parts.covariance import Covariance, Term
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.fixed_gain import correct_with
-from backsight.estimators.parts.linear import (
-    Linear,
-    covariance0,
-    innovation,
-    is_large,
-    linear,
-    predict,
-    stored_covariance,
-)
+from backsight.estimators.parts.leaf import Results, half, leaf, notation
+from backsight.estimators.parts.linear import Linear, linear
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.types import Array
@@ -66,25 +62,15 @@ class KalmanFilter(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    hold: str = "zoh"
+    hold: Hold = "zoh"
     steady_state: bool = False
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         system = self._system(model, dt)
         if self.steady_state:
-            correct = correct_with(system, _riccati(system)[0])
-        else:
-            correct = (large if is_large(system) else gaussian).correct(system.s)
-        halves = Halves(
-            spread0=covariance0(system),
-            innovation=innovation(system),
-            correct=correct,
-            predict=predict(system),
-            covariance=stored_covariance(system),
-            ramp=system.ramp,
-        )
-        return assemble(self.key, system.s, halves)
+            return assemble(self.key, system.s, fixed_gain_halves(system, _riccati(system)[0]))
+        return assemble(self.key, system.s, linear_halves(system, ekf.correct(system.s)))
 
     def steady(self, model: Model, dt: float) -> tuple[Array, Array]:
         """Gain K (nx, ny) and covariance of the one-step prediction (nx, nx) in the steady state.
@@ -103,6 +89,41 @@ class KalmanFilter(AbstractEstimator):
 
     def _system(self, model: Model, dt: float) -> Linear:
         return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+
+
+def linear_halves(system: Linear, correct: ca.Function) -> Halves:
+    """Halves of a filter of a linear model with the given measurement update."""
+    kept = Covariance(system.s.model.nx)
+    return Halves(
+        spread0=kept.kept(system.s.P0),
+        innovation=ekf.innovation(system.s),
+        correct=correct,
+        predict=predict_linear(system),
+        covariance=kept.triangle(),
+        ramp=system.ramp,
+    )
+
+
+def fixed_gain_halves(system: Linear, gain: Array) -> Halves:
+    """Halves of a filter that corrects with a constant gain (nx, ny)."""
+    return linear_halves(system, correct_with(system, gain))
+
+
+def predict_linear(system: Linear) -> ca.Function:
+    """Time update ``(x, P, u, u_next) -> (x, P)``: A P A' + Q; see `Covariance`."""
+    s = system.s
+    held = ekf.predict(s, Integrator(), "discrete")
+    if not system.ramp:
+        return held
+    B = ca.sparsify(ca.DM(system.B_next))
+    ramp = leaf("ramp_end", notation(s), lambda x, u_next: {"x_end": x + ca.mtimes(B, u_next)})
+    kept = Covariance(s.model.nx)
+
+    def formula(x: Term, spread: Term, u: Term, u_next: Term) -> Results:
+        moved, P = held(x, spread, u, u)
+        return {"x_end": ramp(moved, u_next), "spread_next": P}
+
+    return half("predict_ramp", s, formula, {"spread": kept.size})
 
 
 def _riccati(system: Linear) -> tuple[Array, Array]:

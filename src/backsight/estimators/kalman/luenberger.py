@@ -3,41 +3,38 @@
 import dataclasses
 import warnings
 from collections import Counter
-from typing import Any, ClassVar
+from collections.abc import Iterator
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.update import measured, noise_of
+from backsight.description import Printed, Sound
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError, nearest
-from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, data_symbols
-from backsight.estimators.parts.filtering import Halves, assemble, packed, physical
-from backsight.estimators.parts.fixed_gain import correct_with
-from backsight.estimators.parts.gaussian import clip
-from backsight.estimators.parts.linear import (
-    Linear,
-    covariance0,
-    innovation,
-    linear,
-    predict,
-    require_observable,
-    stored_covariance,
-)
+from backsight.errors import TuningError
+from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
+from backsight.estimators.kalman.kf import fixed_gain_halves
+from backsight.estimators.parts.covariance import packed
+from backsight.estimators.parts.filtering import assemble, data_inputs, physical
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, leaf, notation
+from backsight.estimators.parts.linear import Linear, linear, require_observable
+from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-from backsight.schema import Status
 from backsight.types import Array
 
-FORMS = ("filtering", "prediction")
+Form: TypeAlias = Literal["filtering", "prediction"]
 """Whether the estimate uses the measurement of its own sample."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Observer:
+class Observer(Printed):
     """A gain and what it does; prints itself.
 
     Parameters
@@ -54,7 +51,7 @@ class Observer:
     gain: Array
     eigenvalues: NDArray[np.complex128]
     dt: float
-    form: str
+    form: Form
 
     def __str__(self) -> str:
         gain = np.array2string(self.gain, precision=6, prefix="  gain ")
@@ -110,22 +107,20 @@ class Luenberger(AbstractEstimator):
     noise: Noise
     prior: Prior
     poles: tuple[complex, ...]
-    form: str = "filtering"
-    hold: str = "zoh"
+    form: Form = "filtering"
+    hold: Hold = "zoh"
 
-    def __post_init__(self) -> None:
-        if self.form not in FORMS:
-            raise TuningError(f"unknown form '{self.form}': {nearest(self.form, FORMS)}")
-        object.__setattr__(self, "poles", tuple(complex(p) for p in self.poles))
-        outside = [p for p in self.poles if not abs(p) < 1]
-        if outside:
-            raise TuningError(
-                f"pole {_shown(outside[0])} is not inside the unit circle; the error would grow"
-            )
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if not sound("poles"):
+            return
+        for pole in self.poles:
+            if not abs(pole) < 1:
+                yield f"pole {_shown(pole)} is not inside the unit circle; the error would grow"
         count = Counter(self.poles)
         alone = [p for p in self.poles if p.imag and count[p] != count[p.conjugate()]]
         if alone:
-            raise TuningError(
+            yield (
                 f"pole {_shown(alone[0])} has no conjugate partner; add "
                 f"{_shown(alone[0].conjugate())}"
             )
@@ -148,15 +143,7 @@ class Luenberger(AbstractEstimator):
         gain = self._gain(system, model)
         if self.form == "prediction":
             return _predicting(self.key, system, gain)
-        halves = Halves(
-            spread0=covariance0(system),
-            innovation=innovation(system),
-            correct=correct_with(system, gain),
-            predict=predict(system),
-            covariance=stored_covariance(system),
-            ramp=system.ramp,
-        )
-        return assemble(self.key, system.s, halves)
+        return assemble(self.key, system.s, fixed_gain_halves(system, gain))
 
     def _system(self, model: Model, dt: float) -> Linear:
         return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
@@ -193,28 +180,36 @@ def _error(system: Linear, gain: Array, form: str) -> Array:
 
 
 def _predicting(name: str, system: Linear, L: Array) -> Recursion:
-    """Recursion of the prediction form; the carry lacks the part of an interpolated input."""
+    """Recursion of the prediction form; the memory lacks the part of an interpolated input."""
     s = system.s
-    nx, m = s.model.nx, s.model
-    u_, y_, mask = data_symbols(m)
-    u, y = u_ / s.su, y_ / s.sy
-    vP, z, started = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("z", nx), ca.SX.sym("started")
+    data = data_inputs(s)
+    u, y, mask = s.enter()(*data)
+    m = Memory(z=s.x0, P=packed(s.P0), started=0)
     A, B, B_next, C = (ca.sparsify(ca.DM(k)) for k in (system.A, system.B, system.B_next, system.C))
-    free = z + started * ca.mtimes(B_next, u)
-    x, P = clip(s, free), unvech(vP)
-    seen, R = measured(mask), noise_of(ca.SX(s.R), mask)
-    e = seen * (y - m.output(x, u))
-    gain = ca.SX(ca.DM(L)) @ ca.diag(seen)
-    error = ca.SX(A) - gain @ C
-    P_next = error @ P @ error.T + gain @ R @ gain.T + ca.SX(s.Q)
-    z_next = ca.mtimes(A, x) + ca.mtimes(B, u) + ca.mtimes(ca.DM(L), e)
-    clipped = ca.if_else(ca.norm_1(x - free) > 0, 1, 0)
-    S = vech(ca.densify(ca.SX(C) @ P @ C.T + R))
-    outputs = physical(s, (Status.CLIPPED,)).call([x, vP, u, e, S, clipped])
-    carry = [ca.vertcat(z, vP, started), ca.vertcat(z_next, vech(ca.densify(P_next)), 1)]
-    return Recursion(
-        step=ca.Function(name, [carry[0], u_, y_, mask], [ca.densify(carry[1]), *outputs]),
-        carry0=np.concatenate([s.x0, packed(s.P0), np.zeros(1)]),
+
+    def formula(z: ca.SX, P: ca.SX, started: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
+        free = z + started * ca.mtimes(B_next, u)
+        x, seen, R = within_bounds(s, free), measured(mask), noise_of(ca.SX(s.R), mask)
+        e = seen * (y - s.model.output(x, u))
+        gain = ca.SX(ca.DM(L)) @ ca.diag(seen)
+        error = ca.SX(A) - gain @ C
+        flags = Flags(clipped=ca.if_else(ca.norm_1(x - free) > 0, 1, 0))
+        return {
+            "x": x,
+            "e": e,
+            "S": ca.densify(ca.SX(C) @ P @ C.T + R),
+            "flags": flags.vector(),
+            "z_next": ca.mtimes(A, x) + ca.mtimes(B, u) + ca.mtimes(ca.DM(L), e),
+            "P_next": ca.densify(error @ P @ error.T + gain @ R @ gain.T + ca.SX(s.Q)),
+        }
+
+    sizes = {**notation(s), "z": s.model.nx, "started": 1}
+    x, e, S, flags, z, P = leaf("observe", sizes, formula)(m.z, m.P, m.started, u, y, mask)
+    return m.recursion(
+        name,
+        data,
+        next={"z": z, "P": P, "started": 1},
+        outputs=physical(s, x=x, P=m.P, u=u, e=e, S=S, flags=flags),
         channels=ESTIMATE_CHANNELS,
         dt=s.dt,
     )

@@ -7,19 +7,32 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.sigma import Weights, factor, sigma_points, weights
-from backsight.algebra.symmetric import unvech, vech
+from backsight.algebra.sigma import Weights, weights
+from backsight.algebra.symmetric import vech
 from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked, measured, noise_of
+from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.estimators.parts.covariance import Covariance, Term, packed, times_transposed
+from backsight.estimators.parts.factors import (
+    cholesky,
+    deviation_factor,
+    each_column,
+    minus,
+    on_top,
+    sigma_columns,
+)
 from backsight.estimators.parts.filtering import Halves, assemble
-from backsight.estimators.parts.gaussian import clip, flow, substep_inputs
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, half, leaf, notation
+from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,64 +74,109 @@ class UKF(AbstractEstimator):
     noise: Noise
     prior: Prior
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
-    alpha: float = 1.0
+    alpha: Positive = 1.0
     beta: float = 2.0
     kappa: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.alpha > 0:
-            raise TuningError(f"alpha is {self.alpha}; the spread of sigma points must be positive")
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
-        return assemble(self.key, s, self.halves(s))
-
-    def halves(self, s: Setting) -> Halves:
-        """Measurement update and time update."""
-        n = s.model.nx
-        if not n + self.kappa > 0:
-            raise TuningError(f"kappa is {self.kappa}; it must be above -{n} for {n} states")
-        w = weights(n, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
-        start = cholesky_semidefinite(ca.SX(ca.DM(s.P0)))
-        return Halves(
-            spread0=np.append(np.asarray(ca.evalf(vech(start))), 0.0),
-            innovation=_innovation(s, w),
-            correct=_correct(s, w),
-            predict=_predict(s, w, self.integrator),
-            covariance=_covariance(n),
-            ramp=self.integrator.hold == "foh",
-        )
+        points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
+        return assemble(self.key, s, ukf_halves(s, self.integrator, points))
 
 
-def _symbols(s: Setting) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """State, spread, u, y, mask; the spread is the factor and 1 if a prediction had none."""
-    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    sizes = {"x": nx, "spread": nx * (nx + 1) // 2 + 1, "u": nu, "y": ny, "mask": ny}
-    x, spread, u, y, mask = (ca.SX.sym(name, size) for name, size in sizes.items())
-    return x, spread, u, y, mask
+def points_of(s: Setting, *, alpha: float, beta: float, kappa: float) -> Weights:
+    """Spread and weights of the sigma points for a model; raises `TuningError`, see `UKF`."""
+    n = s.model.nx
+    if not n + kappa > 0:
+        raise TuningError(f"kappa is {kappa}; it must be above -{n} for {n} states")
+    return weights(n, alpha=alpha, beta=beta, kappa=kappa)
 
 
-def _points(s: Setting, w: Weights, x: ca.SX, spread: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Sigma points inside the bounds of the states, and how far outside they were."""
-    free = sigma_points(x, ca.tril(unvech(spread[:-1])), w.spread)
-    points = ca.horzcat(*(clip(s, free[:, i]) for i in range(free.shape[1])))
-    return points, free - points
+def ukf_halves(s: Setting, integrator: Integrator, w: Weights) -> Halves:
+    """Measurement update and time update, see `UKF`; the spread is that of `Factor`."""
+    kept = Factor(Covariance(s.model.nx))
+    return Halves(
+        spread0=np.append(kept.of(cholesky_factor(s.P0)), 0.0),
+        innovation=_innovation(s, w),
+        correct=_correct(s, w),
+        predict=_predict(s, w, integrator),
+        covariance=_covariance(s),
+        ramp=integrator.hold == "foh",
+    )
 
 
-def _outputs(s: Setting, w: Weights, points: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.SX]:
+@dataclasses.dataclass(frozen=True)
+class Factor:
+    """How the lower factor of a covariance is kept, and 1 behind it if a prediction had none.
+
+    Parameters
+    ----------
+    like : Covariance
+    """
+
+    like: Covariance
+
+    @property
+    def size(self) -> int:
+        """How many numbers are kept."""
+        return self.like.size + 1
+
+    def of(self, L: Array) -> Array:
+        """A factor in numbers as it is kept, without the last entry."""
+        return L.ravel(order="F") if self.like.whole else packed(L)
+
+    def opened(self, spread: Term) -> Term:
+        """The factor (n, n)."""
+        L = self.like.opened(spread[:-1])
+        return L if self.like.whole else ca.tril(L)
+
+    def closed(self, L: Term) -> Term:
+        """A factor (n, n) as it is kept, without the last entry."""
+        return ca.vec(L) if self.like.whole else vech(ca.densify(L))
+
+
+def cholesky_factor(P: Array) -> Array:
+    """Lower factor of a positive semidefinite matrix in numbers."""
+    A = ca.MX(ca.DM(P)) if Covariance(len(P)).whole else ca.SX(ca.DM(P))
+    return np.asarray(ca.evalf(ca.densify(cholesky(A))))
+
+
+def _points(s: Setting, w: Weights, x: Term, spread: Term) -> tuple[Term, Term]:
+    """Sigma points inside the bounds of the states, and how far that moved them."""
+    L = Factor(Covariance(s.model.nx)).opened(spread)
+    within = leaf(
+        "within",
+        notation(s),
+        lambda x: {"x_in": within_bounds(s, x), "off": within_bounds(s, x) - x},
+    )
+    points, off = each_column(within, sigma_columns(x, L, w.spread))
+    return points, off
+
+
+def _outputs(s: Setting, w: Weights, points: Term, u: Term) -> tuple[Term, Term]:
     """Mean output (ny,) and deviations from it (ny, 2 n + 1)."""
-    Y = ca.horzcat(*(s.model.output(points[:, i], u) for i in range(points.shape[1])))
+    (Y,) = each_column(
+        leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)}), points, u
+    )
     mean = Y @ w.mean
-    return mean, Y - mean
+    return mean, minus(Y, mean)
 
 
 def _innovation(s: Setting, w: Weights) -> ca.Function:
-    x, spread, u, y, mask = _symbols(s)
-    y_mean, dY = _outputs(s, w, _points(s, w, x, spread)[0], u)
-    S = dY @ ca.diag(ca.SX(w.covariance)) @ dY.T + noise_of(ca.SX(s.R), mask)
-    e = measured(mask) * (y - y_mean)
-    return ca.Function("innovation", [x, spread, u, y, mask], [e, vech(S)])
+    def seen(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
+        S = dY @ ca.diag(ca.SX(w.covariance)) @ dY.T + noise_of(ca.SX(s.R), mask)
+        return {"e": measured(mask) * (y - y_mean), "covariance": S}
+
+    sizes = {"dY": (s.model.ny, len(w.mean)), "spread": Factor(Covariance(s.model.nx)).size}
+    compare = leaf("compare", {**notation(s), **sizes}, seen)
+
+    def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
+        y_mean, dY = _outputs(s, w, _points(s, w, x, spread)[0], u)
+        e, S = compare(y, dY, y_mean, mask)
+        return {"e": e, "S": S}
+
+    return half("innovation", s, formula, sizes)
 
 
 def _correct(s: Setting, w: Weights) -> ca.Function:
@@ -127,61 +185,88 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     The joint factor of outputs and states, [[Sy, 0], [K Sy, L+]], holds the gain and the factor of
     the posterior, so that nothing is ever subtracted from a covariance.
     """
-    x, spread, u, y, mask = _symbols(s)
-    nx, ny = s.model.nx, s.model.ny
-    points, outside = _points(s, w, x, spread)
-    held = ca.if_else(ca.norm_1(ca.vec(outside)) > 0, 1, 0)
-    y_mean, dY = _outputs(s, w, points, u)
-    dY, e, R = masked(dY, y - y_mean, ca.SX(s.R), mask)
-    noise = ca.vertcat(cholesky_semidefinite(R), ca.SX.zeros(nx, ny))
-    # The outputs see points inside the bounds, the spread is that of the state: or else every
-    # sample would make it smaller next to a bound, whatever was measured.
-    joint, definite = factor(ca.vertcat(dY, points + outside - x), w, noise)
-    Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
-    moved = x + KSy @ forward(Sy, e)
-    free = ca.if_else(definite, moved, x)
-    x_post = clip(s, free)
-    clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, held)
-    L_next = ca.if_else(definite, vech(ca.densify(L_post)), spread[:-1])
-    flags = ca.vertcat(clipped, 0, 0, ca.fmax(1 - definite, spread[-1]))
-    after = ca.vertcat(L_next, 0)
-    return ca.Function("correct", [x, spread, u, y, mask], [x_post, after, flags])
+    nx, ny, kept = s.model.nx, s.model.ny, Factor(Covariance(s.model.nx))
+    sizes = {
+        **notation(s), "dY": (ny, len(w.mean)), "KSy": (nx, ny), "Sy": (ny, ny), "held": 1,
+        "definite": 1, "failed": 1, "spread": kept.size,
+    }  # fmt: skip
+
+    def rows(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
+        dY, e, R = masked(dY, y - y_mean, ca.SX(s.R), mask)
+        noise = ca.densify(cholesky_semidefinite(R))
+        return {"dY_seen": ca.densify(dY), "e": e, "noise": noise}
+
+    def settled(
+        x: ca.SX, KSy: ca.SX, Sy: ca.SX, e: ca.SX, held: ca.SX, definite: ca.SX, failed: ca.SX
+    ) -> Results:
+        free = ca.if_else(definite, x + KSy @ forward(Sy, e), x)
+        x_post = within_bounds(s, free)
+        clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, held)
+        flags = Flags(clipped=clipped, not_positive_definite=ca.fmax(1 - definite, failed))
+        return {"x_post": x_post, "flags": flags.vector()}
+
+    weigh, settle = leaf("weigh", sizes, rows), leaf("settle", sizes, settled)
+
+    def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
+        points, off = _points(s, w, x, spread)
+        held = ca.if_else(ca.norm_1(ca.vec(off)) > 0, 1, 0)
+        y_mean, dY = _outputs(s, w, points, u)
+        dY, e, noise = weigh(y, dY, y_mean, mask)
+        # The outputs see points inside the bounds, the spread is that of the state: or else every
+        # sample would make it smaller next to a bound, whatever was measured.
+        both = on_top([dY, minus(points - off, x)])
+        joint, definite = deviation_factor(both, w, on_top([noise, type(noise).zeros(nx, ny)]))
+        Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
+        x_post, flags = settle(x, KSy, Sy, e, held, definite, spread[-1])
+        L_next = ca.if_else(definite, kept.closed(L_post), spread[:-1])
+        return {"x_post": x_post, "spread_post": ca.vertcat(L_next, 0), "flags": flags}
+
+    return half("correct", s, formula, {"spread": kept.size})
 
 
 def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
-    x, before, u, _, _ = _symbols(s)
-    start = ca.Function("sigma_points", [x, before], _points(s, w, x, before)[:1])
-    nx, n_points = start.size_out(0)
-    X, ub = ca.SX.sym("X", nx, n_points), ca.SX.sym("ub", s.model.nu)
-    h = s.dt / integrator.substeps
+    kept, h = Factor(Covariance(s.model.nx)), s.dt / integrator.substeps
+    sizes = {"spread": kept.size, "X": (s.model.nx, len(w.mean))}
 
-    def advance(point: ca.SX) -> ca.SX:
+    def advance(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
         if not s.model.continuous:
-            return s.model.rhs(point, u)
-        return flow(s, integrator, point, ua=u, ub=ub, h=h)
+            return {"x_next": s.model.rhs(x, ua)}
+        return {"x_next": flow(s, integrator, x, ua=ua, ub=ub, h=h)}
 
-    columns = [advance(X[:, i]) for i in range(n_points)]
-    leaf = ca.Function("advance_points", [X, u, ub], [ca.horzcat(*columns)])
-    mean = X @ w.mean
-    per_sample = s.Q * s.dt if s.model.continuous else s.Q
-    noise = cholesky_semidefinite(ca.SX(ca.DM(per_sample)))
-    L_next, definite = factor(X - mean, w, noise)
-    last = ca.SX.sym("last", before.numel())
-    kept = ca.if_else(definite, vech(ca.densify(L_next)), last[:-1])
-    spread = ca.vertcat(kept, 1 - definite)
-    gather = ca.Function("gather", [X, last], [mean, spread])
-
-    m_x, m_L, m_u, m_next = (
-        ca.MX.sym(n, k.numel()) for n, k in (("x", x), ("L", before), ("u", u), ("u_next", u))
+    one = leaf("advance_point", notation(s), advance)
+    all_points = half(
+        "advance_points",
+        s,
+        lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
+        sizes,
     )
+    noise = cholesky_factor(s.Q * s.dt if s.model.continuous else s.Q)
+
+    def gathered(X: Term, spread: Term) -> Results:
+        mean = times_transposed(X, ca.DM(w.mean).T)
+        L, definite = deviation_factor(minus(X, mean), w, type(X)(ca.DM(noise)))
+        L_next = ca.if_else(definite, kept.closed(L), spread[:-1])
+        return {"x_next": mean, "spread_next": ca.vertcat(L_next, 1 - definite)}
+
+    start = half("sigma_points", s, lambda x, spread: {"X": _points(s, w, x, spread)[0]}, sizes)
+    gather = half("gather", s, gathered, sizes)
+
+    m_x, m_L = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", kept.size)
+    m_u, m_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
     xs, held = substep_inputs(integrator, m_u, m_next)
     steps = integrator.substeps if s.model.continuous else 1
-    (end,), _ = scan(leaf, steps, carry=[start(m_x, m_L)], xs=xs, constants=held)
+    (end,), _ = scan(all_points, steps, carry=[start(m_x, m_L)], xs=xs, constants=held)
     return ca.Function("predict", [m_x, m_L, m_u, m_next], gather.call([end, m_L]))
 
 
-def _covariance(n: int) -> ca.Function:
-    spread = ca.SX.sym("spread", n * (n + 1) // 2 + 1)
-    L = ca.tril(unvech(spread[:-1]))
-    return ca.Function("covariance", [spread], [vech(L @ L.T)])
+def _covariance(s: Setting) -> ca.Function:
+    kept = Factor(Covariance(s.model.nx))
+
+    def formula(spread: Term) -> Results:
+        L = kept.opened(spread)
+        return {"P": times_transposed(L, L)}
+
+    whole = half("factor_product", s, formula, {"spread": kept.size})
+    spread = ca.MX.sym("spread", kept.size)
+    return ca.Function("covariance", [spread], [kept.like.triangle()(whole(spread))])

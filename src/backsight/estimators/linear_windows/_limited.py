@@ -1,15 +1,9 @@
 """A window of a linear model with its limits, by the trajectory solver."""
 
-from collections.abc import Sequence
-
 import casadi as ca
 import numpy as np
 
 from backsight.engine.loops import iterate, scan
-from backsight.estimators.base import Setting
-from backsight.estimators.linear_windows._free import Window, plan, solve_freely
-from backsight.estimators.parts import gaussian
-from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.linear import Linear
 from backsight.estimators.parts.stages import (
@@ -19,12 +13,8 @@ from backsight.estimators.parts.stages import (
     equations,
     outputs_and_limits,
 )
-from backsight.schema import Status
 from backsight.solvers.trajectory import Chain, by_name, solve
 from backsight.types import Array
-
-RAISED = (Status.CLIPPED, Status.INFEASIBLE, Status.ITERATION_LIMIT)
-"""Meaning of the flags that `with_limits` adds to *unobserved*."""
 
 WIDTH = 1e2
 """Standard deviations of the prior that stands for none, in those of what the window says."""
@@ -34,66 +24,6 @@ PASSES = 3
 
 KEPT = ("P_end", "conflict", "open")
 """What is kept of the results of `solvers.trajectory.solve`, beside trajectory and limits."""
-
-
-def with_limits(
-    system: Linear,
-    limits: Limits,
-    N: int,
-    arrival: float,
-    start: Sequence[ca.MX],
-    window: Window,
-    tried: ca.MX,
-) -> dict[str, ca.MX]:
-    """As `without_limits`, with ``side``, the active limits (guess: `tried`), and ``conflict``.
-
-    Without arrival cost the window is first solved without limits, which gives the prior that
-    `limited` needs, and the estimate where no limit is active.
-    """
-    full = window[3][0]
-    if arrival == 0:
-        lacking, x, P, *first = solve_freely(system, N, arrival, start, window, samples=(-1, 0))
-        free, wide = [x, P], _wide()(full, lacking)
-        start = choose(wide, first, start)
-    else:
-        lacking = wide = ca.MX(0)
-        start = [start[0], plan(system.s, arrival)(1, full, start[1])[2]]
-        free = start
-    found = by_name(limited(system, limits, N), [*start, wide, *window, tried])
-    course = [found[k] for k in ("x", "P", "side", "held", "conflict", "open")]
-    x, P, conflict, raised = _verdict(system.s, *tried.shape)(*free, wide, *course)
-    flags = ca.vertcat(lacking, raised)
-    return {"x": x, "P": P, "side": found["side"], "conflict": conflict, "flags": flags}
-
-
-def _wide() -> ca.Function:
-    full, lacking = ca.SX.sym("full"), ca.SX.sym("lacking")
-    return ca.Function("wide", [full, lacking], [full * (1 - lacking)])
-
-
-def _verdict(s: Setting, n: int, m: int) -> ca.Function:
-    """The estimate, limits that contradict each other, and the flags of `RAISED`.
-
-    ``(x_free, P_free, wide, x, P, side, held, conflict, open) -> (x, P, conflict, flags)``. Where
-    the prior is wide and no limit is active, the estimate is the one without limits, exactly; where
-    they hold, the state is within its bounds to the last digit.
-    """
-    nx = s.model.nx
-    x_free, x = ca.SX.sym("x_free", nx), ca.SX.sym("x", nx)
-    vP_free, vP = (ca.SX.sym(k, nx * (nx + 1) // 2) for k in ("P_free", "P"))
-    side, conflict = ca.SX.sym("side", n, m), ca.SX.sym("conflict", n, m)
-    wide, held, unfinished = (ca.SX.sym(k) for k in ("wide", "held", "open"))
-    named = ca.vertcat(*(ca.mmax(conflict[r, :]) for r in range(n)))
-    infeasible = ca.mmax(named)
-    unmoved = ca.logic_and(wide, ca.mmax(ca.vec(ca.fabs(side))) == 0)
-    found = ca.if_else(unmoved, x_free, ca.if_else(infeasible, x, gaussian.clip(s, x)))
-    known = ca.if_else(ca.logic_and(wide, ca.logic_not(held)), vP_free, vP)
-    flags = ca.vertcat(ca.mmax(ca.fabs(side[:, m - 1])), infeasible, unfinished)
-    return ca.Function(
-        "verdict",
-        [x_free, vP_free, wide, x, vP, side, held, conflict, unfinished],
-        [found, known, named, flags],
-    )
 
 
 def limited(system: Linear, limits: Limits, N: int) -> ca.Function:

@@ -5,15 +5,26 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
+from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman.kf import predict_linear
 from backsight.estimators.linear_windows.stacked import gains, product, stacked
-from backsight.estimators.parts import gaussian
-from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, packed, physical
-from backsight.estimators.parts.linear import Linear, predict_packed, without_bounds
-from backsight.estimators.parts.window import advance, as_columns, empty_window
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    Term,
+    applied,
+    congruence,
+    influence,
+    times_transposed,
+)
+from backsight.estimators.parts.filtering import choose, data_inputs, physical
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, Symmetric, half, leaf, notation
+from backsight.estimators.parts.linear import Linear, without_bounds
+from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.window import moved_on, no_window
 from backsight.types import Array
 
 
@@ -54,52 +65,60 @@ def sliding_window(name: str, w: Sliding) -> Recursion:
     measurement that may still be taken out, Z the covariance from those that were.
     """
     system, s, n = w.system, w.system.s, w.span + 1
-    nx, ny = s.model.nx, s.model.ny
+    nx, ny, kept = s.model.nx, s.model.ny, Covariance(s.model.nx)
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    memory = {
-        "x": s.x0,
-        "P": packed(s.P0),
-        **empty_window(s, n),
-        "S": np.zeros(nx * ny * w.span),
-        "Z": np.zeros(nx * (nx + 1) // 2),
-        "age": np.zeros(1),
-        "called": np.zeros(1),
-    }
-    symbol, (x, P, *windows, S, Z, age, called) = carry_inputs(list(memory.values()))
-    U, Y, M = advance([*as_columns(windows, n)], (u, y, mask))
-    prior = choose(called, predict_packed(system).call([x, P, U[:, n - 2], u]), [x, P])
-    e, S_e = gaussian.innovation(s)(*prior, u, y, mask)
+    m = Memory(
+        x=s.x0,
+        P=kept.kept(s.P0),
+        **no_window(s, n),
+        S=np.zeros((nx, ny * w.span)),
+        Z=np.zeros(kept.size),
+        age=0,
+        called=0,
+    )
+    U, Y, M = moved_on((m.U, m.Y, m.M), (u, y, mask))
+    ahead = predict_linear(system).call([m.x, m.P, U[:, n - 2], u])
+    prior = choose(m.called, ahead, [m.x, m.P])
+    e, S_e = ekf.innovation(s)(*prior, u, y, mask)
 
-    kalman = gaussian.correct(without_bounds(s))(*prior, u, y, mask)[:2]
+    # Until the first full window: a Kalman filter.
+    kalman = ekf.correct(without_bounds(s))(*prior, u, y, mask)[:2]
+
+    # The recursion: the new sample enters the sum of squares, the oldest goes out of it.
     e_out = _leaving(w)(prior[0], _forced(w, U), Y[:, 0], U[:, 0], M[:, 0])
     x_next, Phi, entered, left = _recur(w)(prior[0], e, mask, e_out, M[:, 0])
-    columns = ca.reshape(S, nx, ny * w.span)
     inner = ny * (w.span - 1)
-    (P_in,), (kept,) = scan(
+    (P_in,), (older,) = scan(
         _age(system),
         w.span - 1,
         carry=[_spread(system)(entered)],
-        xs=[columns[:, :inner]],
+        xs=[m.S[:, :inner]],
         constants=[Phi],
     )
-    Z_next, P_next = _fold(system)(Z, P_in, columns[:, inner:], Phi, left)
-    running = [x_next, P_next, ca.vec(ca.horzcat(entered, kept)), Z_next]
+    Z_next, P_next = _fold(system)(m.Z, P_in, m.S[:, inner:], Phi, left)
+    running = [x_next, P_next, ca.horzcat(entered, older), Z_next]
 
+    # The batch estimate, from which the recursion starts.
     fixed = gains(system, w.N, every=w.every)
     recent = n - w.N - 1
     batch = product(fixed.M, ca.vec(Y[:, recent:])) + product(fixed.N_u, ca.vec(U[:, recent:]))
-    fresh = [batch, ca.MX(packed(fixed.P)), ca.MX(_sensitivities(w, fixed.M)), 0 * Z]
-    start, go, age_next = _decide(w)(M[:, recent:], age)
-    results = choose(start, fresh, choose(go, running, [*kalman, 0 * S, 0 * Z]))
-    carry = [*results[:2], *map(ca.vec, (U, Y, M)), *results[2:], age_next, 1]
-    outputs = physical(s, ())(*results[:2], u, e, S_e, ca.MX(0, 1))
-    return Recursion(
-        step=ca.Function(name, [symbol, *data], [ca.vertcat(*carry), *outputs]),
-        carry0=np.concatenate(list(memory.values())),
+    fresh = [batch, ca.MX(kept.kept(fixed.P)), ca.MX(_sensitivities(w, fixed.M)), 0 * m.Z]
+    start, go, age = _decide(w)(M[:, recent:], m.age)
+    others = choose(go, running, [*kalman, 0 * m.S, 0 * m.Z])
+    x, P, S, Z = choose(start, fresh, others)
+    return m.recursion(
+        name,
+        data,
+        next={
+            "x": x, "P": P, "U": U, "Y": Y, "M": M, "S": S, "Z": Z, "age": age, "called": 1,
+        },
+        outputs=physical(
+            s, x=x, P=kept.triangle()(P), u=u, e=e, S=S_e, flags=ca.MX(Flags().vector())
+        ),
         channels=ESTIMATE_CHANNELS,
         dt=s.dt,
-    )
+    )  # fmt: skip
 
 
 def _forced(w: Sliding, U: ca.MX) -> ca.MX:
@@ -118,42 +137,57 @@ def _leaving(w: Sliding) -> ca.Function:
 
 def _recur(w: Sliding) -> ca.Function:
     """State, transition of its error, and gains that act at this sample."""
-    nx, ny = w.L.shape
-    x, e, mask = ca.SX.sym("x", nx), ca.SX.sym("e", ny), ca.SX.sym("mask", ny)
-    e_out, mask_out = ca.SX.sym("e_out", ny), ca.SX.sym("mask_out", ny)
-    into = ca.SX(ca.DM(w.L)) @ ca.diag(mask)
-    out = ca.SX(ca.DM(w.L_out)) @ ca.diag(mask_out)
-    remaining = ca.SX.eye(nx) - into @ ca.DM(w.system.C) + out @ ca.DM(w.back)
-    Phi = remaining @ ca.sparsify(ca.DM(w.system.A))
-    x_next = x + ca.mtimes(ca.DM(w.L), e) - ca.mtimes(ca.DM(w.L_out), e_out)
-    return ca.Function(
-        "recur", [x, e, mask, e_out, mask_out], [x_next, *map(ca.densify, (Phi, into, out))]
-    )
+    system = w.system
+
+    def acting(x: ca.SX, e: ca.SX, mask: ca.SX, e_out: ca.SX, mask_out: ca.SX) -> Results:
+        into = ca.SX(ca.DM(w.L)) @ ca.diag(mask)
+        out = ca.SX(ca.DM(w.L_out)) @ ca.diag(mask_out)
+        x_next = x + ca.mtimes(ca.DM(w.L), e) - ca.mtimes(ca.DM(w.L_out), e_out)
+        return {"x_next": x_next, "into": ca.densify(into), "out": ca.densify(out)}
+
+    act = leaf("act", notation(system.s), acting)
+    A, C, back = ca.DM(system.A), ca.DM(system.C), ca.DM(w.back)
+
+    def formula(x: Term, e: Term, mask: Term, e_out: Term, mask_out: Term) -> Results:
+        x_next, into, out = act(x, e, mask, e_out, mask_out)
+        # (I - L C + L_out back) A
+        changed = times_transposed(out, (back @ A).T) - times_transposed(into, (C @ A).T)
+        return {"x_next": x_next, "Phi": A + changed, "into": into, "out": out}
+
+    return half("recur", system.s, formula)
 
 
 def _spread(system: Linear) -> ca.Function:
-    S = ca.SX.sym("S", *system.C.T.shape)
-    return ca.Function("spread", [S], [vech(S @ ca.SX(system.s.R) @ S.T)])
+    """``(columns) -> S R S'``: what measurements with these influences add to the covariance."""
+    return half(
+        "spread",
+        system.s,
+        lambda columns: {"P": influence(columns, system.s.R)},
+        {"columns": system.C.T.shape},
+    )
 
 
 def _age(system: Linear) -> ca.Function:
     """One measurement becomes a sample older."""
-    nx = len(system.A)
-    P, Phi = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("Phi", nx, nx)
-    S = ca.SX.sym("S", *system.C.T.shape)
-    older = Phi @ S
-    return ca.Function("age", [P, S, Phi], [P + vech(older @ ca.SX(system.s.R) @ older.T), older])
+
+    def formula(P: Term, columns: Term, Phi: Term) -> Results:
+        older = applied(Phi, columns)
+        return {"P_next": P + influence(older, system.s.R), "older": older}
+
+    return half("age", system.s, formula, {"columns": system.C.T.shape})
 
 
 def _fold(system: Linear) -> ca.Function:
     """Take the oldest measurement out: covariance of those outside, and of the estimate."""
-    nx = len(system.A)
-    Z, P = (ca.SX.sym(n, nx * (nx + 1) // 2) for n in "ZP")
-    Phi, out = ca.SX.sym("Phi", nx, nx), ca.SX.sym("out", *system.C.T.shape)
-    S = ca.SX.sym("S", *system.C.T.shape)
-    rest = Phi @ S - out
-    outside = vech(Phi @ unvech(Z) @ Phi.T + rest @ ca.SX(system.s.R) @ rest.T)
-    return ca.Function("fold", [Z, P, S, Phi, out], [outside, P + outside])
+
+    def formula(Z: Term, P: Term, columns: Term, Phi: Term, out: Term) -> Results:
+        rest = applied(Phi, columns) - out
+        outside = congruence(Phi, Z, 0 * system.s.Q) + influence(rest, system.s.R)
+        return {"Z_next": outside, "P_next": P + outside}
+
+    nx, shape = len(system.A), system.C.T.shape
+    sizes = {"Z": Symmetric(nx), "columns": shape, "out": shape}
+    return half("fold", system.s, formula, sizes)
 
 
 def _sensitivities(w: Sliding, M: Array) -> Array:
@@ -162,7 +196,7 @@ def _sensitivities(w: Sliding, M: Array) -> Array:
     S = np.zeros((nx, ny * w.span))
     for age in range(min(w.N + 1, w.span)):
         S[:, age * ny : (age + 1) * ny] = M[:, (w.N - age) * ny : (w.N - age + 1) * ny]
-    return S.ravel(order="F")
+    return S
 
 
 def _decide(w: Sliding) -> ca.Function:

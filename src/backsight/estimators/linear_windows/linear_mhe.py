@@ -1,32 +1,32 @@
 """Moving horizon estimation for linear models: least squares over a window."""
 
 import dataclasses
-import numbers
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Horizon, Share, Sound
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Channel, Recursion
-from backsight.errors import TuningError
-from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
-from backsight.estimators.linear_windows._free import without_limits
-from backsight.estimators.linear_windows._limited import RAISED, with_limits
+from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
+from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman.kf import predict_linear
+from backsight.estimators.linear_windows._least_squares import Window, least_squares, start_of
+from backsight.estimators.linear_windows._limited import limited
 from backsight.estimators.linear_windows.stacked import Gains, gains, in_units
-from backsight.estimators.parts import gaussian
-from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, packed, physical
-from backsight.estimators.parts.limits import Limit, limits_of
-from backsight.estimators.parts.linear import (
-    Linear,
-    linear,
-    predict_packed,
-    require_observable,
-    without_bounds,
-)
-from backsight.estimators.parts.window import advance, as_columns, empty_window
+from backsight.estimators.parts.covariance import Covariance
+from backsight.estimators.parts.filtering import choose, data_inputs, physical
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.limits import Limit, Limits, limits_of, names_used_twice
+from backsight.estimators.parts.linear import Linear, linear, require_observable, without_bounds
+from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.parts.window import moved_on, no_window
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-from backsight.schema import Status
+from backsight.solvers.trajectory import by_name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +52,7 @@ class LinearMHE(AbstractEstimator):
         Used until the window is full.
     N : int
         Horizon in sampling periods; the window holds N + 1 samples.
-    arrival : float
+    arrival_weight : float
         Weight a of what is known from before the window: :math:`\bar x, \bar P` are the
         prediction of a Kalman filter for the first sample of the window.
     hold : {"zoh", "foh"}
@@ -62,11 +62,10 @@ class LinearMHE(AbstractEstimator):
 
     Notes
     -----
-    Limits are imposed by an exact active set method along the trajectory, that of `MHE`; inactive
+    Limits are imposed by an exact active set method on the optimal solution without them; inactive
     ones change nothing. If they contradict each other, the estimate is the one without limits, the
-    status says *infeasible*, and the output ``infeasible`` names them. P is without the limits that
-    happen to be active: that they are is known from the data only. Limits with the same lower and
-    upper end are equations, and count as exact measurements.
+    status says *infeasible*, and the output ``infeasible`` names them. In P the active limits count
+    as exact measurements: directions that they fix have no variance.
 
     Missing samples are left out. If those that remain do not determine the state, the arrival
     cost is used with its full weight for this sample and the status says *unobserved*.
@@ -85,16 +84,15 @@ class LinearMHE(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    N: int = 20
-    arrival: float = 0.0
-    hold: str = "zoh"
+    N: Horizon = 20
+    arrival_weight: Share = 0.0
+    hold: Hold = "zoh"
     limits: tuple[Limit, ...] = ()
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.N, numbers.Integral) or self.N < 1:
-            raise TuningError(f"the horizon N is {self.N}; it must be a whole number from 1 on")
-        if not 0 <= self.arrival <= 1:
-            raise TuningError(f"the weight arrival is {self.arrival}; it must be from 0 to 1")
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("limits"):
+            yield from names_used_twice(self.limits)
 
     def gains(self, model: Model, dt: float) -> Gains:
         """Gains of a full window without arrival cost, physical units, see `Gains`."""
@@ -106,58 +104,144 @@ class LinearMHE(AbstractEstimator):
         """See `AbstractEstimator.compile`."""
         system = self._system(model, dt)
         s, N = system.s, self.N
-        if self.arrival == 0:
+        if self.arrival_weight == 0:
             require_observable(model, samples=N + 1)
         limits = limits_of(s, s.Q, self.limits, {})
         n = len(limits.names)
         data = data_inputs(s)
         u, y, mask = s.enter()(*data)
-        memory = {
-            "x_start": s.x0,
-            "P_start": packed(s.P0),
-            "x_last": s.x0,
-            "P_last": packed(s.P0),
-            **empty_window(s, N + 1),
-            "present": np.zeros(N + 1),
-            "side": np.zeros(n * (N + 1)),
-        }
-        symbol, parts = carry_inputs(list(memory.values()))
-        kept = dict(zip(memory, parts, strict=True))
-        columns = ("U", "Y", "M", "present", "side")
-        before = dict(zip(columns, as_columns([kept[k] for k in columns], N + 1), strict=True))
-        U, Y, M, present = window = [before[k] for k in columns[:4]]
+        kept = Covariance(s.model.nx)
+        m = Memory(
+            x_start=s.x0,
+            P_start=kept.kept(s.P0),
+            x_last=s.x0,
+            P_last=kept.kept(s.P0),
+            **no_window(s, N + 1),
+            present=np.zeros((1, N + 1)),
+            side=np.zeros((n, N + 1)),
+        )
 
         # Innovation of the newest sample; the one that leaves goes into the arrival cost.
-        time_update, free = predict_packed(system), without_bounds(s)
-        last, start = ([kept[f"x_{k}"], kept[f"P_{k}"]] for k in ("last", "start"))
-        prior = choose(present[N], time_update.call([*last, U[:, N], u]), last)
-        e, S = gaussian.innovation(s)(*prior, u, y, mask)
-        corrected = gaussian.correct(free)(*start, U[:, 0], Y[:, 0], M[:, 0])[:2]
-        moved = time_update.call([*corrected, U[:, 0], U[:, 1]])
-        start = choose(present[0], moved, start)
-        window = [*advance(window, (u, y, mask, 1))]
+        time_update, free = predict_linear(system), without_bounds(s)
+        last = [m.x_last, m.P_last]
+        prior = choose(m.present[N], time_update.call([*last, m.U[:, N], u]), last)
+        e, S = ekf.innovation(s)(*prior, u, y, mask)
+        leaving = [m.U[:, 0], m.Y[:, 0], m.M[:, 0]]
+        corrected = ekf.correct(free)(m.x_start, m.P_start, *leaving)[:2]
+        moved = time_update.call([*corrected, m.U[:, 0], m.U[:, 1]])
+        x_start, P_start = choose(m.present[0], moved, [m.x_start, m.P_start])
+        window = [*moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))]
 
         # The window, with its limits if there are any.
+        start = [x_start, kept.triangle()(P_start)]
+        channels, named = ESTIMATE_CHANNELS, {}
         if n:
-            tried = ca.horzcat(before["side"][:, 1:], ca.MX.zeros(n))
-            found = with_limits(system, limits, N, self.arrival, start, window, tried)
+            tried = ca.horzcat(m.side[:, 1:], ca.MX.zeros(n))
+            found = _with_limits(system, limits, self, start, window, tried)
+            channels += (Channel("infeasible", ("limit",), labels=limits.names),)
+            named = {"infeasible": found["conflict"]}
         else:
-            found = without_limits(system, N, self.arrival, start, window)
-        end = [found["x"], found["P"]]
-        carry = ca.vertcat(*start, *end, *map(ca.vec, (*window, found.get("side", ca.MX(0, 1)))))
-        meaning = (Status.UNOBSERVED, *(RAISED if n else ()))
-        outputs = physical(s, meaning)(*end, u, e, S, found["flags"])
-        named = Channel("infeasible", ("limit",), labels=limits.names)
-        return Recursion(
-            step=ca.Function(
-                self.key,
-                [symbol, *data],
-                [carry, *outputs, *([found["conflict"]] if n else [])],
-            ),
-            carry0=np.concatenate(list(memory.values())),
-            channels=(*ESTIMATE_CHANNELS, *([named] if n else [])),
+            found = _without_limits(system, self, start, window)
+        x, P = found["x"], found["P"]
+        return m.recursion(
+            self.key,
+            data,
+            next={
+                "x_start": x_start,
+                "P_start": P_start,
+                "x_last": x,
+                "P_last": kept.of_triangle()(P),
+                **dict(zip(("U", "Y", "M", "present"), window, strict=True)),
+                "side": found.get("side", ca.MX(0, N + 1)),
+            },
+            outputs={**physical(s, x=x, P=P, u=u, e=e, S=S, flags=found["flags"]), **named},
+            channels=channels,
             dt=dt,
         )
 
+    def variants(self) -> Mapping[str, AbstractEstimator]:
+        """See `AbstractEstimator.variants`: the weights 1 and 0 of the arrival cost."""
+        weights = [w for w in (1.0, 0.0) if w != self.arrival_weight]
+        every = {f"arrival_weight = {self.arrival_weight:g}": self}
+        return every | {
+            f"arrival_weight = {w:g}": dataclasses.replace(self, arrival_weight=w) for w in weights
+        }
+
     def _system(self, model: Model, dt: float) -> Linear:
         return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+
+
+Results = dict[str, ca.MX]
+
+
+def _without_limits(
+    system: Linear, e: LinearMHE, start: Sequence[ca.MX], window: Window
+) -> Results:
+    """x, P and flags of the last sample of a window."""
+    lacking, x, P = least_squares(system, e.N, e.arrival_weight, start, window, samples=(-1,))
+    return {"x": x, "P": P, "flags": Flags(unobserved=lacking).vector()}
+
+
+def _with_limits(
+    system: Linear,
+    limits: Limits,
+    e: LinearMHE,
+    start: Sequence[ca.MX],
+    window: Window,
+    tried: ca.MX,
+) -> Results:
+    """The same, active limits, and limits that contradict each other; `tried` are a guess of them.
+
+    Without arrival cost the window is first solved without limits, which gives the prior that
+    `limited` needs, and the estimate where no limit is active.
+    """
+    full = window[3][0]
+    if e.arrival_weight == 0:
+        lacking, x, P, *first = least_squares(
+            system, e.N, e.arrival_weight, start, window, samples=(-1, 0)
+        )
+        free, wide = [x, P], _wide()(full, lacking)
+        start = choose(wide, first, start)
+    else:
+        lacking = wide = ca.MX(0)
+        start = [start[0], start_of(system.s, e.arrival_weight)(1, full, start[1])[2]]
+        free = start
+    found = by_name(limited(system, limits, e.N), [*start, wide, *window, tried])
+    course = [found[k] for k in ("x", "P", "side", "held", "conflict", "open")]
+    x, P, conflict, raised = _verdict(system.s, *tried.shape)(*free, wide, *course)
+    flags = dataclasses.replace(Flags.of(raised), unobserved=lacking).vector()
+    return {"x": x, "P": P, "side": found["side"], "conflict": conflict, "flags": flags}
+
+
+def _wide() -> ca.Function:
+    full, lacking = ca.SX.sym("full"), ca.SX.sym("lacking")
+    return ca.Function("wide", [full, lacking], [full * (1 - lacking)])
+
+
+def _verdict(s: Setting, n: int, m: int) -> ca.Function:
+    """The estimate, limits that contradict each other, and flags.
+
+    ``(x_free, P_free, wide, x, P, side, held, conflict, open) -> (x, P, conflict, flags)``. Where
+    the prior is wide and no limit is active, the estimate is the one without limits, exactly; where
+    they hold, the state is within its bounds to the last digit.
+    """
+    nx = s.model.nx
+    x_free, x = ca.SX.sym("x_free", nx), ca.SX.sym("x", nx)
+    vP_free, vP = (ca.SX.sym(k, nx * (nx + 1) // 2) for k in ("P_free", "P"))
+    side, conflict = ca.SX.sym("side", n, m), ca.SX.sym("conflict", n, m)
+    wide, held, unfinished = (ca.SX.sym(k) for k in ("wide", "held", "open"))
+    named = ca.vertcat(*(ca.mmax(conflict[r, :]) for r in range(n)))
+    infeasible = ca.mmax(named)
+    unmoved = ca.logic_and(wide, ca.mmax(ca.vec(ca.fabs(side))) == 0)
+    found = ca.if_else(unmoved, x_free, ca.if_else(infeasible, x, within_bounds(s, x)))
+    known = ca.if_else(ca.logic_and(wide, ca.logic_not(held)), vP_free, vP)
+    flags = Flags(
+        clipped=ca.mmax(ca.fabs(side[:, m - 1])),
+        infeasible=infeasible,
+        iteration_limit=unfinished,
+    )
+    return ca.Function(
+        "verdict",
+        [x_free, vP_free, wide, x, vP, side, held, conflict, unfinished],
+        [found, known, named, flags.vector()],
+    )

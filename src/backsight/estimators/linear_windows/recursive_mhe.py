@@ -1,29 +1,23 @@
 """The least-squares window as an observer: one sample in, one sample out of the sum."""
 
 import dataclasses
-import numbers
 import warnings
+from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backsight.description import Count, Horizon, Share, Sound, Whole
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.kalman.kf import fixed_gain_halves
 from backsight.estimators.linear_windows._sliding import Sliding, sliding_window
 from backsight.estimators.linear_windows.stacked import gains
-from backsight.estimators.parts.filtering import Halves, assemble
-from backsight.estimators.parts.fixed_gain import correct_with
-from backsight.estimators.parts.linear import (
-    Linear,
-    covariance0,
-    innovation,
-    linear,
-    predict,
-    require_observable,
-    stored_covariance,
-)
+from backsight.estimators.parts.filtering import assemble
+from backsight.estimators.parts.linear import Linear, linear, require_observable
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.types import Array
@@ -85,27 +79,24 @@ class RecursiveMHE(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    N: int = 20
-    alpha: float = 0.0
-    every: int = 1
-    reinitialise: int = 0
-    hold: str = "zoh"
+    N: Horizon = 20
+    alpha: Share = 0.0
+    every: Count = 1
+    reinitialise: Whole = 0
+    hold: Hold = "zoh"
 
-    def __post_init__(self) -> None:
-        for name, lowest in (("N", 1), ("every", 1), ("reinitialise", 0)):
-            value = getattr(self, name)
-            if not isinstance(value, numbers.Integral) or value < lowest:
-                raise TuningError(f"{name} is {value}; it must be a whole number from {lowest} on")
-        if not 0 <= self.alpha <= 1:
-            raise TuningError(f"alpha is {self.alpha}; it must be from 0 to 1")
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if not sound("N", "every"):
+            return
         if self.every > self.N:
-            raise TuningError(
+            yield (
                 f"every = {self.every} is more than the horizon N = {self.N}: the window would "
                 "hold one sample; lengthen it"
             )
-        if self.N % self.every:
+        elif self.N % self.every:
             below = self.N - self.N % self.every
-            raise TuningError(
+            yield (
                 f"N = {self.N} is no multiple of every = {self.every}; use {below} or "
                 f"{below + self.every}"
             )
@@ -148,15 +139,8 @@ class RecursiveMHE(AbstractEstimator):
                 stacklevel=2,
             )
         if self.alpha == 0:
-            halves = Halves(
-                spread0=covariance0(system),
-                innovation=innovation(system),
-                correct=correct_with(system, _gain_in(system, self.N, self.every)),
-                predict=predict(system),
-                covariance=stored_covariance(system),
-                ramp=system.ramp,
-            )
-            return assemble(self.key, system.s, halves)
+            gain = _gain_in(system, self.N, self.every)
+            return assemble(self.key, system.s, fixed_gain_halves(system, gain))
         if system.s.Q.any():
             raise TuningError(
                 "with alpha > 0 the recursive form has no process noise; give none, or use "

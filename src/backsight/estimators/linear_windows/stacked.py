@@ -139,5 +139,5 @@ def check_rank(rows: Array, N: int) -> None:
         raise TuningError(
             f"a window of N = {N} determines only {found} of {rows.shape[1]} states (singular "
             f"values below {TOLERANCE:g} of the largest); lengthen it or add a sensor: "
-            "`observability(model)` says which states cannot be seen"
+            "`bs.check.check_observability(model)` says which states cannot be seen"
         )

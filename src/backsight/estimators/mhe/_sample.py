@@ -10,32 +10,24 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
+from backsight.estimators.kalman import ekf
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.mhe.arrival import Arrival, Leaving
-from backsight.estimators.parts import gaussian, large
-from backsight.estimators.parts.filtering import carry_inputs, choose, data_inputs, physical
+from backsight.estimators.parts.filtering import choose, data_inputs, physical
+from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.limits import Limits
+from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.stages import covariance_of, equations
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import (
-    advance,
-    as_columns,
     empty_queue,
-    empty_window,
+    moved_on,
+    no_window,
     queued,
 )
-from backsight.schema import Status
 from backsight.solvers.box import GaussNewton
 from backsight.solvers.trajectory import Chain, by_name, iterated, mistaken, smoothed
 from backsight.types import Array
-
-RAISED = (
-    Status.CLIPPED,
-    Status.ITERATION_LIMIT,
-    Status.STEP_REJECTED,
-    Status.NOT_POSITIVE_DEFINITE,
-    Status.INFEASIBLE,
-)
-"""Meaning of the flags of `_verdict`."""
 
 SMALL = 1e-10
 """Residuals below this are rounding errors and are put out as this."""
@@ -78,6 +70,7 @@ class Solved:
 
     Parameters
     ----------
+    memory : Memory
     inputs : list
         Memory and data of the sample.
     prior : list
@@ -99,6 +92,7 @@ class Solved:
         Covariance of the newest sample in this problem.
     """
 
+    memory: Memory
     inputs: list[ca.MX]
     prior: list[ca.MX]
     data: list[ca.MX]
@@ -114,20 +108,20 @@ class Solved:
     P_end: ca.MX
 
 
-def memory0(parts: Parts) -> dict[str, Array]:
-    """The memory before the first sample."""
+def memory(parts: Parts) -> Memory:
+    """What is kept from sample to sample."""
     s, samples = parts.s, parts.chain.N + 1
-    return {
-        "x_start": s.x0,
-        "spread": parts.arrival.spread0,
-        "x_last": s.x0,
-        "P_last": parts.chain.stored(s.P0),
-        **empty_window(s, samples),
-        "present": np.zeros(samples),
-        "X": np.tile(s.x0, samples),
-        "side": np.zeros(parts.chain.n * samples),
-        "late": empty_queue(s, parts.lag),
-    }
+    return Memory(
+        x_start=s.x0,
+        spread=parts.arrival.spread0,
+        x_last=s.x0,
+        P_last=parts.chain.stored(s.P0),
+        **no_window(s, samples),
+        present=np.zeros((1, samples)),
+        X=np.tile(s.x0[:, None], samples),
+        side=np.zeros((parts.chain.n, samples)),
+        late=empty_queue(s, parts.lag),
+    )
 
 
 def solved(parts: Parts) -> Solved:
@@ -135,22 +129,16 @@ def solved(parts: Parts) -> Solved:
     s, chain, N = parts.s, parts.chain, parts.chain.N
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    memory = memory0(parts)
-    symbol, values = carry_inputs(list(memory.values()))
-    kept = dict(zip(memory, values, strict=True))
-    columns = ("U", "Y", "M", "present", "X", "side")
-    before = dict(zip(columns, as_columns([kept[k] for k in columns], N + 1), strict=True))
+    m = memory(parts)
 
     # The window moves on by one sample; the newest one gets the prediction as its guess.
-    called, moved = before["present"][N], before["present"][0]
-    window = [before[k] for k in ("U", "Y", "M", "present")]
-    U, Y, M, present = advance(window, (u, y, mask, 1))
-    last = [kept["x_last"], kept["P_last"]]
-    kind = large if chain.dense else gaussian
-    ahead = kind.predict(s, parts.integrator, "discrete")
+    called, moved = m.present[N], m.present[0]
+    U, Y, M, present = moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))
+    last = [m.x_last, m.P_last]
+    ahead = ekf.predict(s, parts.integrator, "discrete")
     prior = choose(called, ahead.call([*last, U[:, N - 1], u]), last)
-    guess = ca.horzcat(before["X"][:, 1:], within(s)(prior[0], 0))
-    tried = ca.horzcat(before["side"][:, 1:], before["side"][:, N])
+    guess = ca.horzcat(m.X[:, 1:], within(s)(prior[0], 0))
+    tried = ca.horzcat(m.side[:, 1:], m.side[:, N])
 
     # Gauss-Newton steps, from the guess and the limits that were active a sample ago.
     solver = iterated(
@@ -159,8 +147,8 @@ def solved(parts: Parts) -> Solved:
         parts.optimiser,
         proximal=parts.arrival.free,
     )
-    P_start = parts.arrival.covariance(kept["spread"])
-    found = by_name(solver, [kept["x_start"], P_start, moved, guess, tried, U, Y, M, present])
+    P_start = parts.arrival.covariance(m.spread)
+    found = by_name(solver, [m.x_start, P_start, moved, guess, tried, U, Y, M, present])
 
     # The covariance: of the last linear problem without the limits that happen to be active.
     stages = [found[k] for k in chain.sizes]
@@ -170,16 +158,17 @@ def solved(parts: Parts) -> Solved:
     if parts.walk.any():
         P_end = mistaken(chain, 0, parts.walk)(*problem)
     return Solved(
-        inputs=[symbol, *data],
+        memory=m,
+        inputs=[m.symbol, *data],
         prior=prior,
         data=[u, y, mask],
         U=U,
         Y=Y,
         M=M,
         present=present,
-        x_start=kept["x_start"],
-        spread=kept["spread"],
-        late=kept["late"],
+        x_start=m.x_start,
+        spread=m.spread,
+        late=m.late,
         found=found,
         problem=problem,
         P_end=P_end,
@@ -191,7 +180,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
     s, chain, N = parts.s, parts.chain, parts.chain.N
     w = solved(parts)
     found, end = w.found, N - parts.lag
-    e, S = (large if chain.dense else gaussian).innovation(s)(*w.prior, *w.data)
+    e, S = ekf.innovation(s)(*w.prior, *w.data)
     (e, S), late = queued(w.late, [e, S], parts.lag)
     P = w.P_end
     if parts.lag and parts.walk.any():
@@ -204,24 +193,30 @@ def recursion(name: str, parts: Parts) -> Recursion:
         w.present[0], parts.arrival.advance(w.x_start, w.spread, _leaving(w, chain)),
         [w.x_start, w.spread],
     )  # fmt: skip
-    window = (w.U, w.Y, w.M, w.present, found["X"], found["side"])
     critical = [x_start, spread, found["X"][:, N], w.P_end]
-    carry = ca.vertcat(*critical, *(ca.vec(k) for k in window), late)
-    carry0 = np.concatenate(list(memory0(parts).values()))
+    after = {
+        "x_start": x_start, "spread": spread, "x_last": found["X"][:, N], "P_last": w.P_end,
+        "U": w.U, "Y": w.Y, "M": w.M, "present": w.present, "X": found["X"],
+        "side": found["side"], "late": late,
+    }  # fmt: skip
+    carry = _unless_broken(critical, w.memory.joined(after), w.memory.start)
 
     course = [found[k] for k in ("conflict", "limit", "open", "rejected")]
     names, infeasible, flags, P = _verdict(chain)(found["side"][:, end], *course, P, w.prior[1])
     x = within(s)(found["X"][:, end], infeasible)
-    outputs = [
-        *physical(s, RAISED)(x, P, w.U[:, end], e, S, flags),
-        found["iterations"], found["passes"], ca.fmax(found["residual"], SMALL),
-    ]  # fmt: skip
+    outputs = {
+        **physical(s, x=x, P=P, u=w.U[:, end], e=e, S=S, flags=flags),
+        "iterations": found["iterations"],
+        "passes": found["passes"],
+        "kkt": ca.fmax(found["residual"], SMALL),
+    }
     channels = (*ESTIMATE_CHANNELS, *(Channel(k) for k in ("iterations", "passes", "kkt")))
     if parts.limits.names:
-        outputs.append(names)
+        outputs["infeasible"] = names
         channels = (*channels, Channel("infeasible", ("limit",), labels=parts.limits.names))
-    step = ca.Function(name, w.inputs, [_unless_broken(critical, carry, carry0), *outputs])
-    return Recursion(step=step, carry0=carry0, channels=channels, dt=s.dt, lag=parts.lag)
+    return w.memory.recursion(
+        name, w.inputs[1:], next=carry, outputs=outputs, channels=channels, dt=s.dt, lag=parts.lag
+    )
 
 
 def _leaving(w: Solved, chain: Chain) -> Leaving:
@@ -244,7 +239,7 @@ def _leaving(w: Solved, chain: Chain) -> Leaving:
 def within(s: Setting) -> ca.Function:
     """``(x, not) -> x`` set to its hard bounds; with 1 it stays as it is."""
     x, stays = ca.SX.sym("x", s.model.nx), ca.SX.sym("stays")
-    return ca.Function("within", [x, stays], [ca.if_else(stays, x, gaussian.clip(s, x))])
+    return ca.Function("within", [x, stays], [ca.if_else(stays, x, within_bounds(s, x))])
 
 
 def _unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:
@@ -258,7 +253,7 @@ def _unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:
 
 
 def _verdict(chain: Chain) -> ca.Function:
-    """Limits that contradict each other, whether there are any, the flags of `RAISED`, and P.
+    """Limits that contradict each other, whether there are any, flags, and P.
 
     ``(side, conflict, limit, unfinished, rejected, P, P_prior) -> (names, infeasible, flags, P)``.
     P is then its lower triangle, without variances that are below zero by rounding.
@@ -270,16 +265,16 @@ def _verdict(chain: Chain) -> ca.Function:
     P, prior = chain.matrix(vP), chain.matrix(vprior)
     named = ca.vertcat(ca.SX(0, 1), *(ca.mmax(conflict[r, :]) for r in range(n)))
     infeasible = ca.mmax(named) if n else ca.SX(0)
-    flags = ca.vertcat(
-        ca.mmax(ca.fabs(side)) if n else 0,
-        ca.fmax(limit, unfinished),
-        rejected,
-        ca.mmax(NEGATIVE * ca.fabs(ca.diag(prior)) - ca.diag(P)) > 0,
-        infeasible,
+    flags = Flags(
+        clipped=ca.mmax(ca.fabs(side)) if n else 0,
+        iteration_limit=ca.fmax(limit, unfinished),
+        step_rejected=rejected,
+        not_positive_definite=ca.mmax(NEGATIVE * ca.fabs(ca.diag(prior)) - ca.diag(P)) > 0,
+        infeasible=infeasible,
     )
     clean = P + ca.diag(ca.fmax(-ca.diag(P), 0))
     return ca.Function(
         "verdict",
         [side, conflict, limit, unfinished, rejected, vP, vprior],
-        [named, infeasible, flags, vech(ca.densify(clean))],
+        [named, infeasible, flags.vector(), vech(ca.densify(clean))],
     )

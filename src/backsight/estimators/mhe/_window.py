@@ -7,9 +7,9 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import add_product, transpose
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
-from backsight.estimators.parts.gaussian import flow, substep_inputs
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.stages import entries, outputs_and_limits
+from backsight.estimators.parts.substeps import flow, substep_inputs
 from backsight.models.affine import moving_states
 from backsight.solvers.trajectory import Chain
 

@@ -2,18 +2,19 @@
 
 import abc
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech
+from backsight.description import Called, Description, Positive, Sound
 from backsight.discrete.runge_kutta import Integrator
-from backsight.errors import TuningError
 from backsight.estimators.base import Setting
-from backsight.estimators.kalman import UKF, ekf
+from backsight.estimators.kalman import ekf, ukf
 from backsight.estimators.parts.filtering import Halves
-from backsight.estimators.uncertainty import Noise, Prior, covariance
+from backsight.estimators.uncertainty import covariance, covariance_faults
 from backsight.solvers.trajectory import Chain, transit, update
 from backsight.types import Array
 
@@ -90,7 +91,7 @@ class Fitting:
     chain: Chain
 
 
-class AbstractArrival(abc.ABC):
+class AbstractArrival(Description, abc.ABC):
     """How the knowledge from before the window is summed up.
 
     While the window fills it is the estimator's prior. From then on its mean and covariance
@@ -116,11 +117,7 @@ class NoArrival(AbstractArrival):
         Also the size of what the covariance says of directions that are not determined.
     """
 
-    width: float = 1e3
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.width) and self.width > 0):
-            raise TuningError(f"the width of the prior is {self.width}; it must be positive")
+    width: Annotated[Positive, Called("the width of the prior")] = 1e3
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
@@ -148,6 +145,11 @@ class ConstantArrival(AbstractArrival):
 
     P: Array | None = None
 
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if self.P is not None and sound("P"):
+            yield from covariance_faults(self.P, what="P", singular=True)
+
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
         given = to.s.P0
@@ -170,7 +172,7 @@ class EKFArrival(AbstractArrival):
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        return _filter(ekf.halves(to.s, to.integrator, "discrete"), _same(to.chain))
+        return _filter(ekf.ekf_halves(to.s, to.integrator, "discrete"), _same(to.chain))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,16 +185,14 @@ class UKFArrival(AbstractArrival):
         See `UKF`.
     """
 
-    alpha: float = 1.0
+    alpha: Positive = 1.0
     beta: float = 2.0
     kappa: float = 0.0
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        points = UKF(
-            Noise(sigma_y=1.0), Prior(1.0), to.integrator, self.alpha, self.beta, self.kappa
-        )
-        halves = points.halves(to.s)
+        points = ukf.points_of(to.s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
+        halves = ukf.ukf_halves(to.s, to.integrator, points)
         return _filter(halves, _whole(to.chain, halves.covariance))
 
 

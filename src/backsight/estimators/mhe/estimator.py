@@ -1,13 +1,13 @@
 """Moving horizon estimation: nonlinear least squares over a window with process noise."""
 
 import dataclasses
-import numbers
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Called, Distinct, Horizon, Positive, Sound, Whole
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError, nearest
@@ -16,7 +16,6 @@ from backsight.estimators.mhe._inspect import inspection
 from backsight.estimators.mhe._sample import Parts, recursion
 from backsight.estimators.mhe._window import transition_pattern
 from backsight.estimators.mhe.arrival import (
-    AbstractArrival,
     ConstantArrival,
     EKFArrival,
     Fitting,
@@ -24,11 +23,21 @@ from backsight.estimators.mhe.arrival import (
     SmoothedArrival,
     UKFArrival,
 )
-from backsight.estimators.parts.limits import Limit, hard_bounds, limits_of
+from backsight.estimators.parts.limits import Limit, hard_bounds, limits_of, names_used_twice
 from backsight.estimators.parts.stages import chain_of
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.solvers.box import GaussNewton
+
+ARRIVALS = {
+    "NoArrival": NoArrival(),
+    "ConstantArrival": ConstantArrival(),
+    "EKFArrival": EKFArrival(),
+    "UKFArrival": UKFArrival(),
+    "SmoothedArrival": SmoothedArrival(),
+    "SmoothedArrival(naive)": SmoothedArrival(naive=True),
+}
+"""What is tried in the place of an arrival cost, by its name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,30 +114,38 @@ class MHE(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    N: int = 15
-    arrival: SmoothedArrival | EKFArrival | UKFArrival | ConstantArrival | NoArrival = (
-        dataclasses.field(default_factory=SmoothedArrival)
-    )
+    N: Horizon = 15
+    arrival: Annotated[
+        SmoothedArrival | EKFArrival | UKFArrival | ConstantArrival | NoArrival,
+        Called("the arrival cost"),
+    ] = dataclasses.field(default_factory=SmoothedArrival)
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
     optimiser: GaussNewton = dataclasses.field(default_factory=GaussNewton)
     limits: tuple[Limit, ...] = ()
-    soft: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    constant: tuple[str, ...] = ()
-    lag: int = 0
+    soft: Mapping[str, Annotated[Positive, Called("soft: the weight")]] = dataclasses.field(
+        default_factory=dict
+    )
+    constant: Annotated[tuple[str, ...], Distinct()] = ()
+    lag: Annotated[Whole, Called("the lag")] = 0
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.N, numbers.Integral) or self.N < 1:
-            raise TuningError(f"the horizon N is {self.N}; it must be a whole number from 1 on")
-        if not isinstance(self.lag, numbers.Integral) or not 0 <= self.lag <= self.N:
-            raise TuningError(f"the lag is {self.lag}; it must be a whole number from 0 to N")
-        if not isinstance(self.arrival, AbstractArrival):
-            raise TuningError(
-                f"the arrival cost is {self.arrival!r}; use SmoothedArrival() or alike"
-            )
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("lag", "N") and self.lag > self.N:
+            yield f"the lag is {self.lag}; it must be a whole number from 0 to N = {self.N}"
+        if sound("limits"):
+            yield from names_used_twice(self.limits)
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         return recursion(self.key, self._parts(model, dt))
+
+    def variants(self) -> Mapping[str, AbstractEstimator]:
+        """See `AbstractEstimator.variants`: the arrival costs in `ARRIVALS`."""
+        own = next((n for n, part in ARRIVALS.items() if part == self.arrival), str(self.arrival))
+        others = {n: part for n, part in ARRIVALS.items() if part != self.arrival}
+        return {own: self} | {
+            n: dataclasses.replace(self, arrival=part) for n, part in others.items()
+        }
 
     def inspect(self, model: Model, dt: float) -> ca.Function:
         """Build the whole window of a sample, see `backsight.estimators.mhe._inspect`."""

@@ -5,13 +5,15 @@ estimation: a comparison to extended and unscented Kalman filter".
 """
 
 import dataclasses
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
 from backsight.algebra.factor import solve_spd
 from backsight.algebra.symmetric import unvech, vech
-from backsight.errors import TuningError
+from backsight.description import Called, Description, Positive
+from backsight.estimators.parts.leaf import Results, leaf
 from backsight.models.affine import AffineForm
 from backsight.types import Array
 
@@ -20,7 +22,7 @@ BLOCKS = 20
 
 
 @dataclasses.dataclass(frozen=True)
-class Excitation:
+class Excitation(Description):
     r"""Persistency of excitation per parameter.
 
     With the sensitivity :math:`s = \lambda^{-n} \Upsilon_1 \, \partial\theta/\partial p` of the
@@ -34,11 +36,7 @@ class Excitation:
         T [s]; one period of the motion or more.
     """
 
-    window: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not self.window > 0:
-            raise TuningError(f"the window of the excitation is {self.window} s; it must be > 0")
+    window: Annotated[Positive, Called("the window of the excitation", "s")] = 0.5
 
     def block(self, dt: float) -> int:
         """Samples per block."""
@@ -61,40 +59,46 @@ def excitation_start(window: Excitation, dt: float, p: int) -> dict[str, Array]:
 def excitation(window: Excitation, form: AffineForm, *, dt: float, sigma: float) -> ca.Function:
     """Advance the window by one sample.
 
-    ``(*memory, Upsilon, lam, theta) -> (*memory, level, excited)``; a parameter counts as excited
-    if the window determines it to better than 100 % from measurements with deviation `sigma`.
+    ``(*memory, Upsilon, lam, theta) -> memory``; a parameter counts as excited if the window
+    determines it to better than 100 % from measurements with deviation `sigma`.
     """
     p, n, length = form.p, form.n, window.block(dt)
     size = p * (p + 1) // 2
-    blocks, current = ca.SX.sym("blocks", size * BLOCKS), ca.SX.sym("current", size)
-    left, filled = ca.SX.sym("left"), ca.SX.sym("filled")
-    level, excited = ca.SX.sym("level", p), ca.SX.sym("excited")
-    Y, lam, theta = ca.SX.sym("Y", n * p), ca.SX.sym("lam"), ca.SX.sym("theta", p)
 
-    s = ca.reshape(Y, n, p)[0, :] / lam**n
-    grown = current + dt * vech(s.T @ s)
-    due = left <= 1
-    shifted = ca.vertcat(blocks[size:], grown)
-    total = sum((shifted[k * size : (k + 1) * size] for k in range(BLOCKS)), ca.SX.zeros(size))
-    level_new = _levels(form, total, theta, T=window.block(dt) * BLOCKS * dt, sigma=sigma)
-    full = filled + 1 >= BLOCKS
-    needed = sigma / np.sqrt(length * BLOCKS)
-    enough = ca.if_else(full, ca.if_else(ca.mmin(level_new) >= needed, 1, 0), 1)
-    level_out = ca.if_else(due, level_new, level)
-    excited_out = ca.if_else(due, enough, excited)
-    memory = [
-        ca.if_else(due, shifted, blocks),
-        ca.if_else(due, 0, grown),
-        ca.if_else(due, length, left - 1),
-        ca.if_else(due, filled + 1, filled),
-        level_out,
-        excited_out,
-    ]
-    return ca.Function(
-        "excitation",
-        [blocks, current, left, filled, level, excited, Y, lam, theta],
-        [*memory, level_out, excited_out],
-    )
+    def formula(
+        blocks: ca.SX,
+        current: ca.SX,
+        left: ca.SX,
+        filled: ca.SX,
+        level: ca.SX,
+        excited: ca.SX,
+        Upsilon: ca.SX,
+        lam: ca.SX,
+        theta: ca.SX,
+    ) -> Results:
+        s = ca.reshape(Upsilon, n, p)[0, :] / lam**n
+        grown = current + dt * vech(s.T @ s)
+        due = left <= 1
+        shifted = ca.vertcat(blocks[size:], grown)
+        total = sum((shifted[k * size : (k + 1) * size] for k in range(BLOCKS)), ca.SX.zeros(size))
+        level_new = _levels(form, total, theta, T=window.block(dt) * BLOCKS * dt, sigma=sigma)
+        full = filled + 1 >= BLOCKS
+        needed = sigma / np.sqrt(length * BLOCKS)
+        enough = ca.if_else(full, ca.if_else(ca.mmin(level_new) >= needed, 1, 0), 1)
+        return {
+            "blocks": ca.if_else(due, shifted, blocks),
+            "current": ca.if_else(due, 0, grown),
+            "left": ca.if_else(due, length, left - 1),
+            "filled": ca.if_else(due, filled + 1, filled),
+            "level": ca.if_else(due, level_new, level),
+            "excited": ca.if_else(due, enough, excited),
+        }
+
+    sizes = {
+        "blocks": size * BLOCKS, "current": size, "left": 1, "filled": 1, "level": p,
+        "excited": 1, "Upsilon": n * p, "lam": 1, "theta": p,
+    }  # fmt: skip
+    return leaf("excitation", sizes, formula)
 
 
 def _levels(form: AffineForm, total: ca.SX, theta: ca.SX, *, T: float, sigma: float) -> ca.SX:

@@ -12,11 +12,20 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.observers._excitation import Excitation, excitation, excitation_start
 from backsight.estimators.observers._states import States
-from backsight.estimators.observers.adaptive_gain import AdaptiveGain, adapt, start
-from backsight.estimators.observers.formulas import Gains, Spread, free_step, observer_step
-from backsight.estimators.parts.filtering import carry_inputs, choose, packed
-from backsight.estimators.parts.gaussian import ramp
-from backsight.schema import Status
+from backsight.estimators.observers.adaptive_gain import AdaptiveGain, adapt, gain_start
+from backsight.estimators.observers.formulas import (
+    Interpolation,
+    ObserverGains,
+    Spread,
+    free_step,
+    observer_step,
+)
+from backsight.estimators.parts.covariance import packed
+from backsight.estimators.parts.filtering import choose
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import named_results
+from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.substeps import ramp
 from backsight.types import Array
 
 
@@ -27,13 +36,13 @@ class Plan:
     Parameters
     ----------
     states : States
-    gains : Gains
+    gains : ObserverGains
     lam : float
         Gain, lambda_max if it adapts [1/s].
     integrator : Integrator
         `hold` is that of the input.
-    interpolation : str
-        Of the measurement, one of `INTERPOLATIONS`.
+    interpolation : {"model", "linear", "hold"}
+        Of the measurement, see `Interpolation`.
     dt, R : float
         Sampling period [s] and variance of the measurement.
     x0, constants : arrays
@@ -45,10 +54,10 @@ class Plan:
     """
 
     states: States
-    gains: Gains
+    gains: ObserverGains
     lam: float
     integrator: Integrator
-    interpolation: str
+    interpolation: Interpolation
     dt: float
     R: float
     x0: Array
@@ -67,67 +76,83 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
     bridged by the model.
     """
     form, theta0 = plan.states.form, plan.states.theta0
-    u, y, mask = ca.MX.sym("u", form.nu), ca.MX.sym("y"), ca.MX.sym("mask")
-    memory = {
-        "x": plan.x0,
-        "theta": theta0,
-        "Upsilon": np.zeros(form.n * form.p),
-        "P": packed(plan.P0),
-        "B": np.zeros(form.n + form.p),
-        "lam": np.array([plan.lam]),
-        "u_last": np.zeros(form.nu),
-        "y_last": np.zeros(1),
-        "m_last": np.zeros(1),
-        "started": np.zeros(1),
-        "parameters": np.asarray(form.physical(theta0)).ravel(),
-    }
+    u, y, mask = data = [ca.MX.sym("u", form.nu), ca.MX.sym("y"), ca.MX.sym("mask")]
     watch = excitation_start(plan.window, plan.dt, form.p) if form.p else {}
-    gain = start(plan.adaptive, plan.dt, x0=plan.x0, theta0=theta0) if plan.adaptive else {}
-    everything = [*memory.values(), *watch.values(), *gain.values()]
-    symbol, parts = carry_inputs(everything)
-    x, theta, Y, P, B, lam, u_last, y_last, m_last, started, known = parts[: len(memory)]
-    watched = parts[len(memory) : len(memory) + len(watch)]
-    adapted = parts[len(memory) + len(watch) :]
-
-    between = _Between(plan, (u_last, u))
-    P_last = _with_noise(plan)(P, B)
-    free = choose(started, between.free(x, P_last, theta), [x, P_last])
-    e, S = _innovation(plan)(*free, y, mask)
-    measured = _measured(plan).call([x, free[0], y_last, y, m_last, mask])
-    state = [x, theta, Y, P, B]
-    x, theta, Y, P, B = choose(started, between.corrected(state, measured, lam), state)
-    x, theta, known, P_out, status = plan.states.observed()(
-        x, theta, _with_noise(plan)(P, B), known
+    gain = gain_start(plan.adaptive, plan.dt, x0=plan.x0, theta0=theta0) if plan.adaptive else {}
+    m = Memory(
+        x=plan.x0,
+        theta=theta0,
+        Upsilon=np.zeros(form.n * form.p),
+        P=packed(plan.P0),
+        B=np.zeros(form.n + form.p),
+        lam=plan.lam,
+        u_last=np.zeros(form.nu),
+        y_last=0,
+        m_last=0,
+        started=0,
+        parameters=np.asarray(form.physical(theta0)).ravel(),
+        **watch,
+        **gain,
     )
 
-    outputs, channels = [lam], [*ESTIMATE_CHANNELS, Channel("lam")]
+    # 1. innovation: the model alone, from the last sample to this one
+    between, P_last = _Between(plan, (m.u_last, u)), _with_noise(plan)(m.P, m.B)
+    free = choose(m.started, between.free(m.x, P_last, m.theta), [m.x, P_last])
+    e, S = _innovation(plan)(*free, y, mask)
+
+    # 2. observer, eq. 5 or eq. 10, with the interpolated measurement
+    state = {"x": m.x, "theta": m.theta, "Upsilon": m.Upsilon, "P": m.P, "B": m.B}
+    measured = _measured(plan).call([m.x, free[0], m.y_last, y, m.m_last, mask])
+    moved = between.corrected(state, measured, m.lam)
+    after = dict(
+        zip(state, choose(m.started, list(moved.values()), list(state.values())), strict=True)
+    )
+
+    # 3. parameters, bounds, covariance of the states
+    P_now = _with_noise(plan)(after["P"], after["B"])
+    seen = named_results(plan.states.observed(), after["x"], after["theta"], P_now, m.parameters)
+    x, theta, flags = seen["x"], seen["theta"], Flags.of(seen["flags"])
+    after |= {"x": x, "theta": theta, "parameters": seen["parameters"]}
+    outputs, channels = {"lam": m.lam}, [*ESTIMATE_CHANNELS, Channel("lam")]
+
+    # 4. excitation, eq. 9
     if form.p:
         measure = excitation(plan.window, form, dt=plan.dt, sigma=float(np.sqrt(plan.R)))
-        *watched, level, excited = measure(*watched, Y, lam, theta)
-        outputs.append(level)
+        memory = [getattr(m, name) for name in watch]
+        watched = named_results(measure, *memory, after["Upsilon"], m.lam, theta)
+        outputs["excitation"] = watched["level"]
         channels.append(Channel("excitation", ("parameter",), labels=form.parameters))
-        status = status + int(Status.NOT_EXCITED) * (1 - excited)
+        flags = dataclasses.replace(flags, not_excited=1 - watched["excited"])
+        after |= watched
+
+    # 5. gain of the next sample, eq. 17-19
+    after["lam"] = m.lam
     if plan.adaptive:
-        adapted, lam = adapt(
+        after |= adapt(
             plan.adaptive,
             form,
             plan.integrator,
             upper=plan.lam,
             dt=plan.dt,
-            memory=adapted,
-            last=(u_last, y_last, m_last),
+            memory={name: getattr(m, name) for name in gain},
+            last=(m.u_last, m.y_last, m.m_last),
             data=(u, y, mask),
-            estimate=(x, theta, lam),
+            estimate=(x, theta, m.lam),
         )
-    x_hat = ca.vertcat(x, known, plan.constants)
-    carry = ca.vertcat(x, theta, Y, P, B, lam, u, y, mask, 1, known, *watched, *adapted)
-    step = ca.Function(
-        name, [symbol, u, y, mask], [carry, x_hat, P_out, x[0], e, S, status, *outputs]
-    )
-    return Recursion(
-        step=step,
-        carry0=np.concatenate(everything),
-        channels=tuple(channels),
+    estimate = {
+        "x_hat": ca.vertcat(x, seen["parameters"], plan.constants),
+        "P": seen["P"],
+        "y_hat": x[0],
+        "e": e,
+        "S": S,
+        "status": flags.status(),
+    }
+    return m.recursion(
+        name,
+        data,
+        next={**after, "u_last": u, "y_last": y, "m_last": mask, "started": 1},
+        outputs={**estimate, **outputs},
+        channels=channels,
         dt=plan.dt,
         least_samples=plan.adaptive.samples(plan.dt) if plan.adaptive else 1,
     )
@@ -147,12 +172,14 @@ class _Between:
         leaf = free_step(plan.states.form, plan.integrator, plan.spread, h=self.h)
         return scan(leaf, self.n, carry=[x, P], xs=self.u, constants=[theta])[0]
 
-    def corrected(self, state: list[ca.MX], measured: list[ca.MX], lam: ca.MX) -> list[ca.MX]:
+    def corrected(
+        self, state: dict[str, ca.MX], measured: list[ca.MX], lam: ca.MX
+    ) -> dict[str, ca.MX]:
         """State, theta, Upsilon and covariance of the observer.
 
         The last noise is the new one, on which nothing depends at the beginning.
         """
-        plan, (x, theta, Y, P, B) = self.plan, state
+        plan, B = self.plan, state["B"]
         ya, yb, wa, wb, on = measured
         leaf = observer_step(
             plan.states.form,
@@ -163,10 +190,14 @@ class _Between:
             interpolation=plan.interpolation,
         )
         xs = [*self.u, *ramp(self.n, ya, yb), *ramp(self.n, wa, wb)]
-        start = [x, theta, Y, P, ca.horzcat(B, ca.MX.zeros(B.numel())), x]
-        end, _ = scan(leaf, self.n, carry=start, xs=xs, constants=[lam, on, theta])
-        x, theta, Y, P, both, _ = end
-        return [x, theta, Y, _with_noise(plan)(P, both[:, 0]), both[:, 1]]
+        both = ca.horzcat(B, ca.MX.zeros(B.numel()))
+        start = {**state, "B": both, "x_free": state["x"]}
+        last, _ = scan(
+            leaf, self.n, carry=list(start.values()), xs=xs, constants=[lam, on, state["theta"]]
+        )
+        end = dict(zip(start, last, strict=True))
+        P, both = _with_noise(plan)(end["P"], end["B"][:, 0]), end["B"][:, 1]
+        return {**{name: end[name] for name in ("x", "theta", "Upsilon")}, "P": P, "B": both}
 
 
 def _measured(plan: Plan) -> ca.Function:

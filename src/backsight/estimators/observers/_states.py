@@ -6,10 +6,10 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.bounds import clip
-from backsight.algebra.symmetric import unvech, vech
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, Symmetric, leaf
 from backsight.models.affine import AffineForm
 from backsight.models.model import Model
-from backsight.schema import Status
 from backsight.types import Array
 
 LEAST = 1e-9
@@ -40,41 +40,42 @@ class States:
         return slice(self.form.n, self.form.n + len(self.form.parameters))
 
     def observed(self) -> ca.Function:
-        """``(x, theta, P, last) -> (x, theta, parameters, P, status)``.
+        """``(x, theta, P, last) -> (x, theta, parameters, P, flags)``.
 
         P goes from the covariance of chain, theta and constants to that of the states. Where a
         divisor among theta has passed through zero the parameters keep their `last` values. States
         outside their bounds are set to them, and theta follows.
         """
-        form, p = self.form, self.form.p
-        n, q = form.n, len(self.lower) - form.n - p
-        x, theta, last = ca.SX.sym("x", n), ca.SX.sym("theta", p), ca.SX.sym("last", p)
-        size = n + p + q
-        vP = ca.SX.sym("P", size * (size + 1) // 2)
+        form, p, n = self.form, self.form.p, self.form.n
+        size = len(self.lower)
 
-        defined = self._defined(theta)
-        safe = ca.if_else(defined, theta, ca.SX(self.theta0))
-        J = ca.SX.eye(size)
-        values = last
-        if p:
-            symbol = ca.SX.sym("theta", p)
-            physical = form.physical.call([symbol])[0]
-            found, slope = ca.substitute(
-                [physical, ca.jacobian(physical, symbol)], [symbol], [safe]
-            )
-            J[n : n + p, n : n + p] = slope
-            values = ca.if_else(defined, found, last)
-        x_in = clip(x, self.lower[:n], self.upper[:n])
-        values_in = clip(values, self.lower[self.parameters], self.upper[self.parameters])
-        moved = ca.norm_1(values_in - values) if p else ca.SX(0)
-        theta_in = self._theta_within(theta, values_in, moved, defined)
-        clipped = ca.if_else(moved + ca.norm_1(x_in - x) > 0, 1, 0)
-        status = int(Status.UNDEFINED) * (1 - defined) + int(Status.CLIPPED) * clipped
-        return ca.Function(
-            "observed",
-            [x, theta, vP, last],
-            [x_in, theta_in, values_in, vech(ca.densify(J @ unvech(vP) @ J.T)), status],
-        )
+        def formula(x: ca.SX, theta: ca.SX, P: ca.SX, last: ca.SX) -> Results:
+            defined = self._defined(theta)
+            safe = ca.if_else(defined, theta, ca.SX(self.theta0))
+            J = ca.SX.eye(size)
+            values = last
+            if p:
+                symbol = ca.SX.sym("theta", p)
+                physical = form.physical.call([symbol])[0]
+                found, slope = ca.substitute(
+                    [physical, ca.jacobian(physical, symbol)], [symbol], [safe]
+                )
+                J[n : n + p, n : n + p] = slope
+                values = ca.if_else(defined, found, last)
+            x_in = clip(x, self.lower[:n], self.upper[:n])
+            values_in = clip(values, self.lower[self.parameters], self.upper[self.parameters])
+            moved = ca.norm_1(values_in - values) if p else ca.SX(0)
+            clipped = ca.if_else(moved + ca.norm_1(x_in - x) > 0, 1, 0)
+            return {
+                "x": x_in,
+                "theta": self._theta_within(theta, values_in, moved, defined),
+                "parameters": values_in,
+                "P": ca.densify(J @ P @ J.T),
+                "flags": Flags(clipped=clipped, undefined=1 - defined).vector(),
+            }
+
+        sizes = {"x": n, "theta": p, "P": Symmetric(size), "last": p}
+        return leaf("observed", sizes, formula)
 
     def _defined(self, theta: ca.SX) -> ca.SX:
         """1 if no divisor has passed through zero."""
@@ -93,6 +94,6 @@ class States:
         return ca.if_else(outside, self.form.theta.call([values])[0], theta)
 
 
-def bounds(model: Model) -> tuple[Array, Array]:
+def state_bounds(model: Model) -> tuple[Array, Array]:
     """Lower and upper bounds of the states, (nx,) each."""
     return np.array([s.lower for s in model.states]), np.array([s.upper for s in model.states])

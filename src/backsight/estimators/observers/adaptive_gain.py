@@ -6,19 +6,21 @@ adaptive high-gain observer for nonlinear systems", Automatica 46 (2010), 1483-1
 """
 
 import dataclasses
+from collections.abc import Iterator
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Description, Positive, Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate, scan
-from backsight.errors import TuningError
 from backsight.models.affine import AffineForm
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class AdaptiveGain:
+class AdaptiveGain(Description):
     r"""High gain while the model does not explain the output, low gain otherwise.
 
     .. math::
@@ -50,22 +52,21 @@ class AdaptiveGain:
         K_up and K_down [1/s].
     """
 
-    lower: float
-    gamma: float
-    beta: float | None = None
-    window: float = 0.04
-    every: float = 0.001
-    up: float = 500.0
-    down: float = 5.0
+    called: ClassVar[str] = "adaptive gain"
 
-    def __post_init__(self) -> None:
-        for name in ("lower", "gamma", "beta", "window", "every", "up", "down"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise TuningError(f"adaptive gain: {name} is {value}; it must be positive")
-        if not self.window >= self.every:
-            raise TuningError(
-                f"adaptive gain: the window ({self.window:g} s) is shorter than the time between "
+    lower: Positive
+    gamma: Positive
+    beta: Positive | None = None
+    window: Positive = 0.04
+    every: Positive = 0.001
+    up: Positive = 500.0
+    down: Positive = 5.0
+
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("window", "every") and not self.window >= self.every:
+            yield (
+                f"the window ({self.window:g} s) is shorter than the time between "
                 f"evaluations ({self.every:g} s)"
             )
 
@@ -101,12 +102,12 @@ def adapt(
     *,
     upper: float,
     dt: float,
-    memory: list[ca.MX],
+    memory: dict[str, ca.MX],
     last: tuple[ca.MX, ca.MX, ca.MX],
     data: tuple[ca.MX, ca.MX, ca.MX],
     estimate: tuple[ca.MX, ca.MX, ca.MX],
-) -> tuple[list[ca.MX], ca.MX]:
-    """Memory of the gain after this sample, and lambda of the next one.
+) -> dict[str, ca.MX]:
+    """Memory of the gain after this sample, with lambda of the next one.
 
     Every evaluation needs the response from the estimates one window ago. The responses of all
     coming evaluations are therefore under way at the same time, each a step further with every
@@ -118,8 +119,8 @@ def adapt(
         The integrator's `hold` is that of the input.
     upper, dt : float
         lambda_max [1/s] and sampling period [s].
-    memory : list of MX
-        As from `start`, one symbol for each entry.
+    memory : dict
+        As from `gain_start`, one symbol for each part.
     last, data : tuple of MX
         u, y, mask of the last sample and of this one.
     estimate : tuple of MX
@@ -127,16 +128,24 @@ def adapt(
     """
     x, theta, lam = estimate
     stride, count = gain.lengths(dt)
-    S, evaluated, elapsed, X, T, areas = memory
-    columns = [ca.reshape(v, rows, count) for v, rows in ((X, form.n), (areas, 1), (T, form.p))]
+    columns = [memory["X"], memory["areas"], memory["T"]]
     ends = [end for pair in zip(last, data, strict=True) for end in pair]
     step = prediction_error(form, integrator, dt)
     _, (X, areas) = scan(step, count, carry=[], xs=columns, constants=ends)
-    due, elapsed = _clock(stride)(elapsed)
-    state = [due, S, evaluated, ca.vec(X), T, ca.vec(areas)]
-    _, *after = iterate(_turn(form, gain, count), 1, carry=state, constants=[x, theta])
-    S, evaluated, X, T, areas = after
-    return [S, evaluated, elapsed, X, T, areas], gain_step(gain, upper, dt)(lam, S)
+    due, elapsed = _clock(stride)(memory["elapsed"])
+    state = {
+        "S": memory["S"],
+        "evaluated": memory["evaluated"],
+        "X": ca.vec(X),
+        "T": ca.vec(memory["T"]),
+        "areas": ca.vec(areas),
+    }
+    turn = _turn(form, gain, count)
+    _, *turned = iterate(turn, 1, carry=[due, *state.values()], constants=[x, theta])
+    after = dict(zip(state, turned, strict=True))
+    lam_next = gain_step(gain, upper, dt)(lam, after["S"])
+    shaped = {name: ca.reshape(after[name], *memory[name].shape) for name in state}
+    return {**shaped, "elapsed": elapsed, "lam": lam_next}
 
 
 def _turn(form: AffineForm, gain: AdaptiveGain, count: int) -> ca.Function:
@@ -178,14 +187,14 @@ def prediction_error(form: AffineForm, integrator: Integrator, dt: float) -> ca.
     )
 
 
-def start(gain: AdaptiveGain, dt: float, *, x0: Array, theta0: Array) -> dict[str, Array]:
+def gain_start(gain: AdaptiveGain, dt: float, *, x0: Array, theta0: Array) -> dict[str, Array]:
     """Memory of the adaptive gain before the first sample."""
     _, count = gain.lengths(dt)
     return {
         "S": np.ones(1),
         "evaluated": np.zeros(1),
         "elapsed": np.zeros(1),
-        "X": np.tile(x0, count),
-        "T": np.tile(theta0, count),
-        "areas": np.zeros(count),
+        "X": np.tile(x0[:, None], count),
+        "T": np.tile(theta0[:, None], count),
+        "areas": np.zeros((1, count)),
     }

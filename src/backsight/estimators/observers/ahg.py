@@ -1,23 +1,25 @@
 """Adaptive high-gain observer with fixed or adaptive gain."""
 
 import dataclasses
-from typing import ClassVar
+from collections.abc import Iterator
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
+from backsight.description import Positive, Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.observers._excitation import Excitation
 from backsight.estimators.observers._recursion import Plan, assemble_observer
-from backsight.estimators.observers._states import States, bounds
+from backsight.estimators.observers._states import States, state_bounds
 from backsight.estimators.observers.adaptive_gain import AdaptiveGain
 from backsight.estimators.observers.formulas import (
-    Gains,
+    Interpolation,
+    ObserverGains,
     Spread,
-    check_gain,
     check_step,
     gain_vector,
 )
@@ -49,7 +51,7 @@ class AHG(AbstractEstimator):
     ----------
     noise : Noise
     prior : Prior
-    lam : float
+    gain : float
         Gain lambda [1/s]; lambda_max if it adapts.
     Gamma : (p, p) array or p numbers
         Speed of adaptation per combination, in the order of `affine_form(model).combinations`.
@@ -64,7 +66,7 @@ class AHG(AbstractEstimator):
     integrator : Integrator
         `hold` is that of the input.
     interpolation : {"model", "linear", "hold"}
-        The measurement between samples, see `formulas.INTERPOLATIONS`.
+        The measurement between samples, see `formulas.Interpolation`.
 
     Notes
     -----
@@ -84,37 +86,35 @@ class AHG(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    lam: float
+    gain: Positive
     Gamma: Array
     poles: complex | tuple[complex, ...] = -1.0
-    form: str = "consistent"
+    form: Literal["consistent", "printed"] = "consistent"
     adaptive: AdaptiveGain | None = None
     excitation: Excitation = dataclasses.field(default_factory=Excitation)
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
-    interpolation: str = "model"
+    interpolation: Interpolation = "model"
 
-    def __post_init__(self) -> None:
-        if self.form not in ("consistent", "printed"):
-            raise TuningError(f"unknown form '{self.form}': use 'consistent' or 'printed'")
-        check_gain(self.lam, self.interpolation)
-        if self.adaptive and not self.adaptive.lower < self.lam:
-            raise TuningError(
-                f"adaptive gain: lower = {self.adaptive.lower:g} must be below lam = {self.lam:g}"
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if self.adaptive and sound("adaptive", "gain") and not self.adaptive.lower < self.gain:
+            yield (
+                f"adaptive gain: lower = {self.adaptive.lower:g} must be below gain = {self.gain:g}"
             )
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         form = affine_form(model)
         k0 = gain_vector(self.poles, form.n)
-        check_step(self.lam, k0, self.integrator, dt)
+        check_step(self.gain, k0, self.integrator, dt)
         x0, P0 = self.prior.mean(model), self.prior.covariance(model)
         theta0, J = _combinations(form, x0[form.n :])
         T = np.eye(model.nx)
         T[form.n :, form.n :] = J
         plan = Plan(
-            states=States(form, theta0, *bounds(model)),
-            gains=Gains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
-            lam=self.lam,
+            states=States(form, theta0, *state_bounds(model)),
+            gains=ObserverGains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
+            lam=self.gain,
             integrator=self.integrator,
             interpolation=self.interpolation,
             dt=dt,

@@ -5,20 +5,21 @@ parameter estimation: a comparison to extended and unscented Kalman filter".
 """
 
 import dataclasses
+from typing import Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from backsight.algebra.symmetric import unvech, vech
-from backsight.discrete.runge_kutta import TABLEAUS, Integrator
-from backsight.errors import TuningError, nearest
+from backsight.discrete.runge_kutta import TABLEAUS, Integrator, Scheme
+from backsight.errors import TuningError
 from backsight.models.affine import AffineForm
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Gains:
+class ObserverGains:
     """Tuning of the observer.
 
     Parameters
@@ -57,16 +58,7 @@ def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
     return np.real(polynomial[1:]).astype(float)
 
 
-def check_gain(lam: float, interpolation: str) -> None:
-    """Raise `TuningError` if lambda is not positive or the interpolation unknown."""
-    if not (np.isfinite(lam) and lam > 0):
-        raise TuningError(f"lam is {lam}; it must be positive")
-    if interpolation not in INTERPOLATIONS:
-        hint = nearest(interpolation, INTERPOLATIONS)
-        raise TuningError(f"unknown interpolation '{interpolation}': {hint}")
-
-
-def amplification(scheme: str, z: ArrayLike) -> Array:
+def amplification(scheme: Scheme, z: ArrayLike) -> Array:
     """Largest factor by which a Runge-Kutta step multiplies exp(z t) over t = 1, per z."""
     tableau = TABLEAUS[scheme]
     stages = len(tableau.b)
@@ -93,7 +85,7 @@ def check_step(lam: float, k0: Array, integrator: Integrator, dt: float) -> None
         )
 
 
-def observer_rhs(form: AffineForm, gains: Gains) -> ca.Function:
+def observer_rhs(form: AffineForm, gains: ObserverGains) -> ca.Function:
     """Right-hand side of eq. 10 (eq. 5 without parameters).
 
     ``(x, theta, Upsilon, y, u, lam, on) -> (dx, dtheta, dUpsilon)``; with ``on = 0`` nothing was
@@ -115,7 +107,7 @@ def observer_rhs(form: AffineForm, gains: Gains) -> ca.Function:
     return ca.Function("observer_rhs", [x, theta, Y, y, u, lam, on], [dx, dtheta, dY])
 
 
-INTERPOLATIONS = ("model", "linear", "hold")
+Interpolation: TypeAlias = Literal["model", "linear", "hold"]
 """The measurement between samples.
 
 ``model`` adds the linearly interpolated innovation to the model's prediction, so that a perfect
@@ -147,7 +139,7 @@ class Spread:
 
 def observer_step(
     form: AffineForm,
-    gains: Gains,
+    gains: ObserverGains,
     integrator: Integrator,
     spread: Spread,
     *,

@@ -6,16 +6,17 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.observers._excitation import Excitation
 from backsight.estimators.observers._recursion import Plan, assemble_observer
-from backsight.estimators.observers._states import States, bounds
+from backsight.estimators.observers._states import States, state_bounds
 from backsight.estimators.observers.formulas import (
-    Gains,
+    Interpolation,
+    ObserverGains,
     Spread,
-    check_gain,
     check_step,
     gain_vector,
 )
@@ -43,7 +44,7 @@ class HGO(AbstractEstimator):
     ----------
     noise : Noise
     prior : Prior
-    lam : float
+    gain : float
         Gain lambda [1/s]. The error decays like exp(-lambda t), the noise of the velocity grows
         with lambda^1.5.
     poles : number or n numbers
@@ -51,7 +52,7 @@ class HGO(AbstractEstimator):
     integrator : Integrator
         `hold` is that of the input.
     interpolation : {"model", "linear", "hold"}
-        The measurement between samples, see `formulas.INTERPOLATIONS`.
+        The measurement between samples, see `formulas.Interpolation`.
 
     References
     ----------
@@ -64,13 +65,10 @@ class HGO(AbstractEstimator):
 
     noise: Noise
     prior: Prior
-    lam: float
+    gain: Positive
     poles: complex | tuple[complex, ...] = -1.0
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
-    interpolation: str = "model"
-
-    def __post_init__(self) -> None:
-        check_gain(self.lam, self.interpolation)
+    interpolation: Interpolation = "model"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
@@ -78,12 +76,12 @@ class HGO(AbstractEstimator):
         n = len(moving_states(model))
         form = affine_form(_chain(model, n, x0[n:]))
         k0 = gain_vector(self.poles, form.n)
-        check_step(self.lam, k0, self.integrator, dt)
-        lower, upper = bounds(model)
+        check_step(self.gain, k0, self.integrator, dt)
+        lower, upper = state_bounds(model)
         plan = Plan(
             states=States(form, np.zeros(0), lower, upper),
-            gains=Gains(k0, np.zeros((0, 0))),
-            lam=self.lam,
+            gains=ObserverGains(k0, np.zeros((0, 0))),
+            lam=self.gain,
             integrator=self.integrator,
             interpolation=self.interpolation,
             dt=dt,

@@ -9,8 +9,8 @@ import numpy as np
 from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
-from backsight.estimators.parts.gaussian import FLAGS
-from backsight.schema import Status
+from backsight.estimators.parts.flags import FLAGS, Flags
+from backsight.estimators.parts.memory import Memory
 from backsight.types import Array
 
 
@@ -25,7 +25,7 @@ class Halves:
     innovation : casadi.Function
         ``(x, spread, u, y, mask) -> (e, S)``.
     correct : casadi.Function
-        ``(x, spread, u, y, mask) -> (x, spread, flags)``.
+        ``(x, spread, u, y, mask) -> (x, spread, flags)``; flags as `Flags.vector`.
     predict : casadi.Function
         ``(x, spread, u, u_next) -> (x, spread)``.
     covariance : casadi.Function
@@ -51,23 +51,23 @@ def assemble(name: str, s: Setting, halves: Halves) -> Recursion:
     """
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    memory = {"x": s.x0, "spread": halves.spread0}
+    parts = {"x": s.x0, "spread": halves.spread0}
     if halves.ramp:
-        memory |= {"u_last": np.zeros(s.model.nu), "started": np.zeros(1)}
-    symbol, (x, spread, *last) = carry_inputs(list(memory.values()))
+        parts |= {"u_last": np.zeros(s.model.nu), "started": np.zeros(1)}
+    m = Memory(**parts)
+    x, spread = m.x, m.spread
     if halves.ramp:
-        u_last, started = last
-        x, spread = choose(started, halves.predict.call([x, spread, u_last, u]), [x, spread])
+        predicted = halves.predict.call([x, spread, m.u_last, u])
+        x, spread = choose(m.started, predicted, [x, spread])
     e, S = halves.innovation(x, spread, u, y, mask)
     x, spread, flags = halves.correct(x, spread, u, y, mask)
-    outputs = physical(s)(x, halves.covariance(spread), u, e, S, flags)
-    carry = [x, spread, u, 1] if halves.ramp else halves.predict(x, spread, u, u)
-    return Recursion(
-        step=ca.Function(name, [symbol, *data], [ca.vertcat(*carry), *outputs]),
-        carry0=np.concatenate(list(memory.values())),
-        channels=ESTIMATE_CHANNELS,
-        dt=s.dt,
-    )
+    outputs = physical(s, x=x, P=halves.covariance(spread), u=u, e=e, S=S, flags=flags)
+    after: dict[str, ca.MX | float]
+    if halves.ramp:
+        after = {"x": x, "spread": spread, "u_last": u, "started": 1}
+    else:
+        after = dict(zip(("x", "spread"), halves.predict(x, spread, u, u), strict=True))
+    return m.recursion(name, data, next=after, outputs=outputs, channels=ESTIMATE_CHANNELS, dt=s.dt)
 
 
 def data_inputs(s: Setting) -> list[ca.MX]:
@@ -75,43 +75,43 @@ def data_inputs(s: Setting) -> list[ca.MX]:
     return [ca.MX.sym(n, k) for n, k in (("u", s.model.nu), ("y", s.model.ny), ("m", s.model.ny))]
 
 
-def carry_inputs(memory: Sequence[Array]) -> tuple[ca.MX, list[ca.MX]]:
-    """Symbol of the whole carry and its parts, one for each (flat) array of the memory."""
-    ends = np.cumsum([0, *(len(part) for part in memory)])
-    symbol = ca.MX.sym("carry", int(ends[-1]))
-    return symbol, ca.vertsplit(symbol, [int(e) for e in ends])
-
-
-def packed(P: Array) -> Array:
-    """Lower triangle of a symmetric matrix, (n (n + 1) / 2,)."""
-    return P.T[np.triu_indices(len(P))]
-
-
 def choose(flag: ca.MX, then: Sequence[ca.MX], otherwise: Sequence[ca.MX]) -> list[ca.MX]:
     """Elementwise `then` where the scalar flag is not zero, else `otherwise`."""
-    sizes = [t.numel() for t in then]
+    shapes = [t.shape for t in then]
     c = ca.SX.sym("c")
-    a, b = ([ca.SX.sym("v", n) for n in sizes] for _ in range(2))
+    a, b = ([ca.SX.sym("v", *shape) for shape in shapes] for _ in range(2))
     selected = [ca.if_else(c, i, j) for i, j in zip(a, b, strict=True)]
-    name = "choose_" + "_".join(map(str, sizes))
+    name = "choose_" + "_".join(str(t.numel()) for t in then)
     return ca.Function(name, [c, *a, *b], selected).call([flag, *then, *otherwise])
 
 
-def physical(s: Setting, raised: Sequence[Status] = FLAGS) -> ca.Function:
-    """Scaled posterior to the outputs of `ESTIMATE_CHANNELS`.
+def physical(
+    s: Setting, *, x: ca.MX, P: ca.MX, u: ca.MX, e: ca.MX, S: ca.MX, flags: ca.MX
+) -> dict[str, ca.MX]:
+    """Values of `ESTIMATE_CHANNELS` from a scaled posterior.
 
-    ``(x, P, u, e, S, flags) -> (x_hat, P, y_hat, e, S, status)``; every flag, 0 or 1, has its
-    meaning in `raised`.
+    Parameters
+    ----------
+    s : Setting
+    x, P : MX
+        State (nx,) and lower triangle of its covariance.
+    u : MX
+        Inputs (nu,) of the sample.
+    e, S : MX
+        Innovation (ny,) and lower triangle of its covariance.
+    flags : MX
+        `Flags.vector`.
     """
-    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    x, u, e = ca.SX.sym("x", nx), ca.SX.sym("u", nu), ca.SX.sym("e", ny)
-    vP, vS = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("S", ny * (ny + 1) // 2)
-    flags = ca.SX.sym("flags", len(raised))
+    sizes = {"x": x, "P": P, "u": u, "e": e, "S": S}
+    symbols = {name: ca.SX.sym(name, value.numel()) for name, value in sizes.items()}
+    raised = ca.SX.sym("flags", FLAGS)
     outputs = [
-        *s.physical(x, vP),
-        s.sy * s.model.output(x, u),
-        s.sy * e,
-        vech(unvech(vS) * ca.SX(np.outer(s.sy, s.sy))),
-        ca.dot(flags, ca.DM([int(f) for f in raised])),
+        *s.physical(symbols["x"], symbols["P"]),
+        s.sy * s.model.output(symbols["x"], symbols["u"]),
+        s.sy * symbols["e"],
+        vech(unvech(symbols["S"]) * ca.SX(np.outer(s.sy, s.sy))),
+        Flags.of(raised).status(),
     ]
-    return ca.Function("physical", [x, vP, u, e, vS, flags], outputs)
+    leave = ca.Function("physical", [*symbols.values(), raised], outputs)
+    values = leave(x, P, u, e, S, flags)
+    return {c.name: v for c, v in zip(ESTIMATE_CHANNELS, values, strict=True)}

@@ -2,50 +2,40 @@
 
 import casadi as ca
 
-from backsight.algebra.symmetric import unvech, vech
-from backsight.algebra.update import joseph, measured, noise_of
-from backsight.engine.dense import add_product, symmetrise
-from backsight.estimators.parts.gaussian import clip
-from backsight.estimators.parts.linear import Linear, is_large
+from backsight.algebra.update import measured, noise_of
+from backsight.estimators.parts.covariance import Term, joseph_form
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, half, leaf, notation
+from backsight.estimators.parts.linear import Linear
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.types import Array
 
 
-def correct_with(system: Linear, K: Array) -> ca.Function:
-    """Measurement update ``(x, P, u, y, mask) -> (x, P, flags)`` with the gain K (nx, ny).
+def correct_with(system: Linear, gain: Array) -> ca.Function:
+    """Measurement update ``(x, P, u, y, mask) -> (x, P, flags)`` with a gain (nx, ny).
 
     Rows that were not measured are left out. P is the covariance of the estimate that this gain
     makes, by Joseph's formula; it holds for every gain. States outside their bounds are set to
     them.
     """
-    s = system.s
-    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    x, u, y, mask = (ca.SX.sym(n, k) for n, k in (("x", nx), ("u", nu), ("y", ny), ("m", ny)))
-    seen = measured(mask)
-    e = seen * (y - s.model.output(x, u))
-    free = x + ca.mtimes(ca.DM(K), e)
-    moved = clip(s, free)
-    clipped = ca.if_else(ca.norm_1(moved - free) > 0, 1, 0)
-    flags = ca.vertcat(clipped, 0, 0, 0)
-    masked, R = ca.SX(ca.DM(K)) @ ca.diag(seen), noise_of(ca.SX(s.R), mask)
-    if not is_large(system):
-        vP = ca.SX.sym("P", nx * (nx + 1) // 2)
-        P = joseph(unvech(vP), masked, ca.SX(ca.sparsify(ca.DM(system.C))), R)
-        return ca.Function("correct", [x, vP, u, y, mask], [moved, vech(P), flags])
-    state = ca.Function("state", [x, u, y, mask], [moved, flags])
-    gain = ca.Function("gain", [mask], [ca.densify(masked), ca.densify(masked @ R)])
-    inputs = [ca.MX.sym(n, k) for n, k in (("x", nx), ("P", nx * nx), ("u", nu), ("y", ny))]
-    inputs.append(ca.MX.sym("mask", ny))
-    x_post, raised = state(inputs[0], *inputs[2:])
-    P_post = _joseph_by_loops(ca.reshape(inputs[1], nx, nx), list(gain(inputs[4])), system)
-    return ca.Function("correct", inputs, [x_post, ca.vec(P_post), raised])
+    s, C = system.s, ca.sparsify(ca.DM(system.C))
 
+    def moved(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
+        seen = measured(mask)
+        free = x + ca.mtimes(ca.DM(gain), seen * (y - s.model.output(x, u)))
+        inside = within_bounds(s, free)
+        flags = Flags(clipped=ca.if_else(ca.norm_1(inside - free) > 0, 1, 0))
+        return {
+            "x_post": inside,
+            "K": ca.densify(ca.SX(ca.DM(gain)) @ ca.diag(seen)),
+            "noise": noise_of(ca.SX(s.R), mask),
+            "flags": flags.vector(),
+        }
 
-def _joseph_by_loops(P: ca.MX, gains: list[ca.MX], system: Linear) -> ca.MX:
-    """(I - K C) P (I - K C)' + K R K' as products of tall matrices."""
-    K, KR = gains
-    nx, ny = K.shape
-    C = ca.MX(ca.sparsify(ca.DM(system.C)))
-    PCt = add_product(ca.MX.zeros(nx, ny), P, C)
-    left = add_product(P, -K, PCt)
-    leftCt = add_product(ca.MX.zeros(nx, ny), left, C)
-    return symmetrise(add_product(add_product(left, -leftCt, K), KR, K))
+    observe = leaf("observe", notation(s), moved)
+
+    def formula(x: Term, P: Term, u: Term, y: Term, mask: Term) -> Results:
+        x_post, K, R, flags = observe(x, u, y, mask)
+        return {"x_post": x_post, "P_post": joseph_form(P, K, C, R), "flags": flags}
+
+    return half("correct", s, formula)

@@ -1,24 +1,26 @@
 """Limits on the states, the process noise and the residuals of a window."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Literal, TypeAlias
 
 import numpy as np
 
+from backsight.description import Description, Sound, Unlimited
 from backsight.errors import ModelError, TuningError, nearest
 from backsight.estimators.base import Setting
 from backsight.models.affine import moving_states
 from backsight.models.signals import vector
 from backsight.types import Array
 
-KINDS = ("state", "residual", "noise")
+Summed: TypeAlias = Literal["state", "residual", "noise"]
 
 TOLERANCE = 1e-10
 """Violations below this count as rounding errors, in units of the limited quantity."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Limit:
+class Limit(Description):
     """Bounds on a weighted sum that hold at every sample of the window.
 
     Parameters
@@ -36,20 +38,23 @@ class Limit:
 
     name: str
     weights: Mapping[str, float]
-    lower: float = -np.inf
-    upper: float = np.inf
-    of: str = "state"
+    lower: Unlimited = -np.inf
+    upper: Unlimited = np.inf
+    of: Summed = "state"
 
-    def __post_init__(self) -> None:
-        if self.of not in KINDS:
-            raise TuningError(f"limit '{self.name}': unknown of '{self.of}', {self._hint()}")
-        if not self.lower <= self.upper:
-            raise TuningError(
-                f"limit '{self.name}' is contradictory: {self.lower:g} to {self.upper:g}"
-            )
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("name", "lower", "upper") and not self.lower <= self.upper:
+            yield f"limit '{self.name}' is contradictory: {self.lower:g} to {self.upper:g}"
+        if sound("name", "weights") and not any(self.weights.values()):
+            yield f"limit '{self.name}' has no weight that is not zero"
 
-    def _hint(self) -> str:
-        return nearest(self.of, KINDS)
+
+def names_used_twice(limits: Sequence[Limit]) -> Iterator[str]:
+    """Say which names are used by two limits."""
+    names = [limit.name for limit in limits]
+    for name in dict.fromkeys(n for n in names if names.count(n) > 1):
+        yield f"limits need different names, but '{name}' is used twice"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +106,7 @@ def limits_of(s: Setting, Q: Array, limits: Sequence[Limit], soft: Mapping[str, 
     Raises
     ------
     TuningError
-        If a name is unknown or a weight is not positive.
+        If a name is unknown.
     """
     model = s.model
     boxes = [
@@ -142,11 +147,9 @@ def _check(names: tuple[str, ...], soft: Mapping[str, float]) -> None:
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise TuningError(f"limits need different names, but '{twice[0]}' is used twice")
-    for name, weight in soft.items():
+    for name in soft:
         if name not in names:
             raise TuningError(f"soft: there is no limit '{name}': {nearest(name, names)}")
-        if not (np.isfinite(weight) and weight > 0):
-            raise TuningError(f"soft: the weight of '{name}' is {weight}; it must be positive")
 
 
 @dataclasses.dataclass(frozen=True)

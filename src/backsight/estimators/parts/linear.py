@@ -1,26 +1,20 @@
 """Linear models from sample to sample: what the estimators of the linear family work with."""
 
 import dataclasses
-from types import ModuleType
 
-import casadi as ca
 import numpy as np
 
-from backsight.analysis.observability import observability
+from backsight.analysis.observability import check_observability
 from backsight.discrete.exact import foh, zoh
 from backsight.discrete.noise import discretise_noise
-from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.dense import UNROLL
+from backsight.discrete.runge_kutta import Hold
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import Setting, setting
-from backsight.estimators.parts import gaussian, large
-from backsight.estimators.parts.filtering import packed
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.lti import lti, state_space
 from backsight.models.model import Model
 from backsight.types import Array
 
-HOLDS = ("zoh", "foh")
 """Input between the samples: held, or interpolated linearly."""
 
 
@@ -49,7 +43,7 @@ class Linear:
     ramp: bool
 
 
-def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: str) -> Linear:
+def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -> Linear:
     """Check a description against the model, scale it, and carry it exactly to discrete time.
 
     A continuous model is discretised by matrix exponentials, its noise by Van Loan's integral.
@@ -59,8 +53,6 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: str) ->
     TuningError, ModelError
         If anything does not fit, above all if the model is not linear.
     """
-    if hold not in HOLDS:
-        raise TuningError(f"unknown hold '{hold}': use 'zoh' (held) or 'foh' (ramp)")
     if hold == "foh" and not model.continuous:
         raise TuningError("hold 'foh' needs a continuous-time model; use 'zoh'")
     try:
@@ -84,53 +76,6 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: str) ->
     return Linear(s, A, B, B_next, C, D, hold == "foh")
 
 
-def innovation(system: Linear) -> ca.Function:
-    """Innovation, 0 where not measured, and its covariance: ``(x, P, u, y, mask) -> (e, S)``."""
-    return (large if is_large(system) else gaussian).innovation(system.s)
-
-
-def predict(system: Linear) -> ca.Function:
-    """Time update: ``(x, P, u, u_next) -> (x, P)``; P as `covariance0` stores it."""
-    return _ramped(system, large) if is_large(system) else predict_packed(system)
-
-
-def predict_packed(system: Linear) -> ca.Function:
-    """Time update with P as its lower triangle, also for many states."""
-    return _ramped(system, gaussian)
-
-
-def _ramped(system: Linear, way: ModuleType) -> ca.Function:
-    """Time update of a module, with the part of the next input if that is interpolated."""
-    s = system.s
-    held = way.predict(s, Integrator(), "discrete")
-    if not system.ramp:
-        return held
-    x, P, u, u_next = (ca.MX.sym(held.name_in(i), held.numel_in(i)) for i in range(4))
-    end, v = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
-    B = ca.sparsify(ca.DM(system.B_next))
-    ramp = ca.Function("ramp_end", [end, v], [end + ca.mtimes(B, v)])
-    moved, spread = held(x, P, u, u)
-    return ca.Function("predict_ramp", [x, P, u, u_next], [ramp(moved, u_next), spread])
-
-
-def covariance0(system: Linear) -> Array:
-    """Covariance of the prior as the filters store it: lower triangle, or all if it is large."""
-    return system.s.P0.ravel() if is_large(system) else packed(system.s.P0)
-
-
-def stored_covariance(system: Linear) -> ca.Function:
-    """Covariance as the filters store it to its lower triangle."""
-    if is_large(system):
-        return large.covariance(system.s.model.nx)
-    P = ca.SX.sym("P", len(packed(system.s.P0)))
-    return ca.Function("covariance", [P], [P])
-
-
-def is_large(system: Linear) -> bool:
-    """Whether loops over matrices take the place of straight-line code."""
-    return system.s.model.nx > UNROLL
-
-
 def without_bounds(s: Setting) -> Setting:
     """Return the setting of the same model without bounds on its states."""
     free = [dataclasses.replace(x, lower=-np.inf, upper=np.inf) for x in s.model.states]
@@ -139,7 +84,7 @@ def without_bounds(s: Setting) -> Setting:
 
 def require_observable(model: Model, *, samples: int | None = None) -> None:
     """Raise `TuningError` unless the outputs see all states, and within so many samples."""
-    found = observability(model)
+    found = check_observability(model)
     if found.hidden:
         raise TuningError(
             f"the outputs of model '{model.name}' do not see {'; '.join(found.hidden)}; add a "

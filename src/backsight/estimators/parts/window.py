@@ -9,21 +9,13 @@ from backsight.estimators.base import Setting
 from backsight.types import Array
 
 
-def empty_window(s: Setting, samples: int) -> dict[str, Array]:
+def no_window(s: Setting, samples: int) -> dict[str, Array]:
     """Inputs, outputs and masks of a window before the first sample; nothing is measured."""
-    return {
-        "U": np.zeros(s.model.nu * samples),
-        "Y": np.zeros(s.model.ny * samples),
-        "M": np.zeros(s.model.ny * samples),
-    }
+    sizes = {"U": s.model.nu, "Y": s.model.ny, "M": s.model.ny}
+    return {name: np.zeros((size, samples)) for name, size in sizes.items()}
 
 
-def as_columns(stored: Sequence[ca.MX], samples: int) -> Iterator[ca.MX]:
-    """Parts of the memory as matrices with one column per sample, the oldest first."""
-    return (ca.reshape(w, w.numel() // samples, samples) for w in stored)
-
-
-def advance(window: Sequence[ca.MX], sample: Sequence[ca.MX | int]) -> Iterator[ca.MX]:
+def moved_on(window: Sequence[ca.MX], sample: Sequence[ca.MX | int]) -> Iterator[ca.MX]:
     """The window one sample later: the oldest column leaves, the new one enters."""
     return (ca.horzcat(w[:, 1:], new) for w, new in zip(window, sample, strict=True))
 

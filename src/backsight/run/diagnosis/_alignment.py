@@ -1,18 +1,18 @@
 """Find out whether outputs and inputs of a recording are aligned, and in the model's units."""
 
 import math
+from typing import Annotated
 
 import numpy as np
 import xarray as xr
 
 from backsight.analysis.recording import Alignment, Ratio, decide, ratio
+from backsight.description import Called, Count, checked
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.execute import choose, execute, prepare
+from backsight.engine.execute import choose_engine, prepare, run_recursion
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import EKF
-from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.run.estimation import match
 from backsight.types import Array
@@ -27,8 +27,13 @@ START = 0.1
 """Share of the recording in which the estimates settle; it has no vote."""
 
 
-def alignment(
-    estimator: AbstractEstimator, model: Model, recording: xr.Dataset, *, reach: int = REACH
+@checked()
+def check_alignment(
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    reach: Annotated[Count, Called("the reach", "samples")] = REACH,
 ) -> Alignment:
     """Look for a delay between outputs and inputs, and for wrong units and signs.
 
@@ -58,13 +63,11 @@ def alignment(
     TuningError, ModelError
         If estimator and model do not fit, or `reach` is not positive.
     """
-    if reach < 1:
-        raise TuningError(f"the reach is {reach} samples; it must be at least one")
     predicting = yardstick(estimator)
     data = [part[:MOST] for part in match(model, recording, estimator=predicting)]
     dt = float(recording.attrs["dt"])
     recursion = predicting.compile(model, dt)
-    engine = choose(None, (2 * reach + 2) * len(data[0]))
+    engine = choose_engine(None, (2 * reach + 2) * len(data[0]))
     prepare(recursion, engine)
     u, y, mask = data
     names = [s.name for s in model.outputs]
@@ -91,12 +94,8 @@ def yardstick(estimator: AbstractEstimator) -> EKF:
     TuningError
         If the estimator has none.
     """
-    noise, prior = getattr(estimator, "noise", None), getattr(estimator, "prior", None)
-    if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
-        raise TuningError(f"'{estimator.key}' has no noise and prior to predict the outputs with")
-    given = getattr(estimator, "integrator", None)
-    hold = str(getattr(estimator, "hold", "zoh"))
-    return EKF(noise, prior, given if isinstance(given, Integrator) else Integrator(hold=hold))
+    noise, prior = estimator.assumed
+    return EKF(noise, prior, estimator.integration or Integrator(hold=estimator.input_hold))
 
 
 def _ratios(
@@ -111,7 +110,7 @@ def _ratios(
 def _run(
     recursion: Recursion, data: list[Array], engine: str, wanted: tuple[str, ...]
 ) -> list[Array]:
-    outputs = execute(recursion, data, engine=engine)
+    outputs = run_recursion(recursion, data, engine=engine)
     named = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
     return [named[name] for name in wanted]
 

@@ -16,18 +16,11 @@ from backsight.analysis.certificate import (
     lagged,
     least_squares,
 )
+from backsight.description import Positive, Whole, checked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.mhe import (
-    AbstractArrival,
-    ConstantArrival,
-    EKFArrival,
-    NoArrival,
-    SmoothedArrival,
-    UKFArrival,
-)
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.lti import lti
 from backsight.models.model import Model
@@ -45,28 +38,16 @@ MISSING = 0.1
 WINDOWS, LEAST, MOST = 4, 40, 200
 """Windows that are gone through, and samples at least and at most."""
 
-ARRIVALS: dict[str, AbstractArrival] = {
-    "NoArrival": NoArrival(),
-    "ConstantArrival": ConstantArrival(),
-    "EKFArrival": EKFArrival(),
-    "UKFArrival": UKFArrival(),
-    "SmoothedArrival": SmoothedArrival(),
-    "SmoothedArrival(naive)": SmoothedArrival(naive=True),
-}
-"""What is tried in the place of an arrival cost that is a part."""
 
-WEIGHTS = {"arrival = 1": 1.0, "arrival = 0": 0.0}
-"""The same where it is a number."""
-
-
+@checked()
 def certify(
     estimator: AbstractEstimator,
     model: Model,
     recording: xr.Dataset,
     *,
     at: ByName | None = None,
-    seed: int = 0,
-    tolerance: float = TOLERANCE,
+    seed: Whole = 0,
+    tolerance: Positive = TOLERANCE,
 ) -> Certificate:
     """Show whether an estimator equals the Kalman filter and least squares over all samples.
 
@@ -78,7 +59,8 @@ def certify(
     Parameters
     ----------
     estimator : AbstractEstimator
-        With a noise and a prior. If it has a field ``arrival``, other arrival costs are tried in
+        With a noise and a prior. If it has a field ``arrival`` or
+        ``arrival_weight``, others are tried in
         its place, and the certificate says for which of them the claim holds.
     model : Model
         As for the estimator.
@@ -105,14 +87,11 @@ def certify(
     DataError
         If recording and model do not fit.
     """
-    noise, prior = getattr(estimator, "noise", None), getattr(estimator, "prior", None)
-    if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
-        raise TuningError(f"'{estimator.key}' has no noise and prior to draw data with")
+    noise, prior = estimator.assumed
     dt = float(recording.attrs["dt"])
     u = matched_inputs(model, recording)
     point, middle = _point(estimator, model, recording, at)
-    given = getattr(estimator, "integrator", None)
-    integrator = given if isinstance(given, Integrator) else Integrator(substeps=4)
+    integrator = estimator.integration or Integrator(substeps=4)
     A, B, C, D = linearised(model, point, u[middle], dt=dt, integrator=integrator)
     system = LinearGaussian(
         *(A, B, C, D),
@@ -120,14 +99,14 @@ def certify(
         R=noise.measurement(model),
         P0=prior.covariance(model),
     )
-    N, lag = estimator.horizon, int(getattr(estimator, "lag", 0))
+    N, lag = estimator.horizon, estimator.delay
     samples = min(max(WINDOWS * (N + 1), LEAST), MOST)
     inputs = u[(middle + np.arange(samples)) % len(u)] - u[middle]
     y = draw(system, inputs, missing=MISSING, seed=seed)
     best, full = lagged(system, inputs, y, lag), least_squares(system, inputs, y)
     plain = _plain(model, system, dt)
     claims = []
-    for name, variant in _variants(estimator).items():
+    for name, variant in estimator.variants().items():
         try:
             found = _run(_on(variant, system), plain, dt, inputs, y)
         except (TuningError, ModelError):
@@ -174,24 +153,6 @@ def _plain(model: Model, system: LinearGaussian, dt: float) -> Model:
     outputs = {s.name: Signal(s.unit, scale=s.scale) for s in model.outputs}
     matrices = (system.A, system.B, system.C, system.D)
     return lti(*matrices, states=states, inputs=inputs, outputs=outputs, dt=dt, name=model.name)
-
-
-def _variants(estimator: AbstractEstimator) -> dict[str, AbstractEstimator]:
-    """The estimator with its own arrival cost, first, and with others; by their names."""
-    own = getattr(estimator, "arrival", None)
-    known: dict[str, Any] = {}
-    if isinstance(own, AbstractArrival):
-        known = dict(ARRIVALS)
-    elif isinstance(own, float | int):
-        known = dict(WEIGHTS)
-    named = next((name for name, part in known.items() if part == own), None)
-    if own is None:
-        return {"": estimator}
-    name = named or (f"arrival = {own:g}" if isinstance(own, float | int) else str(own))
-    others = {n: part for n, part in known.items() if n != named}
-    return {name: estimator} | {
-        n: dataclasses.replace(estimator, arrival=p) for n, p in others.items()
-    }
 
 
 def _on(estimator: AbstractEstimator, system: LinearGaussian) -> AbstractEstimator:

@@ -6,6 +6,7 @@ import xarray as xr
 
 from backsight.analysis.consistency import NOISE_FACTORS, NoiseFactors, Path, gains, noise_factors
 from backsight.discrete.runge_kutta import Integrator
+from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise
 from backsight.models.model import Model
@@ -51,9 +52,12 @@ def factors_of(
         not count), too many states, samples with a noise of their own, or an estimator that does
         not correct like a Kalman filter, so that the theory does not hold.
     """
-    noise = getattr(estimator, "noise", None)
+    try:
+        noise, _ = estimator.assumed
+    except TuningError:
+        return None
     settled = min(MOST, result.sizes["time"] // 2)
-    if not isinstance(noise, Noise) or settled < LEAST or model.nx > MOST_STATES:
+    if settled < LEAST or model.nx > MOST_STATES:
         return None
     if SIGMA_FACTOR in result:
         return None
@@ -92,10 +96,7 @@ def _path(result: xr.Dataset, estimator: AbstractEstimator, model: Model, noise:
 
 
 def _integrator(estimator: AbstractEstimator) -> Integrator:
-    given = getattr(estimator, "integrator", None)
-    if isinstance(given, Integrator):
-        return given
-    return Integrator(substeps=4, hold=str(getattr(estimator, "hold", "zoh")))
+    return estimator.integration or Integrator(substeps=4, hold=estimator.input_hold)
 
 
 def _derivatives(model: Model, dt: float, integrator: Integrator) -> ca.Function:

@@ -9,7 +9,7 @@ from backsight.analysis.recording import Alignment
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.diagnosis._alignment import alignment
+from backsight.run.diagnosis._alignment import check_alignment
 from backsight.run.diagnosis._noise_factors import MOST_STATES, with_noise_factors
 
 
@@ -45,7 +45,7 @@ def aligned(
         return None
     for estimator in estimators.values():
         try:
-            return alignment(estimator, model, recording)
+            return check_alignment(estimator, model, recording)
         except (TuningError, ModelError):
             continue
     return None

@@ -8,7 +8,8 @@ import numpy as np
 import psutil
 import xarray as xr
 
-from backsight.engine.execute import choose, execute, prepare
+from backsight.description import checked
+from backsight.engine.execute import Engine, choose_engine, prepare, run_recursion
 from backsight.engine.recursion import Recursion
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
@@ -20,12 +21,13 @@ from backsight.schema import FAILURES, STATUS_TEXT
 from backsight.types import Array
 
 
+@checked()
 def estimate(
     estimator: AbstractEstimator,
     model: Model,
     recording: xr.Dataset,
     *,
-    engine: str | None = None,
+    engine: Engine | None = None,
     throw: bool = True,
     progress: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
@@ -99,11 +101,11 @@ def carry_out(
 ) -> xr.Dataset:
     """Run what is ready, see `estimate`."""
     recursion, samples = task.recursion, task.samples
-    chosen = choose(engine, samples)
+    chosen = choose_engine(engine, samples)
     prepare(recursion, chosen)
     started = time.perf_counter()
     data = run_on(list(task.data), recursion.lag)
-    outputs = execute(
+    outputs = run_recursion(
         recursion, data, engine=chosen, progress=lambda done: progress(min(done, samples))
     )
     seconds = time.perf_counter() - started

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from backsight.engine.execute import stepper
+from backsight.description import Positive, checked
+from backsight.engine.execute import Engine, stepper
 from backsight.errors import DataError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
@@ -26,7 +27,7 @@ class Stream:
     """
 
     def __init__(
-        self, estimator: AbstractEstimator, model: Model, dt: float, *, engine: str = "native"
+        self, estimator: AbstractEstimator, model: Model, dt: float, *, engine: Engine = "native"
     ) -> None:
         self._estimator, self._model = estimator, model
         recursion = estimator.compile(model, dt)
@@ -86,8 +87,9 @@ class Stream:
         return factors
 
 
+@checked()
 def stream(
-    estimator: AbstractEstimator, model: Model, dt: float, *, engine: str = "native"
+    estimator: AbstractEstimator, model: Model, dt: Positive, *, engine: Engine = "native"
 ) -> Stream:
     """Start an estimator on a live stream with sampling period dt [s]; see `Stream`."""
     return Stream(estimator, model, dt, engine=engine)

@@ -3,20 +3,25 @@
 import numpy as np
 import xarray as xr
 
+from backsight.description import checked
 from backsight.engine import vm
 from backsight.engine.recursion import Channel
 from backsight.errors import DataError
-from backsight.estimators.mhe import MHE
+from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._match import match
 
 
-def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1) -> xr.Dataset:
+@checked()
+def solve_window(
+    estimator: AbstractEstimator, model: Model, recording: xr.Dataset, *, at: int = -1
+) -> xr.Dataset:
     """Everything that the estimator knows of its window after a sample.
 
     Parameters
     ----------
-    estimator : MHE
+    estimator : AbstractEstimator
+        One with a window whose states can be looked at: `MHE`.
     model : Model
     recording : xarray.Dataset
     at : int
@@ -32,6 +37,8 @@ def window(estimator: MHE, model: Model, recording: xr.Dataset, *, at: int = -1)
 
     Raises
     ------
+    TuningError
+        If the estimator has no such window.
     DataError
         If the recording has no such sample, or does not fit the model.
     """

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import xarray as xr
 
+from backsight.description import Count, checked
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
@@ -15,12 +16,13 @@ from backsight.run.estimation.lag import aligned, run_on
 from backsight.run.estimation.result import as_result
 
 
+@checked()
 def estimate_many(
     estimator: AbstractEstimator,
     model: Model,
     recordings: Sequence[xr.Dataset],
     *,
-    threads: int | None = None,
+    threads: Count | None = None,
     throw: bool = True,
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[xr.Dataset]:

@@ -1,17 +1,19 @@
 """Make a recording from a model, with its truth: jumps, disturbances and noise included."""
 
 from collections.abc import Mapping, Sequence
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from backsight.discrete.runge_kutta import Integrator
+from backsight.description import Called, Count, Positive, Whole, checked
+from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine import vm
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
-from backsight.errors import DataError
+from backsight.errors import DataError, TuningError
 from backsight.models.model import Model
 from backsight.models.signals import vector
 from backsight.run.simulation._measured import measured
@@ -32,19 +34,20 @@ BLOCK = 1000
 """Samples whose sub-steps are laid out in memory at once."""
 
 
+@checked(DataError)
 def simulate(
     model: Model,
     u: ArrayLike | Mapping[str, ArrayLike],
     *,
-    dt: float,
+    dt: Annotated[Positive, Called("the sampling period dt")],
     x0: ByName | None = None,
     parameters: Mapping[str, float] | None = None,
     changes: Mapping[float, Mapping[str, float]] | None = None,
     disturbances: Mapping[str, Disturbance] | None = None,
     sigma_y: ByName = 0.0,
-    seed: int = 0,
-    substeps: int = 20,
-    hold: str = "zoh",
+    seed: Whole = 0,
+    substeps: Annotated[Count, TuningError] = 20,
+    hold: Annotated[Hold, TuningError] = "zoh",
 ) -> xr.Dataset:
     r"""Simulate a model and measure it.
 
@@ -105,8 +108,6 @@ def simulate(
     >>> free["y"].values[:, 0].round(6)
     array([ 1.      ,  0.540302, -0.416147])
     """
-    if not (np.isfinite(dt) and dt > 0):
-        raise DataError(f"the sampling period dt is {dt}; it must be positive")
     if model.dt is not None and not np.isclose(model.dt, dt, rtol=1e-9):
         raise DataError(f"the model has dt = {model.dt:g} s; it cannot be simulated with {dt:g} s")
     U = input_columns(model, u)

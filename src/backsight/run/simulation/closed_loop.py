@@ -1,18 +1,19 @@
 """Simulate a model under a state-feedback controller, and measure it."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from backsight.discrete.runge_kutta import Integrator
+from backsight.description import Called, Count, Positive, Whole, checked
+from backsight.discrete.runge_kutta import Integrator, Scheme
 from backsight.engine import vm
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
-from backsight.errors import DataError, ModelError
+from backsight.errors import DataError, ModelError, TuningError
 from backsight.models.model import Model
 from backsight.models.signals import Named, vector
 from backsight.run.simulation._measured import measured
@@ -26,19 +27,20 @@ BLOCK = 1000
 """Samples whose sub-steps are laid out in memory at once."""
 
 
+@checked(DataError)
 def simulate_closed_loop(
     model: Model,
     controller: Controller,
     reference: Mapping[str, ArrayLike],
     *,
-    dt: float,
+    dt: Annotated[Positive, Called("the sampling period dt")],
     x0: ByName | None = None,
     parameters: Mapping[str, float] | None = None,
     changes: Mapping[float, Mapping[str, float]] | None = None,
     sigma_y: ByName = 0.0,
-    seed: int = 0,
-    substeps: int = 10,
-    scheme: str = "rk4",
+    seed: Whole = 0,
+    substeps: Annotated[Count, TuningError] = 10,
+    scheme: Annotated[Scheme, TuningError] = "rk4",
 ) -> xr.Dataset:
     r"""Simulate a model whose inputs a sampled controller computes from the true state.
 
@@ -87,8 +89,6 @@ def simulate_closed_loop(
     >>> round(float(loop["x_true"].sel(state="q")[-1]), 3)
     0.999
     """
-    if not (np.isfinite(dt) and dt > 0):
-        raise DataError(f"the sampling period dt is {dt}; it must be positive")
     if not model.continuous:
         raise ModelError(f"model '{model.name}': the closed loop needs a continuous-time model")
     names = list(reference)

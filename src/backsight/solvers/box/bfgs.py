@@ -7,15 +7,15 @@ import numpy as np
 
 from backsight.algebra.factor import solve_spd
 from backsight.algebra.symmetric import unvech, vech
+from backsight.description import Count, Description, NonNegative
 from backsight.engine.loops import iterate
-from backsight.errors import TuningError
 from backsight.solvers.box._box import dual_active_set
 from backsight.solvers.box.gauss_newton import finish, trial
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class QuasiNewton:
+class QuasiNewton(Description):
     r"""Sequential quadratic programming with a BFGS matrix that starts from the identity.
 
     What general-purpose routines do that know the cost and its gradient only, and what
@@ -31,16 +31,9 @@ class QuasiNewton:
         :math:`\|x_i - x_{i+1}\| < \delta_x (1 + \|x_i\|)`, with J and x scaled as there.
     """
 
-    max_iterations: int = 100
-    cost_tolerance: float = 2e-5
-    step_tolerance: float = 1e-6
-
-    def __post_init__(self) -> None:
-        if self.max_iterations < 1:
-            raise TuningError(f"max_iterations is {self.max_iterations}; it must be at least 1")
-        for name in ("cost_tolerance", "step_tolerance"):
-            if not getattr(self, name) >= 0:
-                raise TuningError(f"{name} is {getattr(self, name)}; it must not be negative")
+    max_iterations: Count = 100
+    cost_tolerance: NonNegative = 2e-5
+    step_tolerance: NonNegative = 1e-6
 
     def minimiser(
         self, evaluate: ca.Function, *, lower: Array, upper: Array, cost_unit: float

@@ -8,14 +8,14 @@ import numpy as np
 from backsight.algebra.factor import ldl, solve_spd
 from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.triangular import forward
+from backsight.description import Count, Description, NonNegative
 from backsight.engine.loops import iterate
-from backsight.errors import TuningError
 from backsight.solvers.box._box import dual_active_set
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class GaussNewton:
+class GaussNewton(Description):
     r"""When and how the iterations end.
 
     Parameters
@@ -34,18 +34,10 @@ class GaussNewton:
         absolute tolerance and nearly always ends after one step.
     """
 
-    max_iterations: int = 20
-    tolerance: float = 1e-6
-    cost_tolerance: float | None = None
-    step_tolerance: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.max_iterations < 1:
-            raise TuningError(f"max_iterations is {self.max_iterations}; it must be at least 1")
-        for name in ("tolerance", "cost_tolerance", "step_tolerance"):
-            value = getattr(self, name)
-            if value is not None and not value >= 0:
-                raise TuningError(f"{name} is {value}; it must not be negative")
+    max_iterations: Count = 20
+    tolerance: NonNegative = 1e-6
+    cost_tolerance: NonNegative | None = None
+    step_tolerance: NonNegative | None = None
 
     def minimiser(
         self, evaluate: ca.Function, *, lower: Array, upper: Array, cost_unit: float

@@ -1,0 +1,208 @@
+"""Iterated extended Kalman filter."""
+
+import dataclasses
+from typing import ClassVar
+
+import casadi as ca
+
+from backsight.algebra.factor import solve_spd
+from backsight.algebra.update import masked
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.loops import iterate
+from backsight.engine.recursion import Recursion
+from backsight.errors import TuningError
+from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.estimators.kalman.ekf import Propagation, correct, ekf_halves
+from backsight.estimators.parts.covariance import Term, congruence, times_transposed
+from backsight.estimators.parts.filtering import assemble
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
+from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.model import Model
+
+UNKNOWN = 1e300
+"""Cost before the first step."""
+
+ROUNDING = 1e-12
+"""By how much, relatively, the cost of a step may be higher because of rounding."""
+
+
+@dataclasses.dataclass(frozen=True)
+class IEKF(AbstractEstimator):
+    r"""Iterated extended Kalman filter.
+
+    The `EKF` linearises the output at the prior. Here the output is linearised again at the
+    result, until nothing changes:
+
+    .. math::
+        \hat x_{i+1} = \hat x^- + K_i \bigl(y - h(\hat x_i) - H_i (\hat x^- - \hat x_i)\bigr),
+        \quad K_i = P^- H_i' (H_i P^- H_i' + R)^{-1}, \quad \hat x_0 = \hat x^-.
+
+    These are the Gauss-Newton steps to the maximum a posteriori estimate, the minimum of
+
+    .. math::
+        J(x) = \tfrac12 (y - h(x))' R^{-1} (y - h(x))
+             + \tfrac12 (x - \hat x^-)' (P^-)^{-1} (x - \hat x^-).
+
+    The first step is that of the EKF. A later one that does not lower J is halved until it does,
+    so that the result is never less likely than that of the EKF. The covariance is that of the
+    EKF with the Jacobian of the last linearisation; prediction is that of the EKF.
+
+    Parameters
+    ----------
+    noise : Noise
+    prior : Prior
+    integrator : Integrator
+        For continuous-time models.
+    covariance : {"transition", "ode", "discrete"}
+        As in `EKF`.
+    max_iterations : int
+        Largest number of steps per sample; 1 is the EKF.
+    tolerance : float
+        The steps end when the next one is shorter than this, measured in standard deviations of
+        the prior. With 0 exactly `max_iterations` steps are made, and a sample that has not
+        converged is not reported.
+
+    Raises
+    ------
+    TuningError
+        If `max_iterations` or `tolerance` is out of its range.
+
+    References
+    ----------
+    Bell, Cathey, "The iterated Kalman filter update as a Gauss-Newton method", IEEE Transactions
+    on Automatic Control 38 (1993) 294-297, doi:10.1109/9.250476.
+    """
+
+    key: ClassVar[str] = "iekf"
+    title: ClassVar[str] = "Iterated extended Kalman filter"
+    weighs: ClassVar[bool] = True
+
+    noise: Noise
+    prior: Prior
+    integrator: Integrator = dataclasses.field(default_factory=Integrator)
+    covariance: Propagation = "transition"
+    max_iterations: int = 10
+    tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        if self.max_iterations < 1:
+            raise TuningError(f"max_iterations is {self.max_iterations}; it must be at least 1")
+        if not self.tolerance >= 0:
+            raise TuningError(f"tolerance is {self.tolerance}; it must not be negative")
+
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.compile`."""
+        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        once = ekf_halves(s, self.integrator, self.covariance)
+        iterated = _correct(s, self.max_iterations, self.tolerance)
+        return assemble(self.key, s, dataclasses.replace(once, correct=iterated))
+
+
+def _correct(s: Setting, limit: int, tolerance: float) -> ca.Function:
+    """Iterated measurement update, ``(x, P, u, y, mask) -> (x, P, flags)``.
+
+    Estimates are x = x_prior + P w, so that P is never inverted and may be singular.
+    """
+    nx, once = s.model.nx, correct(s)
+    given = [ca.MX.sym(once.name_in(i), *once.size_in(i)) for i in range(once.n_in())]
+    x, P, *data = given
+    start = [ca.MX(1), ca.MX.zeros(nx), ca.MX.zeros(nx), ca.MX(UNKNOWN), ca.MX(1)]
+    go, w, w_last, _, _ = iterate(_step(s, tolerance), limit, carry=start, constants=given)
+    # P as the EKF has it that linearises where the last step began.
+    moved = _moved(s)
+    _, P_post, flags = once(moved(x, P, w_last), P, *data)
+    x_post, raised = _finished(s, tolerance)(moved(x, P, w), go, flags)
+    return ca.Function("iterated_correct", given, [x_post, P_post, raised])
+
+
+def _step(s: Setting, tolerance: float) -> ca.Function:
+    """One Gauss-Newton step, ``(go, w, w_last, J, t, ...) -> (go, w, w_last, J, t)``.
+
+    J is the cost at w, t the share of the step that is tried, w_last is where the step to w began.
+    """
+    measure, judge = _measurement(s), _judge(s, tolerance)
+    nx, ny = s.model.nx, s.model.ny
+    weigh = leaf(
+        "weigh",
+        {"C": (ny, ny), "e": ny},
+        lambda C, e: {"weighted": solve_spd(C, e)},
+    )
+
+    def formula(
+        go: Term, w: Term, w_last: Term, J: Term, t: Term,
+        x: Term, P: Term, u: Term, y: Term, mask: Term,
+    ) -> Results:  # fmt: skip
+        # 1. Linearise at x_i: the gain is P H' S^-1, and x_next = x_prior + P w_next.
+        Pw = times_transposed(P, w.T)
+        H, e, R = measure(x + Pw, u, y, mask)
+        S = congruence(H, P, R)
+        w_next = H.T @ weigh(S, e + H @ Pw)
+        length = ca.sqrt(ca.fmax(ca.dot(w_next - w, times_transposed(P, (w_next - w).T)), 0))
+
+        # 2. Take the step if it is the first, or does not raise the cost; else halve it.
+        w_try = w + t * (w_next - w)
+        Pw_try = times_transposed(P, w_try.T)
+        _, e_try, R = measure(x + Pw_try, u, y, mask)
+        J_try = (ca.dot(e_try, weigh(R, e_try)) + ca.dot(w_try, Pw_try)) / 2
+        found = named_results(judge, go, w, w_last, J, t, w_try, J_try, length)
+        return {f"{name}_after": value for name, value in found.items()}
+
+    sizes = {"go": 1, "w": nx, "J": 1, "t": 1}
+    return half("iekf_step", s, formula, sizes)
+
+
+def _judge(s: Setting, tolerance: float) -> ca.Function:
+    """Take a step, or halve it; see `_step`."""
+
+    def formula(
+        go: ca.SX, w: ca.SX, w_last: ca.SX, J: ca.SX, t: ca.SX,
+        w_try: ca.SX, J_try: ca.SX, length: ca.SX,
+    ) -> Results:  # fmt: skip
+        good = ca.logic_or(J >= UNKNOWN, J_try <= (1 + ROUNDING) * J)
+        return {
+            "go": length > tolerance if tolerance > 0 else go,
+            "w": ca.if_else(good, w_try, w),
+            "w_last": ca.if_else(good, w, w_last),
+            "J": ca.if_else(good, J_try, J),
+            "t": ca.if_else(good, 1, t / 2),
+        }
+
+    sizes = {"go": 1, "w": s.model.nx, "J": 1, "t": 1, "length": 1}
+    return leaf("judge", sizes, formula)
+
+
+def _measurement(s: Setting) -> ca.Function:
+    """Jacobian, residual and covariance of the measured rows, ``(x, u, y, mask) -> (H, e, R)``."""
+
+    def formula(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
+        y_hat = s.model.output(x, u)
+        H, e, R = masked(ca.jacobian(y_hat, x), y - y_hat, ca.SX(s.R), mask)
+        return {"H": H, "e": e, "noise": R}
+
+    return leaf("measurement", notation(s), formula)
+
+
+def _moved(s: Setting) -> ca.Function:
+    """``(x_prior, P, w) -> x_prior + P w``."""
+
+    def formula(x: Term, P: Term, w: Term) -> Results:
+        return {"x_moved": x + times_transposed(P, w.T)}
+
+    return half("moved_by_weights", s, formula, {"w": s.model.nx})
+
+
+def _finished(s: Setting, tolerance: float) -> ca.Function:
+    """Keep the bounds and say what happened: ``(x, go, flags) -> (x, flags)``."""
+
+    def formula(x: ca.SX, go: ca.SX, flags: ca.SX) -> Results:
+        inside = within_bounds(s, x)
+        raised = dataclasses.replace(
+            Flags.of(flags),
+            clipped=ca.if_else(ca.norm_1(inside - x) > 0, 1, 0),
+            iteration_limit=go if tolerance > 0 else 0,
+        )
+        return {"x_inside": inside, "flags": raised.vector()}
+
+    return leaf("finished", {**notation(s), "go": 1}, formula)

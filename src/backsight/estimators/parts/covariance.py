@@ -1,0 +1,142 @@
+"""How a covariance is kept, and the products with it.
+
+Straight-line code for a covariance grows with the cube of the number of states. Up to
+`backsight.engine.dense.UNROLL` states a covariance is packed, as its lower triangle, and formulas
+are straight-line code in SX; with more it is whole, as a vector of n * n numbers, and formulas are
+loops over matrices in MX. This is the only place that decides which; the functions below are the
+same formulas for both.
+
+With F the Jacobian of a sub-step, F P F' = (P F')' F': both products run over the nonzeros of F
+only, so that a model of many weakly coupled modes costs little more than its modes.
+"""
+
+import dataclasses
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra import update
+from backsight.algebra.factor import ldl, solve_ldl
+from backsight.algebra.symmetric import unvech, vech
+from backsight.engine.dense import UNROLL, add_product, symmetrise, transpose
+from backsight.engine.loops import scan
+from backsight.types import Array
+
+Term = Any
+"""What a formula is written with: SX in straight-line code, MX where loops take its place. The
+types of CasADi's functions do not know that they take either."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Covariance:
+    """How the covariance of n numbers is kept.
+
+    Parameters
+    ----------
+    n : int
+    """
+
+    n: int
+
+    @property
+    def whole(self) -> bool:
+        """Whether loops over all of the matrix take the place of straight-line code."""
+        return self.n > UNROLL
+
+    @property
+    def size(self) -> int:
+        """How many numbers are kept."""
+        return self.n * self.n if self.whole else self.n * (self.n + 1) // 2
+
+    def kept(self, P: Array) -> Array:
+        """A covariance (n, n) in numbers as it is kept, (`size`,)."""
+        return P.ravel() if self.whole else packed(P)
+
+    def opened(self, kept: Term) -> Term:
+        """The matrix (n, n)."""
+        return ca.reshape(kept, self.n, self.n) if self.whole else unvech(kept)
+
+    def closed(self, P: Term) -> Term:
+        """A matrix (n, n) as it is kept, symmetric to the last bit."""
+        return ca.vec(symmetrise(P)) if self.whole else vech(P)
+
+    def triangle(self) -> ca.Function:
+        """What is kept to the lower triangle."""
+        kept = ca.SX.sym("kept", self.size)
+        return ca.Function("covariance", [kept], [vech(self.opened(kept)) if self.whole else kept])
+
+    def of_triangle(self) -> ca.Function:
+        """Lower triangle to what is kept."""
+        P = ca.SX.sym("P", self.n * (self.n + 1) // 2)
+        return ca.Function("kept", [P], [ca.vec(unvech(P)) if self.whole else P])
+
+
+def packed(P: Array) -> Array:
+    """Lower triangle of a symmetric matrix, (n (n + 1) / 2,)."""
+    return P.T[np.triu_indices(len(P))]
+
+
+def times_transposed(A: Term, F: Term) -> Term:
+    """A F' of a dense A and a sparse F."""
+    if isinstance(A, ca.MX):
+        return add_product(ca.MX.zeros(A.shape[0], F.shape[0]), A, ca.MX(F))
+    return A @ F.T
+
+
+def symmetric_part(P: Term) -> Term:
+    """The symmetric part; straight-line code takes no other entries anyway."""
+    return symmetrise(P) if isinstance(P, ca.MX) else P
+
+
+def applied(F: Term, X: Term) -> Term:
+    """F X of dense matrices, F square."""
+    return transpose(times_transposed(transpose(X), F)) if isinstance(X, ca.MX) else F @ X
+
+
+def influence(S: Term, R: Array) -> Term:
+    """S R S'."""
+    return (
+        times_transposed(times_transposed(S, ca.DM(R)), S) if isinstance(S, ca.MX) else S @ R @ S.T
+    )
+
+
+def transposed(A: Term) -> Term:
+    """A' of a dense A."""
+    return transpose(A) if isinstance(A, ca.MX) else A.T
+
+
+def congruence(F: Term, P: Term, Q: Array | ca.DM | Term) -> Term:
+    """F P F' + Q."""
+    if isinstance(P, ca.MX):
+        dense = ca.densify(Q if isinstance(Q, ca.MX) else ca.MX(ca.DM(Q)))
+        return add_product(dense, transpose(times_transposed(P, F)), ca.MX(F))
+    return F @ P @ F.T + Q
+
+
+def kalman_gain(P: Term, H: Term, R: Term) -> tuple[Term, Term]:
+    """Kalman gain K = P H' S^-1 (nx, ny) and innovation covariance S = H P H' + R (ny, ny)."""
+    if not isinstance(P, ca.MX):
+        return update.gain(P, H, R)
+    PHt = times_transposed(P, H)
+    HP = transpose(PHt)
+    S = add_product(R, HP, H)
+    ny, nx = S.shape[0], PHt.shape[0]
+    A, L, d = ca.SX.sym("S", ny, ny), ca.SX.sym("L", ny, ny), ca.SX.sym("d", ny)
+    b = ca.SX.sym("b", ny)
+    factors = ca.Function("ldl", [A], [ca.densify(k) for k in ldl(A)])
+    solve = ca.Function("solve_ldl", [b, L, d], [solve_ldl(L, d, b)])
+    _, (Kt,) = scan(solve, nx, carry=[], xs=[HP], constants=list(factors(S)))
+    return transpose(Kt), S
+
+
+def joseph_form(P: Term, K: Term, H: Term, R: Term) -> Term:
+    """(I - K H) P (I - K H)' + K R K': positive semidefinite for every gain, however rounded.
+
+    Of a large matrix as products of tall ones.
+    """
+    if not isinstance(P, ca.MX):
+        return update.joseph(P, K, H, R)
+    left = add_product(P, -K, times_transposed(P, H))
+    rest = times_transposed(K, R) - times_transposed(left, H)
+    return add_product(left, rest, K)

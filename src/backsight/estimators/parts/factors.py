@@ -1,0 +1,149 @@
+"""Triangular factors of covariances: straight-line code for few states, loops for many.
+
+The functions take SX and are then those of `backsight.algebra`, or MX. In the loops a pass takes
+one row after the other by its unit vector, so that no matrix has to be shifted.
+"""
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra import sigma, triangular
+from backsight.algebra.factor import (
+    cholesky_semidefinite,
+    smallest_pivot,
+    solve_ldl,
+    solve_spd,
+)
+from backsight.algebra.sigma import Weights
+from backsight.engine.dense import add_product, transpose
+from backsight.engine.loops import scan
+from backsight.estimators.parts.covariance import Term
+
+
+def each_column(function: ca.Function, X: Term, *constants: Term) -> list[Term]:
+    """Apply a function to every column; its results side by side."""
+    if isinstance(X, ca.MX):
+        return list(scan(function, X.shape[1], carry=[], xs=[X], constants=constants)[1])
+    results = [function.call([X[:, i], *constants]) for i in range(X.shape[1])]
+    return [ca.horzcat(*values) for values in zip(*results, strict=True)]
+
+
+def cholesky(A: Term) -> Term:
+    """Lower factor of a positive semidefinite A, see `cholesky_semidefinite`."""
+    if not isinstance(A, ca.MX):
+        return cholesky_semidefinite(A)
+    n = A.shape[0]
+    left, unit = ca.MX.sym("A", n, n), ca.MX.sym("unit", n)
+    below, size = ca.MX.sym("below", n), ca.MX.sym("size")
+    c, e, b, a = ca.SX.sym("c", n), ca.SX.sym("e", n), ca.SX.sym("b", n), ca.SX.sym("a")
+    pivot = ca.dot(e, c)
+    keep = pivot > 1e-14 * a
+    found = b * ca.if_else(keep, c / ca.sqrt(ca.if_else(keep, pivot, 1)), 0)
+    column = ca.Function("column", [c, e, b, a], [found])
+    new = column(add_product(ca.MX.zeros(n, 1), left, unit.T), unit, below, size)
+    inputs = [left, unit, below, size]
+    body = ca.Function("cholesky_column", inputs, [add_product(left, -new, new), new])
+    diagonal = ca.diag(A).T
+    _, (L,) = scan(body, n, carry=[A], xs=[*_places(n), diagonal])
+    return L
+
+
+def definite(A: Term) -> Term:
+    """1 if a symmetric matrix is positive definite."""
+    if not isinstance(A, ca.MX):
+        return smallest_pivot(A) > 0
+    return ca.mmin(ca.diag(cholesky(A))) > 0
+
+
+def solve_definite(A: Term, B: Term) -> Term:
+    """Solve A X = B for symmetric positive definite A; what is put out for others is worthless."""
+    if not isinstance(A, ca.MX):
+        return solve_spd(A, B)
+    n = A.shape[0]
+    factor, b = ca.SX.sym("L", n, n), ca.SX.sym("b", n)
+    size = ca.diag(factor)
+    d = ca.if_else(size > 0, size, 1)
+    unit = ca.tril(factor) @ ca.diag(1 / d)
+    column = ca.Function("solve_column", [b, factor], [solve_ldl(unit, d**2, b)])
+    return each_column(column, B, cholesky(A))[0]
+
+
+def compress_rows(A: Term) -> Term:
+    """Lower triangular L with L L' = A A', see `backsight.algebra.triangular.compress`."""
+    if not isinstance(A, ca.MX):
+        return triangular.compress(A)
+    n, m = A.shape
+    rows, unit, below = ca.MX.sym("rows", m, n), ca.MX.sym("unit", n), ca.MX.sym("below", n)
+    row, direction = ca.SX.sym("row", m), ca.SX.sym("direction", m)
+    size = ca.norm_2(row)
+    normed = ca.Function("direction", [row], [row / ca.if_else(size > 0, size, 1)])
+    along = ca.dot(row, direction)
+    project = ca.Function("project", [row, direction], [row - along * direction, along])
+    d = normed(add_product(ca.MX.zeros(m, 1), rows, unit.T))
+    rest, along_all = each_column(project, rows, d)
+    body = ca.Function("gram_schmidt", [rows, unit, below], [rest, below * along_all.T])
+    _, (L,) = scan(body, n, carry=[transpose(A)], xs=_places(n))
+    return L
+
+
+def downdate_factor(L: Term, v: Term) -> tuple[Term, Term]:
+    """Factor of L L' - v v' and whether there is one, see `backsight.algebra.triangular`."""
+    if not isinstance(L, ca.MX):
+        return triangular.downdate(L, v)
+    n = L.shape[0]
+    w, definite = ca.SX.sym("v", n), ca.SX.sym("definite")
+    c, e, b = ca.SX.sym("c", n), ca.SX.sym("e", n), ca.SX.sym("b", n)
+    old, top = ca.dot(e, c), ca.dot(e, w)
+    square = old**2 - top**2
+    positive = square > 0
+    pivot = ca.sqrt(ca.if_else(positive, square, old**2))
+    under = b - e
+    column = e * pivot + under * (c * old - w * top) / pivot
+    rest = under * (w * old - c * top) / pivot
+    body = ca.Function(
+        "hyperbolic", [w, definite, c, e, b], [rest, ca.if_else(positive, definite, 0), column]
+    )
+    (_, all_definite), (found,) = scan(body, n, carry=[v, ca.MX(1)], xs=[L, *_places(n)])
+    return found, all_definite
+
+
+def deviation_factor(deviations: Term, w: Weights, noise: Term) -> tuple[Term, Term]:
+    """Factor of the covariance of weighted deviations plus noise, see `algebra.sigma.factor`."""
+    if not isinstance(deviations, ca.MX):
+        return sigma.factor(deviations, w, noise)
+    n, count = deviations.shape
+    centre = float(w.covariance[0])
+    scales = np.sqrt(np.append(abs(centre), w.covariance[1:]))
+    weighted = deviations * ca.MX(ca.DM(np.tile(scales, (n, 1))))
+    if centre >= 0:
+        return compress_rows(ca.horzcat(weighted, noise)), ca.MX(1)
+    return downdate_factor(compress_rows(ca.horzcat(weighted[:, 1:count], noise)), weighted[:, 0])
+
+
+def sigma_columns(x: Term, L: Term, spread: float) -> Term:
+    """Sigma points side by side, see `backsight.algebra.sigma.sigma_points`."""
+    if not isinstance(x, ca.MX):
+        return sigma.sigma_points(x, L, spread)
+    ones = ca.MX.ones(x.numel(), 1)
+    return ca.horzcat(x, add_product(spread * L, x, ones), add_product(-spread * L, x, ones))
+
+
+def minus(X: Term, x: Term) -> Term:
+    """Columns of X minus x."""
+    if isinstance(X, ca.MX):
+        return add_product(X, -x, ca.MX.ones(X.shape[1], 1))
+    return X - x
+
+
+def on_top(parts: Sequence[Term]) -> Term:
+    """Matrices of as many columns on top of each other."""
+    if isinstance(parts[0], ca.MX):
+        return transpose(ca.horzcat(*(transpose(part) for part in parts)))
+    return ca.vertcat(*parts)
+
+
+def _places(n: int) -> list[ca.MX]:
+    """Unit vectors, and ones from there on down, one column for every pass."""
+    return [ca.MX(ca.DM(np.eye(n))), ca.MX(ca.DM(np.tril(np.ones((n, n)))))]

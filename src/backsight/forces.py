@@ -1,0 +1,21 @@
+"""Sparse unknown forces: what they are made of, how they are found, and what is right of them.
+
+`backsight.CompressiveSensingMHE` finds them sample by sample, `find_sparse_forces` in a whole
+recording.
+`backsight.tune` chooses weights, places of sensors, and calibrates the model.
+"""
+
+from backsight.analysis.forces import ForceErrors as ForceErrors
+from backsight.analysis.forces import Impact as Impact
+from backsight.analysis.forces import compare_forces as compare_forces
+from backsight.analysis.forces import find_impacts as find_impacts
+from backsight.estimators.cs_mhe import Atoms as Atoms
+from backsight.estimators.cs_mhe import Carryover as Carryover
+from backsight.estimators.cs_mhe import HalfSines as HalfSines
+from backsight.estimators.cs_mhe import Impulses as Impulses
+from backsight.models.unknown_forces import forces_as_inputs as forces_as_inputs
+from backsight.run.sparse_forces import find_sparse_forces as find_sparse_forces
+from backsight.sparse import L1 as L1
+from backsight.sparse import Given as Given
+from backsight.sparse import Greedy as Greedy
+from backsight.sparse import Reweighted as Reweighted

@@ -1,0 +1,65 @@
+"""Texts that would do something if one place forgot to treat them as text."""
+
+TRAP = "document.documentElement.setAttribute('data-trap','sprung')"
+"""What a payload runs; nothing on a page of ours sets this attribute."""
+
+PAYLOADS = {
+    "script": f"<script>{TRAP}</script>",
+    "end of script": f"</script><script>{TRAP}</script>",
+    "comment": f"<!--<script>{TRAP}//--></script>",
+    "end of title": f"</title><script>{TRAP}</script>",
+    "end of style": f"</style><script>{TRAP}</script>",
+    "end of pre": f'</pre></details><img src=x onerror="{TRAP}">',
+    "image": f'<img src=x onerror="{TRAP}">',
+    "svg": f'<svg onload="{TRAP}"></svg>',
+    "svg use": f'<svg><animate onbegin="{TRAP}" attributeName=x dur=1s>',
+    "body": f'<body onload="{TRAP}">',
+    "double quote": f'" onmouseover="{TRAP}" onfocus="{TRAP}" autofocus tabindex=1 x="',
+    "single quote": f"' onmouseover='{TRAP.replace(chr(39), chr(34))}' autofocus x='",
+    "backtick": f"`onerror={TRAP}`",
+    "link": f'<a href="javascript:{TRAP}">click</a>',
+    "frame": f'<iframe srcdoc="<script>parent.{TRAP}</script>"></iframe>',
+    "meta": f'<meta http-equiv=refresh content="0;url=javascript:{TRAP}">',
+    "base": "<base href=http://127.0.0.1:9/>",
+    "entity": f"&lt;img src=x onerror={TRAP}&gt;",
+    "entity twice": f"&amp;lt;img src=x onerror={TRAP}&amp;gt;",
+    "number entity": "&#60;script&#62;",
+    "template": "${title} $title $$ $style {{7*7}} #{7*7} %s %n {0}",
+    "plotly template": "%{y} %{customdata} %{x|<b>}",
+    "plotly tags": '<b>x</b><br><sub>2</sub><a href="https://127.0.0.1/">x</a>',
+    "mathjax": "$x^2$ \\(x\\)",
+    "json end": '"}]}; ' + TRAP + "; //",
+    "line separators": f"\u2028{TRAP}\u2029",
+    "direction": "\u202egnp.exe\u202c\u2066",
+    "prototype": "__proto__",
+    "constructor": "constructor",
+    "colour": "--ink",
+    "formula": "=cmd|' /C calc'!A0",
+    "formula at": "@SUM(1+1)*cmd|' /C calc'!A0",
+    "formula plus": "+1+cmd|' /C calc'!A0",
+    "formula minus": "-1+cmd|' /C calc'!A0",
+    "long": "x" * 3000,
+    "invisible": "\u200b\u00ad\ufeff",
+    "end of comment in C": "*/ int system(const char *); /*",
+    "spliced end of comment": "*\\\n/ #error sprung\n/*",
+    "trigraph": "*??/\n/ #error sprung ??/",
+    "line comment": "// \\",
+    "directive": "\n#error sprung\n",
+    "make": "$(shell touch sprung) `touch sprung`\n\ttouch sprung",
+    "table": "a | b | c\n|---|\n",
+    "code fence": "```\n# heading\n",
+    "path": "../../../sprung",
+}
+"""By what they aim at. None has a control character: those are refused where a file is read."""
+
+CONTROLS = {
+    "title of the window": "\x1b]0;sprung\x07",
+    "clear": "\x1b[2J\x1b[H",
+    "colour": "\x1b[31mred",
+    "8 bit": "\x9b31m",
+    "bell": "\x07",
+    "back": "good\b\b\b\bevil",
+    "zero": "a\x00b",
+    "delete": "a\x7fb",
+}
+"""Texts that steer a terminal, or end a text in a file."""

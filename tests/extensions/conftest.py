@@ -1,0 +1,3 @@
+"""The command line, for what others bring."""
+
+from cli.conftest import backsight as backsight

