@@ -46,9 +46,10 @@ class UKF(AbstractEstimator):
 
     Sigma points outside the bounds of the states are set to them before they are used, so that a
     parameter that must be positive (a mass) never becomes negative in the model, however wide its
-    spread; this also moves the mean away from the bound, and the sample's status says that it was
-    clipped. If a covariance has no factor, which needs a negative weight (small alpha), the update
-    is left out and the status says so.
+    spread; in the prediction this also moves the mean away from the bound, and the sample's status
+    says that it was clipped. A measurement takes the whole spread, also what is outside the bound.
+    If a covariance has no factor, which needs a negative weight (small alpha), the update is left
+    out and the status says so.
 
     Parameters
     ----------
@@ -148,7 +149,7 @@ def cholesky_factor(P: Array) -> Array:
 
 
 def _points(s: Setting, w: Weights, x: Term, spread: Term) -> tuple[Term, Term]:
-    """Sigma points inside the bounds of the states, and 1 if one of them was set to a bound."""
+    """Sigma points inside the bounds of the states, and how far that moved them."""
     L = Factor(Covariance(s.model.nx)).opened(spread)
     within = leaf(
         "within",
@@ -156,7 +157,7 @@ def _points(s: Setting, w: Weights, x: Term, spread: Term) -> tuple[Term, Term]:
         lambda x: {"x_in": within_bounds(s, x), "off": within_bounds(s, x) - x},
     )
     points, off = each_column(within, sigma_columns(x, L, w.spread))
-    return points, ca.if_else(ca.norm_1(ca.vec(off)) > 0, 1, 0)
+    return points, off
 
 
 def _outputs(s: Setting, w: Weights, points: Term, u: Term) -> tuple[Term, Term]:
@@ -213,10 +214,13 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     weigh, settle = leaf("weigh", sizes, rows), leaf("settle", sizes, settled)
 
     def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
-        points, held = _points(s, w, x, spread)
+        points, off = _points(s, w, x, spread)
+        held = ca.if_else(ca.norm_1(ca.vec(off)) > 0, 1, 0)
         y_mean, dY = _outputs(s, w, points, u)
         dY, e, noise = weigh(y, dY, y_mean, mask)
-        both = on_top([dY, minus(points, x)])
+        # The outputs see points inside the bounds, the spread is that of the state: or else every
+        # sample would make it smaller next to a bound, whatever was measured.
+        both = on_top([dY, minus(points - off, x)])
         joint, definite = deviation_factor(both, w, on_top([noise, type(noise).zeros(nx, ny)]))
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
         x_post, flags = settle(x, KSy, Sy, e, held, definite, spread[-1])

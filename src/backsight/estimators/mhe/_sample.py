@@ -26,7 +26,7 @@ from backsight.estimators.parts.window import (
     queued,
 )
 from backsight.solvers.box import GaussNewton
-from backsight.solvers.trajectory import Chain, by_name, iterated, smoothed
+from backsight.solvers.trajectory import Chain, by_name, iterated, mistaken, smoothed
 from backsight.types import Array
 
 SMALL = 1e-10
@@ -44,8 +44,8 @@ class Parts:
     ----------
     s : Setting
         With the hard bounds of the states only.
-    inside : Setting
-        With the process noise inside the window.
+    walk : (nx, nx) array
+        Covariance of the process noise of a sample that the window is not told of.
     chain : Chain
     limits : Limits
     arrival : Arrival
@@ -55,7 +55,7 @@ class Parts:
     """
 
     s: Setting
-    inside: Setting
+    walk: Array
     chain: Chain
     limits: Limits
     arrival: Arrival
@@ -135,7 +135,7 @@ def solved(parts: Parts) -> Solved:
     called, moved = m.present[N], m.present[0]
     U, Y, M, present = moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))
     last = [m.x_last, m.P_last]
-    ahead = ekf.predict(parts.inside, parts.integrator, "discrete")
+    ahead = ekf.predict(s, parts.integrator, "discrete")
     prior = choose(called, ahead.call([*last, U[:, N - 1], u]), last)
     guess = ca.horzcat(m.X[:, 1:], within(s)(prior[0], 0))
     tried = ca.horzcat(m.side[:, 1:], m.side[:, N])
@@ -154,6 +154,9 @@ def solved(parts: Parts) -> Solved:
     stages = [found[k] for k in chain.sizes]
     free, dropped = equations(chain)(found["side"], found["low"], found["high"])
     problem = [found["offset"], P_start, *stages, free, ca.MX.zeros(*free.shape)]
+    P_end = covariance_of(chain)(dropped, found["P_end"], *problem)
+    if parts.walk.any():
+        P_end = mistaken(chain, 0, parts.walk)(*problem)
     return Solved(
         memory=m,
         inputs=[m.symbol, *data],
@@ -168,9 +171,7 @@ def solved(parts: Parts) -> Solved:
         late=m.late,
         found=found,
         problem=problem,
-        P_end=covariance_of(chain)(dropped, found["P_end"], *problem)
-        if chain.n
-        else found["P_end"],
+        P_end=P_end,
     )
 
 
@@ -181,7 +182,11 @@ def recursion(name: str, parts: Parts) -> Recursion:
     found, end = w.found, N - parts.lag
     e, S = ekf.innovation(s)(*w.prior, *w.data)
     (e, S), late = queued(w.late, [e, S], parts.lag)
-    P = smoothed(chain, parts.lag)(*w.problem) if parts.lag else w.P_end
+    P = w.P_end
+    if parts.lag and parts.walk.any():
+        P = mistaken(chain, parts.lag, parts.walk)(*w.problem)
+    elif parts.lag:
+        P = smoothed(chain, parts.lag)(*w.problem)
 
     # What leaves the window goes into the arrival cost.
     x_start, spread = choose(

@@ -84,7 +84,7 @@ class MHE(AbstractEstimator):
         imposed, it costs :math:`\tfrac12 c\,\text{violation}^2`, physical units.
     constant : tuple of str
         States without process noise inside the window; their random walk is added when the window
-        moves. For parameters: one value per window.
+        moves. For parameters: one value per window. P counts the walk inside the window, too.
     lag : int
         The estimate of a sample is made when `lag` more have been measured: a fixed-lag smoother;
         with ``lag = N`` from the start of the window. Results are put to the sample that they are
@@ -93,8 +93,9 @@ class MHE(AbstractEstimator):
 
     Notes
     -----
-    ``e`` and ``S`` are innovation and covariance of the sample before it entered the window. In P,
-    active bounds count as exact measurements: a direction that is fixed has no variance.
+    ``e`` and ``S`` are innovation and covariance of the sample before it entered the window. P is
+    without the bounds that happen to be active: that they are is known from the data only. Limits
+    with the same lower and upper end are equations, and count as exact measurements.
 
     If limits contradict each other, the estimate is the one without limits, the status says
     *infeasible*, and the output ``infeasible`` names them. ``kkt`` is the residual of the last
@@ -165,16 +166,17 @@ class MHE(AbstractEstimator):
                 raise TuningError(f"constant: there is no state '{name}': {nearest(name, names)}")
         period = s.dt if s.model.continuous else 1.0
         moves = np.array([n not in self.constant for n in names], float)
-        inside = dataclasses.replace(s, Q=s.Q * np.outer(moves, moves))
-        limits = limits_of(whole, inside.Q * period, self.limits, self.soft)
+        Q = s.Q * period
+        inside = Q * np.outer(moves, moves)
+        limits = limits_of(whole, inside, self.limits, self.soft)
         moved = transition_pattern(s, self.integrator)
-        chain = chain_of(s, limits, moved, Q=inside.Q * period, N=self.N)
+        chain = chain_of(s, limits, moved, Q=inside, N=self.N)
         return Parts(
             s=s,
-            inside=inside,
+            walk=Q - inside,
             chain=chain,
             limits=limits,
-            arrival=self.arrival.build(Fitting(s, self.integrator, s.Q * period, chain)),
+            arrival=self.arrival.build(Fitting(s, self.integrator, Q, chain)),
             integrator=self.integrator,
             optimiser=self.optimiser,
             lag=self.lag,
