@@ -11,7 +11,7 @@ import xarray as xr
 from backsight.analysis.comparison import ranked_table, verdicts
 from backsight.analysis.comparison._summary import assess
 from backsight.analysis.comparison.verdict import line
-from backsight.analysis.consistency import consistency as judge
+from backsight.analysis.consistency import check_consistency as judge
 from backsight.data import from_arrays
 from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator

@@ -72,7 +72,7 @@ def test_notebooks_show_the_equations_of_method_and_model():
     assert page.count("$$") == 4
     assert r"\hat x_k^+ = \hat x_k^- + K_k e_k" in page
     assert r"$$\dot{q} = v$$" in bs.sdof(k=1.0, b=1.0)._repr_html_()
-    assert r"\begin{aligned}" in bs.AHG(NOISE, PRIOR, lam=1.0, Gamma=1.0)._repr_html_()
+    assert r"\begin{aligned}" in bs.AHG(NOISE, PRIOR, gain=1.0, Gamma=1.0)._repr_html_()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -199,16 +199,16 @@ def test_numbers_of_numpy_are_numbers_and_lists_are_tuples():
 
 
 BELOW_ZERO = {
-    "AHG": "lam",
+    "AHG": "gain",
     "AdaptiveGain": "lower gamma beta window every up down",
     "CompressiveSensingMHE": "lam N sigma_force threshold lag",
     "Excitation": "window",
     "GaussNewton": "max_iterations tolerance cost_tolerance step_tolerance",
     "Greedy": "penalty",
-    "HGO": "lam",
+    "HGO": "gain",
     "Hits": "samples number spacing margin least steps places",
     "Integrator": "substeps",
-    "JointInput": "sigma_forces",
+    "JointInput": "sigma_force",
     "LinearMHE": "N arrival",
     "MHE": "N lag",
     "MHO": "N alpha",
