@@ -49,14 +49,14 @@ def test_what_was_chosen_comes_before_the_defaults():
 
 
 def test_repr_builds_the_same_again():
-    made = bs.MHE(NOISE, PRIOR, N=4, soft={"q": 2.0}, arrival=bs.NoArrival(10.0))
+    made = bs.MHE(NOISE, PRIOR, N=4, soft={"q": 2.0}, arrival=bs.settings.NoArrival(10.0))
     names = {n: getattr(bs, n) for n in dir(bs) if not n.startswith("_")}
     assert eval(repr(made), names | {"inf": math.inf}) == made
 
 
 def test_names_from_files_neither_break_a_tree_nor_a_notebook():
     evil = "<script>alert(1)</script>\n└── fake"
-    made = bs.LinearMHE(NOISE, PRIOR, limits=(bs.Limit(evil, {"x": 1.0}, lower=0.0),))
+    made = bs.LinearMHE(NOISE, PRIOR, limits=(bs.settings.Limit(evil, {"x": 1.0}, lower=0.0),))
     without = dataclasses.replace(made, limits=())
     assert len(str(made).splitlines()) == len(str(without).splitlines()) + 1
     page = made._repr_html_()

@@ -160,7 +160,7 @@ def test_covariances_are_judged_before_there_is_a_model():
     with pytest.raises(TuningError, match="P0 is not positive semidefinite"):
         bs.Prior(P0=-np.eye(2))
     with pytest.raises(TuningError, match="P is not positive semidefinite"):
-        bs.ConstantArrival(-np.eye(2))
+        bs.settings.ConstantArrival(-np.eye(2))
     with pytest.raises(TuningError, match=r"sigma_y must be positive and finite for b \(-1\)"):
         bs.Noise(sigma_y={"a": 1.0, "b": -1.0})
 
@@ -177,7 +177,7 @@ def test_names_are_judged_before_there_is_a_model():
             noise, prior, forces=("F",), lam=1.0, nonnegative=("G",)
         ),
         "'a' is used twice": lambda: bs.LinearMHE(
-            noise, prior, limits=(bs.Limit("a", {"x": 1.0}), bs.Limit("a", {"y": 1.0}))
+            noise, prior, limits=(bs.settings.Limit("a", {"x": 1.0}), bs.settings.Limit("a", {"y": 1.0}))
         ),
     }
     for message, build in wrong.items():
@@ -195,7 +195,7 @@ def test_numbers_of_numpy_are_numbers_and_lists_are_tuples():
     with pytest.raises(TuningError, match=r"N is 4\.0; it must be a whole number"):
         dataclasses.replace(made, N=4.0)
     with pytest.raises(TuningError, match="the class NoArrival"):
-        bs.MHE(noise, prior, arrival=bs.NoArrival)
+        bs.MHE(noise, prior, arrival=bs.settings.NoArrival)
 
 
 BELOW_ZERO = {
@@ -209,7 +209,7 @@ BELOW_ZERO = {
     "Hits": "samples number spacing margin least steps places",
     "Integrator": "substeps",
     "JointInput": "sigma_force",
-    "LinearMHE": "N arrival",
+    "LinearMHE": "N arrival_weight",
     "MHE": "N lag",
     "MHO": "N alpha",
     "NoArrival": "width",
