@@ -49,6 +49,7 @@ from backsight.estimators.parts.leaf import named_results as named_results
 from backsight.estimators.parts.leaf import notation as notation
 from backsight.estimators.parts.memory import Memory as Memory
 from backsight.estimators.parts.substeps import within_bounds as within_bounds
+from backsight.output import whole as whole
 from backsight.plugins import Extended as Extended
 from backsight.schema import Status as Status
 from backsight.studies import Study as Study

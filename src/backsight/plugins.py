@@ -111,8 +111,10 @@ class Extended(Mapping[str, T], Generic[T]):
         return None if key in self.own else maker(self._brought()[key][0])
 
     @contextlib.contextmanager
-    def blamed(self, key: str) -> Iterator[None]:
+    def blamed(self, key: str, *, but: tuple[type[Exception], ...] = ()) -> Iterator[None]:
         """Turn errors that are no sentences into sentences, in a block that runs an extension.
+
+        Errors of the kinds `but` are what the caller expects, and go through.
 
         Raises
         ------
@@ -121,7 +123,7 @@ class Extended(Mapping[str, T], Generic[T]):
         """
         try:
             yield
-        except BacksightError:
+        except (BacksightError, *but):
             raise
         except Exception as error:
             if key in self.own or key not in self:

@@ -15,6 +15,7 @@ from backsight.description import Called, Description, Range, words
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators import ESTIMATORS
 from backsight.models.model import Model
+from backsight.settings import Limit
 from description.everything import descriptions, example, hints, modules, options
 
 FIELDS = [(kind, name) for kind in descriptions() for name in hints(kind)]
@@ -177,7 +178,9 @@ def test_names_are_judged_before_there_is_a_model():
             noise, prior, forces=("F",), lam=1.0, nonnegative=("G",)
         ),
         "'a' is used twice": lambda: bs.LinearMHE(
-            noise, prior, limits=(bs.settings.Limit("a", {"x": 1.0}), bs.settings.Limit("a", {"y": 1.0}))
+            noise,
+            prior,
+            limits=(Limit("a", {"x": 1.0}), Limit("a", {"y": 1.0})),
         ),
     }
     for message, build in wrong.items():
@@ -231,7 +234,7 @@ def test_what_means_nothing_below_zero_is_refused(kind):
     for name in BELOW_ZERO[kind].split():
         with pytest.raises(described.refusal, match=f"{name}.* is -1"):
             described(**example(described) | {name: -1})
-    for name in {"arrival", "alpha"} & set(BELOW_ZERO[kind].split()):
+    for name in {"arrival_weight", "alpha"} & set(BELOW_ZERO[kind].split()):
         if kind in ("LinearMHE", "RecursiveMHE"):
             with pytest.raises(described.refusal, match=f"{name} is 1.5; it must be from 0 to 1"):
                 described(**example(described) | {name: 1.5})

@@ -1,6 +1,7 @@
 """Kernels in C: the same results in every engine, whose own results NumPy confirms."""
 
 import contextlib
+import dataclasses
 import importlib.machinery
 import os
 import pickle
@@ -9,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -19,6 +21,7 @@ from backsight.engine.llvm import machine
 from backsight.engine.loops import iterate, scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import EngineError
+from backsight.estimators.base import AbstractEstimator
 from backsight.export import export_c
 from backsight.kernels import library, sources
 from closeness import assert_close
@@ -141,6 +144,7 @@ def test_work_space_that_is_the_callers():
 OTHER_PROCESS = """
 import pickle, sys
 from pathlib import Path
+from typing import ClassVar
 from backsight.kernels import sources
 sources.FOLDER = Path(sys.argv[1])
 from backsight.engine import native, vm
@@ -168,10 +172,11 @@ def test_other_process_takes_pickle_and_machine_code(kernels, tmp_path, monkeypa
         np.testing.assert_array_equal(same, output)
 
 
-class Ranked:
+@dataclasses.dataclass(frozen=True)
+class Ranked(AbstractEstimator):
     """What the export needs of an estimator."""
 
-    title = "Sorted measurements"
+    title: ClassVar[str] = "Sorted measurements"
 
     def compile(self, model, dt):
         c, u, y, mask = (ca.MX.sym(s, n) for s, n in zip("cuym", (N, 1, 2, 2), strict=True))

@@ -38,6 +38,9 @@ CONTAINERS: Mapping[str, Reader] = {
 """Extension to reader of the files that hold named arrays."""
 
 
+UNREADABLE = (OSError, ValueError, LookupError, EOFError, MemoryError)
+"""What a sound reader may raise on files that are cut off or of another kind."""
+
 ExtensionReader: TypeAlias = Callable[[Path, Sequence[str]], Mapping[str, Array]]
 """``(path, names of the wanted columns) -> {name: values}``, what an extension brings."""
 
@@ -200,7 +203,7 @@ def _load(
         if kind in TEXT:
             check_room(path.stat().st_size, "the file")
             return read_text(path, wanted, skip_lines)
-        with READERS.blamed(kind):
+        with READERS.blamed(kind, but=UNREADABLE):
             return reader(path, wanted, outside)
     except PluginError:
         raise
