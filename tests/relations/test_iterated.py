@@ -162,7 +162,7 @@ def test_many_states():
 
 @pytest.mark.parametrize(
     ("setting", "message"),
-    [({"max_iterations": 0}, "at least 1"), ({"tolerance": float("nan")}, "not be negative")],
+    [({"max_iterations": 0}, "from 1 on"), ({"tolerance": float("nan")}, "not be negative")],
 )
 def test_wrong_settings(setting, message):
     with pytest.raises(TuningError, match=message):
