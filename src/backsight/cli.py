@@ -63,7 +63,7 @@ def run(
     is at fault and nothing is written.
     """
     with told():
-        from backsight.problem import execute, load
+        from backsight.problem import load, run_problem
         from backsight.problem.methods import refusals
         from backsight.problem.running import ESTIMATES, PAGE
         from backsight.run.estimation import failure
@@ -72,7 +72,7 @@ def run(
             warn(sentence)
         read = load(problem)
         with bar() as advance:
-            results = execute(
+            results = run_problem(
                 read,
                 out,
                 progress=lambda name, k, n: advance(name, k / n),
@@ -113,13 +113,13 @@ def check(
     with told():
         from backsight.problem import load
         from backsight.problem.seeing import examine
-        from backsight.problem.source import recording
+        from backsight.problem.source import recording_of
         from backsight.run.diagnosis import aligned
         from backsight.run.diagnosis import certify as certified
 
         read = load(problem)
         chosen = None if certify is None else _estimator(certify, read.estimators)
-        data = recording(read, outside=outside or ())
+        data = recording_of(read, outside=outside or ())
         found = examine(read, data)
         timing = aligned(read.estimators, read.model, data)
         say(f"{read.title}\n\n{read.model}\n")
@@ -151,13 +151,13 @@ def export(
     with told():
         from backsight.export import export_c
         from backsight.problem import load
-        from backsight.problem.source import recording
+        from backsight.problem.source import recording_of
 
         read = load(problem)
         export_c(
             _estimator(estimator, read.estimators),
             read.model,
-            recording(read, outside=outside or ()),
+            recording_of(read, outside=outside or ()),
             out,
             name=name or _prefix(estimator),
             # Which words there are is the function's to say.

@@ -17,7 +17,7 @@ from backsight.estimators import KalmanFilter, Noise, Prior
 from backsight.models.builtin import sdof
 from backsight.models.lti import lti
 from backsight.problem import load
-from backsight.problem.source import recording
+from backsight.problem.source import recording_of
 from backsight.run.diagnosis import aligned, check_alignment
 from backsight.run.simulation import simulate
 from backsight.signals import prbs
@@ -253,7 +253,7 @@ def test_channel_that_is_late_by_itself_is_named():
 @pytest.mark.parametrize("name", ["emps", "silverbox"])
 def test_measured_machines_are_aligned_and_a_delay_would_be_found(name):
     problem = load(EXAMPLES / name / "problem.toml")
-    data, judge = recording(problem), problem.estimators["EKF"]
+    data, judge = recording_of(problem), problem.estimators["EKF"]
     result = check_alignment(judge, problem.model, data)
     assert result.sound
     assert result.aligned

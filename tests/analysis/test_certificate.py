@@ -9,10 +9,10 @@ from analysis.noiseless import Noiseless
 from backsight.analysis.certificate.linear_gaussian import (
     LinearGaussian,
     draw,
-    factor,
     kalman,
     lagged,
     least_squares,
+    square_root,
 )
 from backsight.data import from_arrays
 from backsight.discrete.runge_kutta import Integrator
@@ -60,7 +60,7 @@ def test_filter_smoother_and_least_squares_agree(data, lag):
 
 
 def test_factor_of_a_singular_covariance():
-    L = factor(linear.Q)
+    L = square_root(linear.Q)
     assert L.shape == (3, 2)
     np.testing.assert_allclose(L @ L.T, linear.Q, atol=1e-15)
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 from backsight.analysis.comparison import ranked_table, verdicts
 from backsight.analysis.comparison._summary import assess
-from backsight.analysis.comparison.verdict import line
+from backsight.analysis.comparison.verdict import sentence
 from backsight.analysis.consistency import check_consistency as judge
 from backsight.data import from_arrays
 from backsight.discrete.noise import discretise_noise
@@ -89,7 +89,7 @@ def right() -> list[xr.Dataset]:
 def test_right_description_is_not_blamed_for_the_gain(name, right):
     for result in judged(ESTIMATORS[name], right):
         found = judge(result)
-        assert line(assess(result)).startswith(FINE)
+        assert sentence(assess(result)).startswith(FINE)
         assert found.consistent
         assert found.coloured is None
         assert "its gain makes some" in str(found)
@@ -100,7 +100,7 @@ def test_right_description_is_not_blamed_for_the_gain(name, right):
 def test_wrong_noise_is_named_whatever_the_gain(name, wrong):
     says = "R is about" if "R_true" in wrong else "the process noise Q is about"
     for result in judged(ESTIMATORS[name], recordings(2, **wrong)):
-        text = line(assess(result))
+        text = sentence(assess(result))
         assert says in text
         assert "too small" in text
         assert not judge(result).consistent
@@ -133,7 +133,7 @@ def test_size_of_coloured_innovations_has_a_wider_band(right):
 def test_only_size_is_judged_where_nothing_else_can_be():
     data = recordings(1, n=400)
     (result,) = judged(ESTIMATORS["fast observer"], data)
-    assert "no more than their size is judged" in line(assess(result))
+    assert "no more than their size is judged" in sentence(assess(result))
 
 
 @pytest.mark.parametrize("every", [1, 15])
@@ -141,7 +141,7 @@ def test_sparse_measurements_of_a_right_description_raise_no_alarm(every):
     """One sample in `every` is measured, over a thousand in all."""
     data = recordings(3, n=1100 * every, every=every)
     for result in judged(KalmanFilter(NOISE, PRIOR), data):
-        assert line(assess(result)) == FINE
+        assert sentence(assess(result)) == FINE
         noise = judge(result).noise
         assert noise is None or abs(noise.R - 1) < 4 * noise.R_std or noise.R_std > 0.1
 
@@ -188,7 +188,7 @@ def test_diverged_results_are_judged_without_a_crash(right, variable, size):
         found = judge(wild.assign(x_true=result.x_hat))
     if variable in "Se":
         assert not found.consistent
-    assert line(assess(wild))
+    assert sentence(assess(wild))
 
 
 def test_a_filter_that_runs_away_fails_by_its_status():
@@ -200,7 +200,7 @@ def test_a_filter_that_runs_away_fails_by_its_status():
     result = estimate(sure, model, blind, throw=False, engine="vm")
     assert int(result.status[-1]) & Status.NOT_FINITE
     assert int(result.status[0]) == 0
-    assert "diverged" in line(assess(result))
+    assert "diverged" in sentence(assess(result))
 
 
 @pytest.mark.slow
@@ -208,7 +208,7 @@ def test_right_kalman_filter_is_doubted_in_one_run_of_a_hundred_at_most():
     """Of 600 runs; six alarms are expected at most, and 13 in one test of a hundred."""
     results = judged(KalmanFilter(NOISE, PRIOR), recordings(600, n=1500))
     found = [judge(r) for r in results]
-    sentences = [line(assess(r)) for r in results]
+    sentences = [sentence(assess(r)) for r in results]
     assert sum(not f.consistent for f in found) <= 12
     assert [s.startswith("consistent, ") for s in sentences] == [f.consistent for f in found]
     assert np.mean([f.noise.R for f in found]) == pytest.approx(1.0, abs=0.01)
@@ -221,7 +221,7 @@ def test_right_observer_is_doubted_as_seldom(name):
     results = judged(ESTIMATORS[name], recordings(200, n=1500))
     found = [judge(r) for r in results]
     assert sum(not f.consistent for f in found) <= 6
-    sentences = [line(assess(r)) for r in results]
+    sentences = [sentence(assess(r)) for r in results]
     assert [s.startswith("consistent, ") for s in sentences] == [f.consistent for f in found]
 
 
@@ -239,4 +239,4 @@ def test_right_observer_is_doubted_as_seldom(name):
 def test_noise_wrong_by_four_is_named_in_nine_of_ten(name, wrong, says):
     estimator = {**ESTIMATORS, "Kalman filter": KalmanFilter(NOISE, PRIOR)}[name]
     results = judged(estimator, recordings(100, n=1500, **wrong))
-    assert sum(bool(re.search(says, line(assess(r)))) for r in results) >= 90
+    assert sum(bool(re.search(says, sentence(assess(r)))) for r in results) >= 90

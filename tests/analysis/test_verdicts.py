@@ -8,7 +8,12 @@ import pytest
 from analysis import believing
 from backsight.analysis.comparison._summary import assess
 from backsight.analysis.comparison.verdict import agreement
-from backsight.analysis.consistency import NoiseFactors, Path, check_consistency, noise_factors
+from backsight.analysis.consistency import (
+    FilterPath,
+    NoiseFactors,
+    check_consistency,
+    noise_factors,
+)
 from backsight.errors import DataError
 from backsight.run.diagnosis._noise_factors import factors_of
 
@@ -98,7 +103,7 @@ def test_noise_that_has_no_part_in_the_innovations_is_not_judged(believing_resul
     result = believing_results(5, R_true=4.0)[0]
     n = result.sizes["time"]
     found = noise_factors(
-        Path(
+        FilterPath(
             F=np.broadcast_to(believing.A, (n, 2, 2)),
             H=np.broadcast_to([[1.0, 0.0]], (n, 1, 2)),
             P=result.P.values,

@@ -13,7 +13,7 @@ from typing import NoReturn
 import numpy as np
 import pandas as pd
 
-from backsight.data._pick import missing
+from backsight.data._pick import no_column
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -62,7 +62,7 @@ def read_text(path: Path, wanted: Sequence[str], skip_lines: int) -> dict[str, A
         If a column is missing or not unique, or a cell is not a number (names line and column).
     """
     layout = _layout(path, skip_lines)
-    absent = [missing(name, layout.names) for name in wanted if name not in layout.names]
+    absent = [no_column(name, layout.names) for name in wanted if name not in layout.names]
     if absent:
         raise DataError("; ".join(absent))
     for name in wanted:

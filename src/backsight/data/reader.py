@@ -15,7 +15,7 @@ from backsight.data._pick import pick
 from backsight.data._room import check_room
 from backsight.data._text import read_text
 from backsight.data.columns import Column, ColumnLike, column, columns
-from backsight.data.recording import Group, assemble, time_axis
+from backsight.data.recording import Group, as_recording, time_axis
 from backsight.description import Whole, checked
 from backsight.errors import DataError, PluginError, nearest
 from backsight.plugins import Extended
@@ -175,7 +175,7 @@ def read(
     stamps = time_axis(given, n, dt=dt, where=where)
     kept = _selected(stamps, start, stop, where)
     u, y, x, factors = (_group(group, raw, kept) for group in signals)
-    return assemble(
+    return as_recording(
         stamps[kept],
         u=u,
         y=y,

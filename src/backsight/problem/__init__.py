@@ -46,4 +46,4 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
 
 from backsight.problem.loading import load as load
 from backsight.problem.problem import Problem as Problem
-from backsight.problem.running import execute as execute
+from backsight.problem.running import run_problem as run_problem

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 import pydantic
 
 from backsight.errors import BacksightError, ProblemError, nearest
-from backsight.problem._tables import Table
+from backsight.problem._tables import StrictTable
 
-AnyTable = TypeVar("AnyTable", bound=Table)
+AnyTable = TypeVar("AnyTable", bound=StrictTable)
 
 _REASONS = {
     "missing": "is missing",
@@ -29,7 +29,7 @@ _REASONS = {
 """What is wrong, by pydantic's kind of error; the braces stand for what was given."""
 
 
-def checked(kind: type[AnyTable], given: object, *, where: str = "") -> AnyTable:
+def validated(kind: type[AnyTable], given: object, *, where: str = "") -> AnyTable:
     """Validate a table.
 
     Raises `ProblemError` with all that is wrong, each with its key; `where` is the key of the table
@@ -67,7 +67,7 @@ def shown(value: object) -> str:
     return str(value)
 
 
-def _line(error: Any, kind: type[Table], where: str) -> str:
+def _line(error: Any, kind: type[StrictTable], where: str) -> str:
     place = error["loc"]
     key = ".".join([where, *map(str, place)] if where else map(str, place))
     if error["type"] == "extra_forbidden":
@@ -76,15 +76,15 @@ def _line(error: Any, kind: type[Table], where: str) -> str:
     return f"{key or 'the file'}: {reason.format(shown(error['input']))}"
 
 
-def _keys(kind: type[Table], place: Sequence[int | str]) -> list[str]:
+def _keys(kind: type[StrictTable], place: Sequence[int | str]) -> list[str]:
     """Return the keys of the table at a place inside another."""
     inner: Any = kind
     for part in place:
-        if isinstance(inner, type) and issubclass(inner, Table):
+        if isinstance(inner, type) and issubclass(inner, StrictTable):
             inner = inner.model_fields[str(part)].annotation
         else:
             inner = typing.get_args(inner)[-1]
         options = [a for a in typing.get_args(inner) if isinstance(a, type)]
-        if options and issubclass(options[0], Table):
+        if options and issubclass(options[0], StrictTable):
             inner = options[0]
     return list(inner.model_fields)

@@ -7,8 +7,8 @@ from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.problem._checking import at, checked, shown
-from backsight.problem._kinds import ALL_KINDS, Given
+from backsight.problem._checking import at, shown, validated
+from backsight.problem._kinds import ALL_KINDS, RestOfFile
 from backsight.problem._tables import ColumnTable, EstimateTable, ProblemTable
 
 
@@ -57,8 +57,8 @@ def _plain(table: ProblemTable) -> Model:
     with at("model.kind"):
         described = ALL_KINDS[kind]
     with at("model"), ALL_KINDS.blamed(kind):
-        return checked(described, given, where="model").build(
-            Given(
+        return validated(described, given, where="model").build(
+            RestOfFile(
                 inputs={name: column.unit for name, column in table.recording.inputs.items()},
                 outputs={name: column.unit for name, column in table.recording.outputs.items()},
                 start={name: entry.start for name, entry in table.estimate.items()},

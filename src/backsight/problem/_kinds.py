@@ -20,13 +20,13 @@ from backsight.models.reduced import reduced
 from backsight.models.second_order import second_order
 from backsight.models.signals import Signal
 from backsight.plugins import Extended
-from backsight.problem._tables import Table
+from backsight.problem._tables import StrictTable
 
 Matrix = list[list[float]]
 
 
 @dataclasses.dataclass(frozen=True)
-class Given:
+class RestOfFile:
     """What the rest of the file says about the model.
 
     Parameters
@@ -42,11 +42,11 @@ class Given:
     start: Mapping[str, float]
 
 
-class ModelTable(Table, abc.ABC):
+class ModelTable(StrictTable, abc.ABC):
     """The entries of ``[model]`` beside ``kind``."""
 
     @abc.abstractmethod
-    def build(self, given: Given) -> Model:
+    def build(self, given: RestOfFile) -> Model:
         """Make the model; raises `ModelError` if it is described wrongly."""
 
 
@@ -55,7 +55,7 @@ class BuiltinTable(ModelTable):
 
     function: ClassVar[Callable[..., Model]]
 
-    def build(self, given: Given) -> Model:
+    def build(self, given: RestOfFile) -> Model:
         """See `ModelTable.build`."""
         arguments = inspect.signature(type(self).function).parameters
         values = self.model_dump(exclude_unset=True)
@@ -68,7 +68,7 @@ class BuiltinTable(ModelTable):
         return type(self).function(**values)
 
 
-class ParameterTable(Table):
+class ParameterTable(StrictTable):
     """A known parameter; its value alone will do."""
 
     value: float
@@ -90,7 +90,7 @@ class EquationsTable(ModelTable):
     dt: float | None = None
     name: str = "model"
 
-    def build(self, given: Given) -> Model:
+    def build(self, given: RestOfFile) -> Model:
         """See `ModelTable.build`."""
         return from_equations(
             states=self.states,
@@ -115,7 +115,7 @@ class LtiTable(ModelTable):
     dt: float | None = None
     name: str = "lti"
 
-    def build(self, given: Given) -> Model:
+    def build(self, given: RestOfFile) -> Model:
         """See `ModelTable.build`."""
         return lti(
             self.A,
@@ -130,7 +130,7 @@ class LtiTable(ModelTable):
         )
 
 
-class SensorTable(Table):
+class SensorTable(StrictTable):
     """What an output measures: displacement, velocity or acceleration, and where."""
 
     kind: str
@@ -149,7 +149,7 @@ class SecondOrderTable(ModelTable):
     parameters: dict[str, ParameterTable] = pydantic.Field(default_factory=dict)
     name: str = "structure"
 
-    def build(self, given: Given) -> Model:
+    def build(self, given: RestOfFile) -> Model:
         """See `ModelTable.build`."""
         # Which kinds there are is the model's own to say.
         outputs: dict[str, Any] = {name: (s.kind, s.at) for name, s in self.outputs.items()}
@@ -177,7 +177,7 @@ class StructureTable(ModelTable, abc.ABC):
     damping: Any = None
     name: str | None = None
 
-    def build(self, given: Given) -> Model:
+    def build(self, given: RestOfFile) -> Model:
         """See `ModelTable.build`."""
         del given  # everything is in the table
         values = {k: getattr(self, k) for k in type(self).model_fields}

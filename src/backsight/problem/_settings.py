@@ -70,7 +70,7 @@ def required(field: dataclasses.Field[Any]) -> bool:
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
-def parts_of(annotation: Any) -> list[type]:
+def dataclasses_in(annotation: Any) -> list[type]:
     """Return the dataclasses that a field may hold."""
     annotation = plain(annotation)
     options = map(plain, typing.get_args(annotation) if _is_union(annotation) else [annotation])
@@ -79,7 +79,7 @@ def parts_of(annotation: Any) -> list[type]:
 
 def _value(annotation: Any, given: object, where: str) -> object:
     annotation = plain(annotation)
-    parts = parts_of(annotation)
+    parts = dataclasses_in(annotation)
     if parts and isinstance(given, Mapping):
         return _part(parts, given, where)
     if _is_union(annotation):

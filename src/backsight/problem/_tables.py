@@ -6,7 +6,7 @@ from typing import Any
 import pydantic
 
 
-class Table(pydantic.BaseModel):
+class StrictTable(pydantic.BaseModel):
     """A table with known keys; numbers are finite, and no value is converted to another kind."""
 
     model_config = pydantic.ConfigDict(
@@ -14,7 +14,7 @@ class Table(pydantic.BaseModel):
     )
 
 
-class ColumnTable(Table):
+class ColumnTable(StrictTable):
     """A column of the file: ``factor * column + offset`` [unit]; its name alone will do."""
 
     column: str
@@ -29,7 +29,7 @@ class ColumnTable(Table):
         return {"column": given} if isinstance(given, str) else given
 
 
-class RecordingTable(Table):
+class RecordingTable(StrictTable):
     """``[recording]``: the file, its columns and its time."""
 
     path: str
@@ -46,7 +46,7 @@ class RecordingTable(Table):
     skip_lines: int = pydantic.Field(default=0, ge=0)
 
 
-class EstimateTable(Table):
+class EstimateTable(StrictTable):
     """``[estimate.NAME]``: a parameter that is not known."""
 
     start: float
@@ -65,7 +65,7 @@ class DisturbanceTable(EstimateTable):
     start: float = 0.0
 
 
-class NoiseTable(Table):
+class NoiseTable(StrictTable):
     """``[noise]``: see `backsight.estimators.uncertainty.Noise`."""
 
     sigma_y: dict[str, float] | None = None
@@ -75,7 +75,7 @@ class NoiseTable(Table):
     Qc: list[list[float]] | None = None
 
 
-class PriorTable(Table):
+class PriorTable(StrictTable):
     """``[prior]``: see `backsight.estimators.uncertainty.Prior`."""
 
     x0: dict[str, float] = {}
@@ -83,7 +83,7 @@ class PriorTable(Table):
     P0: list[list[float]] | None = None
 
 
-class EstimatorTable(Table):
+class EstimatorTable(StrictTable):
     """``[estimators.NAME]``: the method, its own settings, and what it has not in common."""
 
     model_config = pydantic.ConfigDict(extra="allow")
@@ -98,13 +98,13 @@ class EstimatorTable(Table):
         return self.model_extra or {}
 
 
-class OutputTable(Table):
+class OutputTable(StrictTable):
     """``[output]``: what is written."""
 
     report: bool = True
 
 
-class ProblemTable(Table):
+class ProblemTable(StrictTable):
     """The whole file."""
 
     title: str = ""

@@ -11,7 +11,7 @@ from backsight.errors import ProblemError, nearest
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem._checking import at, checked
+from backsight.problem._checking import at, validated
 from backsight.problem._joint import check_known, joint_model
 from backsight.problem._limits import DEEPEST, MOST_BYTES, check_keys, check_tree
 from backsight.problem._settings import built, fields_of
@@ -47,7 +47,7 @@ def load(path: str | os.PathLike[str]) -> Problem:
     except RecursionError:
         raise ProblemError(f"{file}: tables and lists are more than {DEEPEST} deep") from None
     check_tree(given)
-    table = checked(ProblemTable, given)
+    table = validated(ProblemTable, given)
     built(Integrator, table.integrator, where="integrator", fixed={})
     model = joint_model(table)
     check_known(model.states, table.recording.truth, kind="state", where="recording.truth")

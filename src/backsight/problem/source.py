@@ -16,7 +16,7 @@ from backsight.problem.problem import Problem
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
-def recording(problem: Problem, *, outside: Collection[str] = ()) -> xr.Dataset:
+def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Dataset:
     """Read the recording of a problem, as `backsight.data.read` does.
 
     The path is relative to the problem file; ``${NAME}`` in it stands for the environment variable.

@@ -8,13 +8,13 @@ import numpy as np
 import xarray as xr
 
 from backsight.analysis.comparison import Row
-from backsight.analysis.forces import Hits, forces, where
+from backsight.analysis.forces import FoundHits, forces, where
 from backsight.report._series import Plot, Series, quantity
 from backsight.report._tables import swatch, table
 from backsight.report._theme import heading, remark
 from backsight.report._traces import Trace, encoded, plain
 from backsight.report.thin import peaks
-from backsight.rounding import plus_minus, significant, whole
+from backsight.rounding import grouped, plus_minus, significant
 from backsight.types import Array
 
 NOTE = (
@@ -43,13 +43,13 @@ def hit_tables(rows: Sequence[Row], every: Sequence[Series]) -> str:
     return "".join(_table(s, row, hits) for s, row, hits in _found(rows, every))
 
 
-def _found(rows: Sequence[Row], every: Sequence[Series]) -> list[tuple[Series, Row, Hits]]:
+def _found(rows: Sequence[Row], every: Sequence[Series]) -> list[tuple[Series, Row, FoundHits]]:
     by_name = {row.estimator: row for row in rows}
     having = [(s, by_name[s.name]) for s in every]
     return [(s, row, row.hits) for s, row in having if row.hits is not None]
 
 
-def _table(s: Series, row: Row, found: Hits) -> str:
+def _table(s: Series, row: Row, found: FoundHits) -> str:
     name = f"{swatch(s)}{escape(s.name)}"
     if not found.hits:
         why = "; ".join(row.remarks) or "no force is larger than chance would make it"
@@ -70,11 +70,11 @@ def _table(s: Series, row: Row, found: Hits) -> str:
         for rank, hit in enumerate(found.hits[:MOST_HITS], 1)
     ]
     count = len(found.hits)
-    shown = f"{len(body)} largest of {whole(count)} hits" if count > len(body) else "all hits"
+    shown = f"{len(body)} largest of {grouped(count)} hits" if count > len(body) else "all hits"
     return table("hits", head, body, caption=f"{name}: {shown}, the largest impulse first")
 
 
-def _map(s: Series, held: xr.DataArray, found: Hits) -> Plot:
+def _map(s: Series, held: xr.DataArray, found: FoundHits) -> Plot:
     labels = [plain(label) for label in where(s.result)]
     shown = found.hits[:MOST_HITS]
     traces = [_heat(s, held.values, labels, found.unit), *([_circles(s, found)] if shown else [])]
@@ -119,7 +119,7 @@ def _heat(s: Series, held: Array, labels: Sequence[str], unit: str) -> Trace:
     }
 
 
-def _circles(s: Series, found: Hits) -> Trace:
+def _circles(s: Series, found: FoundHits) -> Trace:
     shown = found.hits[:MOST_HITS]
     size = np.sqrt([abs(hit.force) for hit in shown])
     unit = f" {found.unit}" if found.unit else ""

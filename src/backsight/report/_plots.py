@@ -7,9 +7,9 @@ import numpy as np
 
 from backsight.analysis.comparison import failed
 from backsight.analysis.consistency import windowed_nis
-from backsight.report._series import Plot, Series, quantity, signals
+from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
-from backsight.report._traces import Trace, band, bulk, limits, line, plain, view
+from backsight.report._traces import Trace, band_trace, bulk, limits, line_trace, plain, view
 from backsight.report.thin import Positions
 from backsight.schema import Status
 from backsight.types import Array
@@ -19,16 +19,16 @@ _NIS_WINDOWS = 200
 
 def output_plots(every: Sequence[Series]) -> list[Plot]:
     """Measured and estimated outputs with their residuals, one plot per output."""
-    return [_output(every, name, unit) for name, unit in signals(every, "output").items()]
+    return [_output(every, name, unit) for name, unit in signal_units(every, "output").items()]
 
 
 def input_plots(every: Sequence[Series]) -> list[Plot]:
     """Known inputs, one plot each."""
     plots = []
-    for name, unit in signals(every, "input").items():
+    for name, unit in signal_units(every, "input").items():
         first = next(s for s in every if s.has("input", name))
         values = first.signal("u", "input", name)
-        trace = line(first.time, values, name=name, colour="--measured", width=1.2)
+        trace = line_trace(first.time, values, name=name, colour="--measured", width=1.2)
         layout = {
             "annotations": [heading(plain(quantity(name, unit)))],
             "yaxis": {"range": view([values], [])},
@@ -41,14 +41,14 @@ def state_plots(every: Sequence[Series], reference: Mapping[str, float]) -> list
     """Every state and parameter with its 3-sigma bands, one plot each."""
     return [
         _state(every, name, unit, reference.get(name))
-        for name, unit in signals(every, "state").items()
+        for name, unit in signal_units(every, "state").items()
     ]
 
 
 def innovation_plots(every: Sequence[Series]) -> list[Plot]:
     """Innovations of every output and estimator within three standard deviations."""
     plots = []
-    for name, unit in signals(every, "output").items():
+    for name, unit in signal_units(every, "output").items():
         having = [s for s in every if s.has("output", name)]
         sound = [_innovation(s, name) for s in _sound(having)]
         span = view([bulk(e) for e, _ in sound], [b for _, bound in sound for b in (-bound, bound)])
@@ -67,7 +67,7 @@ def nis_plot(every: Sequence[Series]) -> Plot:
     interval = means[0][1]
     time = interval["time"].values
     lower, upper = interval["lower"].values, interval["upper"].values
-    traces = [band(time, lower, upper, colour="--neutral-band")]
+    traces = [band_trace(time, lower, upper, colour="--neutral-band")]
     traces += [_line(s, w["nis"].values, time=w["time"].values, width=1.4) for s, w in means]
     values = [np.log10(w["nis"].where(w["nis"] > 0).values) for _, w in means]
     span = view(values, [np.log10(lower[lower > 0]), np.log10(upper[upper > 0])])
@@ -111,7 +111,7 @@ def words(bit: Status) -> str:
 def _output(every: Sequence[Series], name: str, unit: str) -> Plot:
     having = [s for s in every if s.has("output", name)]
     y = having[0].signal("y", "output", name)
-    traces = [line(having[0].time, y, name="measured", colour="--measured", width=4)]
+    traces = [line_trace(having[0].time, y, name="measured", colour="--measured", width=4)]
     traces += [_line(s, s.signal("y_hat", "output", name)) for s in having]
     traces += [_line(s, _residual(s, name), axis="y2", width=0.9) for s in having]
     sound = _sound(having)
@@ -136,7 +136,8 @@ def _state(every: Sequence[Series], name: str, unit: str, reference: float | Non
     having = [s for s in every if s.has("state", name)]
     sound = _sound(having)
     traces = [
-        band(s.time, *_edges(s, name), colour=f"{s.colour}-band", group=s.group) for s in having
+        band_trace(s.time, *_edges(s, name), colour=f"{s.colour}-band", group=s.group)
+        for s in having
     ]
     traces += [
         _line(s, s.signal("x_hat", "state", name), std=s.signal("x_std", "state", name))
@@ -146,7 +147,9 @@ def _state(every: Sequence[Series], name: str, unit: str, reference: float | Non
     shapes = []
     if truth := next((s for s in having if "x_true" in s.result), None):
         x = truth.signal("x_true", "state", name)
-        traces.append(line(truth.time, x, name="truth", colour="--ink", width=1.2, dash="dash"))
+        traces.append(
+            line_trace(truth.time, x, name="truth", colour="--ink", width=1.2, dash="dash")
+        )
         shown.append(x)
     if reference is not None:
         shapes.append(_level(reference))
@@ -225,7 +228,7 @@ def _line(
     axis: str = "y",
 ) -> Trace:
     """One estimator's line; the first ones are thicker, to be seen where the later cover them."""
-    return line(
+    return line_trace(
         s.time if time is None else time,
         values,
         name=s.name,

@@ -6,7 +6,7 @@ from html import escape
 
 from backsight.analysis.comparison import Final, Row
 from backsight.report._series import Series, quantity
-from backsight.rounding import percent, plus_minus, shortest, significant, whole
+from backsight.rounding import grouped, percent, plus_minus, shortest, significant
 from backsight.schema import STATUS_TEXT, Status
 
 
@@ -56,7 +56,9 @@ def consistency_table(rows: Sequence[Row], every: Sequence[Series]) -> str:
     return table("consistency", head, body, caption="Innovations over the whole recording")
 
 
-def final_values(rows: Sequence[Row], every: Sequence[Series], states: Mapping[str, str]) -> str:
+def final_values_table(
+    rows: Sequence[Row], every: Sequence[Series], states: Mapping[str, str]
+) -> str:
     """Last estimate of every state, one column per estimator."""
     references = {
         name: final.reference
@@ -157,4 +159,4 @@ def _status(row: Row) -> str:
 def _count(row: Row, bit: Status) -> str:
     count, total = row.status[str(bit.name)], row.samples
     name = str(bit.name).replace("_", " ").lower()
-    return f"{name} at {whole(count)} of {whole(total)} samples"
+    return f"{name} at {grouped(count)} of {grouped(total)} samples"

@@ -28,7 +28,7 @@ def plain(text: str) -> str:
     return html.escape(text, quote=False).replace("%{", "%&#123;")
 
 
-def line(
+def line_trace(
     time: Array,
     values: Array,
     *,
@@ -76,7 +76,7 @@ def drawn(values: Array) -> Positions:
     return np.sort(np.concatenate([there[thin(values[there])], gaps]))
 
 
-def band(time: Array, lower: Array, upper: Array, *, colour: str, group: str = "") -> Trace:
+def band_trace(time: Array, lower: Array, upper: Array, *, colour: str, group: str = "") -> Trace:
     """A filled band, thinned to its envelope; limits that are not finite interrupt it."""
     kept, low, high = envelope(lower, upper)
     there = np.flatnonzero(np.isfinite(low) & np.isfinite(high))

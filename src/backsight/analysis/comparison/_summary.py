@@ -9,7 +9,7 @@ import xarray as xr
 
 from backsight.analysis.comparison.errors import rms_innovation, rmse
 from backsight.analysis.comparison.row import Final, Row
-from backsight.analysis.comparison.verdict import line
+from backsight.analysis.comparison.verdict import sentence
 from backsight.analysis.consistency import (
     Consistency,
     NoiseFactors,
@@ -20,7 +20,7 @@ from backsight.analysis.consistency import (
     nis,
     nis_band,
 )
-from backsight.analysis.forces import Hits, force_remarks, hits
+from backsight.analysis.forces import FoundHits, force_remarks, hits
 from backsight.errors import DataError, nearest
 from backsight.schema import FAILURES, Status, check_result
 
@@ -112,7 +112,7 @@ def summary(
         "us_per_sample": _known(row.us_per_sample),
         "status": row.status,
         "failed": row.failed,
-        "verdict": f"{line(row)}.",
+        "verdict": f"{sentence(row)}.",
         "mean_nees": _known(row.consistency.nees.value),
         "nees_expected": _known(row.consistency.nees.expected),
         "innovations": _innovations(row.consistency),
@@ -203,7 +203,7 @@ def _innovations(found: Consistency) -> dict[str, object]:
     }
 
 
-def _hits(found: Hits) -> dict[str, object]:
+def _hits(found: FoundHits) -> dict[str, object]:
     largest = [
         {
             "time": hit.impact.time,

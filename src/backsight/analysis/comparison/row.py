@@ -4,7 +4,7 @@ import dataclasses
 import math
 
 from backsight.analysis.consistency import Consistency
-from backsight.analysis.forces import Hits
+from backsight.analysis.forces import FoundHits
 from backsight.description import Printed
 
 
@@ -87,4 +87,4 @@ class Row(Printed):
     status: dict[str, int]
     failed: bool
     remarks: tuple[str, ...] = ()
-    hits: Hits | None = None
+    hits: FoundHits | None = None

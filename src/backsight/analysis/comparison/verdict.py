@@ -27,7 +27,7 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
     """
     ranking = [_ranking(rows)] if len(rows) > 1 else []
     recording = list(rows[0].alignment) if rows else []
-    return recording + ranking + [f"{row.estimator}: {line(row)}." for row in rows]
+    return recording + ranking + [f"{row.estimator}: {sentence(row)}." for row in rows]
 
 
 def agreement(row: Row) -> str:
@@ -78,7 +78,7 @@ def _size(row: Row) -> str:
     return f"too cautious, its innovations are {size} and its bands too wide"
 
 
-def line(row: Row) -> str:
+def sentence(row: Row) -> str:
     """Return what is to be said of one estimator, without its name."""
     if row.failed:
         return "diverged, its estimates are worthless; see the status"

@@ -53,7 +53,7 @@ APART = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
-class Path:
+class FilterPath:
     """A filter along a recording.
 
     Parameters
@@ -80,7 +80,7 @@ class Path:
     Q: Array
     R: Array
 
-    def measured(self) -> "Path":
+    def measured(self) -> "FilterPath":
         """The same with only the samples at which something was measured."""
         rows = np.flatnonzero(np.isfinite(self.e).any(axis=1))
         if len(rows) == len(self.e):
@@ -93,7 +93,7 @@ class Path:
             F.append(Phi)
             Q.append(added)
         kept = {name: getattr(self, name)[rows] for name in ("H", "P", "e", "S")}
-        return Path(F=np.array(F), Q=np.array(Q), R=self.R, **kept)
+        return FilterPath(F=np.array(F), Q=np.array(Q), R=self.R, **kept)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,7 +129,7 @@ class NoiseFactors(Printed):
         return self.Q_far >= deviations and not 1 / NEAR_Q < self.Q < NEAR_Q
 
 
-def noise_factors(path: Path) -> NoiseFactors:
+def noise_factors(path: FilterPath) -> NoiseFactors:
     """Find the factors that explain the autocovariance of the innovations best."""
     products, by_Q, counted = _moments(path.measured())
     settled = slice(len(products) // SETTLE, None)
@@ -220,7 +220,7 @@ def _deviations(influence: Array) -> Array:
     return np.sqrt(np.maximum(total, 0.0)) / n
 
 
-def _moments(path: Path) -> tuple[Array, Array, Array]:
+def _moments(path: FilterPath) -> tuple[Array, Array, Array]:
     """Products of normalised innovations, what Q adds to their means, and 1 where both are known.
 
     Each (n, lags + 1, ny); zero where one of the two was not measured.
@@ -240,13 +240,13 @@ def _moments(path: Path) -> tuple[Array, Array, Array]:
     return products, by_Q, counted
 
 
-def _expected(path: Path) -> Array:
+def _expected(path: FilterPath) -> Array:
     """Part of Q in the autocovariance of each output's innovations.
 
     (n, lags + 1, ny), with the earlier sample's index first.
     """
     n, ny, nx = path.H.shape
-    K = gains(path)
+    K = filter_gains(path)
     closed = path.F @ (np.eye(nx) - K @ path.H)
     found = np.zeros((n, LAGS + 1, ny))
     P, pending = np.zeros((nx, nx)), np.zeros((LAGS + 1, nx, ny))
@@ -266,7 +266,7 @@ def _expected(path: Path) -> Array:
     return found
 
 
-def gains(path: Path) -> Array:
+def filter_gains(path: FilterPath) -> Array:
     """Gain of every sample, P H' R^-1 over the measured outputs, (n, nx, ny)."""
     known = np.isfinite(path.e)
     n, ny, nx = path.H.shape

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
-from backsight.analysis.observability._combinations import combinations, ratio
+from backsight.analysis.observability._combinations import combinations, direction_in_words
 from backsight.analysis.observability._sensitivity import sensitivities
 from backsight.analysis.observability._sensors import Sensor, repairs
 from backsight.description import Positive, Printed, checked
@@ -261,7 +261,10 @@ def _lasting(A: Array, basis: Array, size: Array, model: Model) -> tuple[tuple[c
         if rate >= -edge and value.imag >= 0:
             parts = [vector.real, vector.imag] if value.imag else [vector.real]
             found.append(
-                (complex(value), " with ".join(ratio(v, model.states, size) for v in parts))
+                (
+                    complex(value),
+                    " with ".join(direction_in_words(v, model.states, size) for v in parts),
+                )
             )
     return tuple(found)
 

@@ -6,7 +6,13 @@ import casadi as ca
 import numpy as np
 import xarray as xr
 
-from backsight.analysis.consistency import NOISE_FACTORS, NoiseFactors, Path, gains, noise_factors
+from backsight.analysis.consistency import (
+    NOISE_FACTORS,
+    FilterPath,
+    NoiseFactors,
+    filter_gains,
+    noise_factors,
+)
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -73,7 +79,9 @@ def factors_of(
     return noise_factors(path) if _kalman(path, last) else None
 
 
-def _path(result: xr.Dataset, estimator: AbstractEstimator, model: Model, noise: Noise) -> Path:
+def _path(
+    result: xr.Dataset, estimator: AbstractEstimator, model: Model, noise: Noise
+) -> FilterPath:
     dt = float(result.attrs["dt"])
     u, x = result["u"].values, result["x_hat"].values
     ahead = np.vstack([u[1:], u[-1:]])
@@ -87,7 +95,7 @@ def _path(result: xr.Dataset, estimator: AbstractEstimator, model: Model, noise:
         added = 0.5 * dt * (F @ Q @ F.transpose(0, 2, 1) + Q)
     else:
         added = np.broadcast_to(Q, F.shape)
-    return Path(
+    return FilterPath(
         F=F,
         H=H,
         P=result["P"].values,
@@ -122,10 +130,10 @@ def _derivatives(model: Model, dt: float, integrator: Integrator) -> ca.Function
     return ca.Function("derivatives", [x, u, v], [ca.densify(F), H])
 
 
-def _kalman(path: Path, result: xr.Dataset) -> bool:
+def _kalman(path: FilterPath, result: xr.Dataset) -> bool:
     """Whether the outputs after the measurement are those of a Kalman filter's gain."""
     e = np.nan_to_num(path.e)
-    corrected = e - np.einsum("kij,kj->ki", path.H @ gains(path), e)
+    corrected = e - np.einsum("kij,kj->ki", path.H @ filter_gains(path), e)
     off = np.abs((result["y"] - result["y_hat"]).values - corrected)
     size = np.nanmedian(np.abs(path.e), axis=0)
     return bool((np.nanmedian(off, axis=0) <= SAME * size).all())

@@ -15,7 +15,7 @@ from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._match import match
-from backsight.run.estimation.lag import aligned, run_on
+from backsight.run.estimation.lag import from_first_sample, run_on
 from backsight.run.estimation.result import as_result
 from backsight.schema import FAILURES, STATUS_TEXT
 from backsight.types import Array
@@ -110,7 +110,7 @@ def carry_out(
     )
     seconds = time.perf_counter() - started
     result = as_result(
-        aligned(outputs, recursion.lag),
+        from_first_sample(outputs, recursion.lag),
         recursion,
         task.estimator,
         task.model,

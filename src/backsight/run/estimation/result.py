@@ -9,7 +9,7 @@ from backsight.analysis.forces import REMARKS, force_remarks
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation._match import weights
+from backsight.run.estimation._match import output_mask
 from backsight.schema import (
     AGO,
     INNOVATIONS,
@@ -77,7 +77,7 @@ def _dataset(
     outputs = [s.name for s in model.outputs]
     inputs = [s.name for s in model.inputs]
     measured = recording["y"].sel(output=outputs).values
-    measured = np.where(weights(model, recording) > 0, measured, np.nan)
+    measured = np.where(output_mask(model, recording) > 0, measured, np.nan)
     values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
     raised = np.nan_to_num(values["status"]).astype(np.int32)
     diverged = np.where(_worthless(values, measured), int(Status.NOT_FINITE), 0)

@@ -16,7 +16,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError, TuningError
 from backsight.models.model import Model
 from backsight.models.signals import vector
-from backsight.run.simulation._measured import measured
+from backsight.run.simulation._measured import measured_recording
 from backsight.run.simulation._scenario import (
     Disturbance,
     Push,
@@ -128,7 +128,7 @@ def simulate(
     X, Y = _integrate(model, fine, x, U=U, theta=theta, pushes=pushes, dt=dt)
     _check_finite(X, Y, dt)
 
-    return measured(
+    return measured_recording(
         model,
         dt=dt,
         u=U,
