@@ -17,8 +17,8 @@ from backsight.estimators.observers import AHG, AdaptiveGain
 from backsight.models.augment import augment
 from backsight.models.lti import lti
 from backsight.models.model import Model
-from backsight.models.second_order import second_order
 from backsight.models.signals import Signal
+from backsight.models.structures.second_order import second_order
 from backsight.run.estimation import match
 from backsight.run.simulation import simulate, simulate_closed_loop
 from backsight.signals.profiles import punch_strokes

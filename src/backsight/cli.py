@@ -112,8 +112,8 @@ def check(
     """
     with told():
         from backsight.problem import load
+        from backsight.problem.recorded import recording_of
         from backsight.problem.seeing import examine
-        from backsight.problem.source import recording_of
         from backsight.run.diagnosis import aligned
         from backsight.run.diagnosis import certify as certified
 
@@ -151,7 +151,7 @@ def export(
     with told():
         from backsight.export import export_c
         from backsight.problem import load
-        from backsight.problem.source import recording_of
+        from backsight.problem.recorded import recording_of
 
         read = load(problem)
         export_c(

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from analysis.noiseless import Noiseless
-from backsight.analysis.recording import decide, ratio
+from backsight.analysis.alignment import decide, ratio
 from backsight.data import from_arrays
 from backsight.discrete.exact import zoh
 from backsight.errors import TuningError
@@ -17,7 +17,7 @@ from backsight.estimators import KalmanFilter, Noise, Prior
 from backsight.models.builtin import sdof
 from backsight.models.lti import lti
 from backsight.problem import load
-from backsight.problem.source import recording_of
+from backsight.problem.recorded import recording_of
 from backsight.run.diagnosis import aligned, check_alignment
 from backsight.run.simulation import simulate
 from backsight.signals import prbs

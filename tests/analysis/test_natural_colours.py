@@ -31,7 +31,7 @@ from backsight.estimators import (
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.mhe import ConstantArrival, NoArrival, SmoothedArrival
 from backsight.models.lti import lti
-from backsight.run.diagnosis._noise_factors import with_factors
+from backsight.run.diagnosis._factors_of_results import with_factors
 from backsight.run.diagnosis.audit import noise_found
 from backsight.run.estimation import estimate, estimate_many
 from backsight.schema import Status

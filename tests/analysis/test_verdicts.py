@@ -15,7 +15,7 @@ from backsight.analysis.consistency import (
     noise_factors,
 )
 from backsight.errors import DataError
-from backsight.run.diagnosis._noise_factors import factors_of
+from backsight.run.diagnosis._factors_of_results import factors_of
 
 
 def said(result):

@@ -16,7 +16,7 @@ from backsight.errors import ModelError, ProblemError
 from backsight.export import export_c
 from backsight.models import lti
 from backsight.problem import load, run_problem
-from backsight.problem.source import recording_of
+from backsight.problem.recorded import recording_of
 
 EVERYTHING = "".join(text for name, text in PAYLOADS.items() if name != "long")
 

@@ -12,11 +12,11 @@ from backsight.engine import native, vm
 from backsight.engine.recursion import Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators import JointInput, Noise, Prior
-from backsight.models.beam import beam
 from backsight.models.lti import state_space
 from backsight.models.model import Model
-from backsight.models.second_order import second_order
-from backsight.models.unknown_forces import forces_as_inputs
+from backsight.models.structures.beam import beam
+from backsight.models.structures.second_order import second_order
+from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import Status
 from closeness import assert_close
 from oracles.joint_input import with_feedthrough, without_feedthrough

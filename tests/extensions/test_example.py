@@ -53,7 +53,7 @@ def test_a_problem_file_uses_all_of_it_in_a_process_of_its_own(site, tmp_path):
 
 def test_the_length_is_found(site):
     from backsight.problem import load
-    from backsight.problem.source import recording_of
+    from backsight.problem.recorded import recording_of
 
     problem = load(PROJECT / "problem.toml")
     data = recording_of(problem)

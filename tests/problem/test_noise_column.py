@@ -6,7 +6,7 @@ import pytest
 import small_problem
 from backsight.errors import DataError
 from backsight.problem import load, run_problem
-from backsight.problem.source import recording_of
+from backsight.problem.recorded import recording_of
 
 COLUMN = '\nsigma_factor.y = { column = "sigma", factor = 1e4 }'
 OUTPUTS = 'outputs.y = { column = "place", unit = "m" }'

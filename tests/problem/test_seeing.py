@@ -6,8 +6,8 @@ from typer.testing import CliRunner
 import small_problem
 from backsight.cli import app
 from backsight.problem import load
+from backsight.problem.recorded import recording_of
 from backsight.problem.seeing import doubts, examine
-from backsight.problem.source import recording_of
 
 
 def command(*arguments: object) -> tuple[int, str, str]:

@@ -17,7 +17,7 @@ from backsight.estimators import (
     SmoothedArrival,
     UKFArrival,
 )
-from backsight.models.second_order import second_order
+from backsight.models.structures.second_order import second_order
 from backsight.run.estimation import estimate
 from backsight.solvers.box import GaussNewton
 from closeness import assert_close

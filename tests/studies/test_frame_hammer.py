@@ -7,7 +7,7 @@ import pytest
 import scipy
 
 from backsight.errors import DataError, ModelError
-from backsight.models._beam_modes import shapes
+from backsight.models.structures._beam_modes import shapes
 from backsight_studies import STUDIES
 from backsight_studies.frame_hammer import calibrate, source
 from backsight_studies.frame_hammer import detect as detection

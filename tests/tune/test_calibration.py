@@ -5,7 +5,7 @@ import pytest
 
 import backsight as bs
 from backsight.errors import TuningError
-from backsight.models._beam_modes import shapes
+from backsight.models.structures._beam_modes import shapes
 from oracles import struck_beam
 from tune.struck_beam_recordings import estimator, recording
 

@@ -13,7 +13,7 @@ from backsight.data import _checks as checks
 from backsight.data._containers import read_hdf5, read_mat, read_netcdf, read_npz
 from backsight.data._pick import pick
 from backsight.data._room import check_room
-from backsight.data._text import read_text
+from backsight.data._text_files import read_text
 from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.recording import Group, as_recording, time_axis
 from backsight.description import Whole, checked

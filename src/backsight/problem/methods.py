@@ -9,8 +9,8 @@ from backsight.description import words
 from backsight.errors import PluginError
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.kernels import library
-from backsight.problem._kinds import ALL_KINDS
-from backsight.problem._settings import dataclasses_in, fields_of, required
+from backsight.problem.reading.kinds import ALL_KINDS
+from backsight.problem.reading.settings import dataclasses_in, fields_of, required
 
 _TABLES = ("noise", "prior")
 """Fields that come from tables of their own."""

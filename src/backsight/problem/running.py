@@ -12,10 +12,10 @@ from backsight.analysis.comparison import ALIGNMENT, summary
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
-from backsight.problem._checking import at
 from backsight.problem.problem import Problem
+from backsight.problem.reading.checking import at
+from backsight.problem.recorded import recording_of
 from backsight.problem.seeing import doubts
-from backsight.problem.source import recording_of
 from backsight.report import report
 from backsight.run.compare import Comparison, compared
 from backsight.run.estimation import Task, failure, match, ready

@@ -13,8 +13,8 @@ import xarray as xr
 from backsight.analysis.comparison import Row, ranked_table, verdicts
 from backsight.errors import DataError
 from backsight.output import write_whole
-from backsight.report import _tables as tables
-from backsight.report._forces import NOTE, force_maps, hit_tables
+from backsight.report import _html_tables as tables
+from backsight.report._hit_maps import NOTE, force_maps, hit_tables
 from backsight.report._plots import (
     innovation_plots,
     input_plots,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from backsight.analysis.comparison.errors import rms_innovation, rmse
+from backsight.analysis.comparison.error_measures import rms_innovation, rmse
 from backsight.analysis.comparison.row import Final, Row
 from backsight.analysis.comparison.verdict import sentence
 from backsight.analysis.consistency import (

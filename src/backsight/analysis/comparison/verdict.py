@@ -34,7 +34,7 @@ def agreement(row: Row) -> str:
     """Return a clause or two on whether an estimator agrees with its own covariances, and why not.
 
     Sizes of innovations are judged by `mean_nis`, their pattern and the cause by
-    `backsight.analysis.consistency.diagnosis`.
+    `backsight.analysis.consistency._causes`.
     """
     if math.isnan(row.mean_nis):
         return "no covariance of the innovations, so nothing can be said about the bands"

@@ -56,7 +56,7 @@ class Consistency(Printed):
         State whose truth is known to the shares within 1, 2 and 3 deviations.
     noise : NoiseFactors or None
         By how much R and Q are wrong, where the result says so (see
-        `backsight.run.diagnosis._noise_factors`).
+        `backsight.run.diagnosis._factors_of_results`).
     kind : {"white", "coloured", "forced"}
         What the innovations of the estimator are by nature, see `schema.Innovations`. Only white
         ones are doubted for their colour, and those with unknown forces for their size alone.

@@ -17,7 +17,7 @@ from backsight.discrete.exact import zoh
 from backsight.errors import ModelError
 from backsight.models.lti import state_space
 from backsight.models.model import Model
-from backsight.models.unknown_forces import forces_as_inputs
+from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.types import Array
 
 TOLERANCE = 1e-9

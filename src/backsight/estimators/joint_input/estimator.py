@@ -23,7 +23,7 @@ from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
-from backsight.models.unknown_forces import forces_as_inputs
+from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import Innovations
 from backsight.types import Array
 

@@ -8,7 +8,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import EstimationError, ModelError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.diagnosis._alignment import yardstick
+from backsight.run.diagnosis._delays import yardstick
 from backsight.run.estimation import estimate
 from backsight.types import Array
 

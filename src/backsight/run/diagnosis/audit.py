@@ -4,14 +4,14 @@ from collections.abc import Mapping
 
 import xarray as xr
 
+from backsight.analysis.alignment import Alignment
 from backsight.analysis.comparison import ALIGNED, ALIGNMENT
 from backsight.analysis.consistency import NoiseFactors
-from backsight.analysis.recording import Alignment
 from backsight.errors import BacksightError, ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.diagnosis._alignment import check_alignment, yardstick
-from backsight.run.diagnosis._noise_factors import MOST_STATES, factors_of, with_factors
+from backsight.run.diagnosis._delays import check_alignment, yardstick
+from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.estimation import estimate
 
 

@@ -9,8 +9,8 @@ import xarray as xr
 
 from backsight.analysis.comparison import Row
 from backsight.analysis.forces import FoundHits, forces, where
+from backsight.report._html_tables import swatch, table
 from backsight.report._series import Plot, Series, quantity
-from backsight.report._tables import swatch, table
 from backsight.report._theme import heading, remark
 from backsight.report._traces import Trace, encoded, plain
 from backsight.report.thin import peaks

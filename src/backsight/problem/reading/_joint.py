@@ -7,9 +7,9 @@ from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.problem._checking import at, shown, validated
-from backsight.problem._kinds import ALL_KINDS, RestOfFile
-from backsight.problem._tables import ColumnTable, EstimateTable, ProblemTable
+from backsight.problem.reading._tables import ColumnTable, EstimateTable, ProblemTable
+from backsight.problem.reading.checking import at, shown, validated
+from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
 
 
 def joint_model(table: ProblemTable) -> Model:

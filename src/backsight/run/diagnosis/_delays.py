@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import xarray as xr
 
-from backsight.analysis.recording import Alignment, Ratio, decide, ratio, vertex
+from backsight.analysis.alignment import Alignment, Ratio, decide, ratio, vertex
 from backsight.description import Called, Count, checked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.execute import choose_engine, prepare, run_recursion

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
-from backsight.models.second_order import Motion, second_order
 from backsight.models.signals import Signal
+from backsight.models.structures.second_order import Motion, second_order
 from backsight.types import Array
 
 SensorKind: TypeAlias = Literal[Motion, "strain"]

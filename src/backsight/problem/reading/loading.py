@@ -11,13 +11,13 @@ from backsight.errors import ProblemError, nearest
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem._checking import at, validated
-from backsight.problem._joint import check_known, joint_model
-from backsight.problem._limits import DEEPEST, MOST_BYTES, check_keys, check_tree
-from backsight.problem._settings import built, fields_of
-from backsight.problem._tables import EstimatorTable, ProblemTable
-from backsight.problem._uncertain import noise, prior
 from backsight.problem.problem import Problem
+from backsight.problem.reading._joint import check_known, joint_model
+from backsight.problem.reading._room import DEEPEST, MOST_BYTES, check_keys, check_tree
+from backsight.problem.reading._tables import EstimatorTable, ProblemTable
+from backsight.problem.reading._uncertain import noise, prior
+from backsight.problem.reading.checking import at, validated
+from backsight.problem.reading.settings import built, fields_of
 
 _GROUP = re.compile(r"[\w+-]+(?:[ .][\w+-]+)*")
 """Names of estimators become names of groups in a file."""

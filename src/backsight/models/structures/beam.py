@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
-from backsight.models._beam_modes import BoundaryName, Shapes, shapes
-from backsight.models.modal import SENSORS, SensorKind, modal
 from backsight.models.model import Model
+from backsight.models.structures._beam_modes import BoundaryName, Shapes, shapes
+from backsight.models.structures.modal import SENSORS, SensorKind, modal
 from backsight.types import Array
 
 AT_NODE = 1e-9

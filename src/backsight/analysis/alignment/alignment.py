@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
-from backsight.analysis.recording.alignment_scale import PLAUSIBLE, Ratio
+from backsight.analysis.alignment.alignment_scale import PLAUSIBLE, Ratio
 from backsight.description import Printed
 from backsight.rounding import significant
 from backsight.types import Array

@@ -7,8 +7,8 @@ import scipy
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError
-from backsight.models.modal import SensorKind, modal
 from backsight.models.model import Model
+from backsight.models.structures.modal import SensorKind, modal
 from backsight.types import Array
 
 RIGID = 1e-9

@@ -10,8 +10,8 @@ import xarray as xr
 from backsight.data.columns import Column
 from backsight.data.reader import read
 from backsight.errors import ProblemError
-from backsight.problem._tables import ColumnTable
 from backsight.problem.problem import Problem
+from backsight.problem.reading._tables import ColumnTable
 
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 

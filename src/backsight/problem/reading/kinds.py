@@ -10,17 +10,17 @@ from typing import Any, ClassVar
 import pydantic
 
 from backsight.errors import ModelError, ProblemError
-from backsight.models.beam import beam
 from backsight.models.builtin import duffing, friction_drive, sdof
-from backsight.models.equations import from_equations
 from backsight.models.lti import lti
-from backsight.models.modal import modal
 from backsight.models.model import Model
-from backsight.models.reduced import reduced
-from backsight.models.second_order import second_order
 from backsight.models.signals import Signal
+from backsight.models.structures.beam import beam
+from backsight.models.structures.modal import modal
+from backsight.models.structures.reduced import reduced
+from backsight.models.structures.second_order import second_order
+from backsight.models.text.equations import from_equations
 from backsight.plugins import Extended
-from backsight.problem._tables import StrictTable
+from backsight.problem.reading._tables import StrictTable
 
 Matrix = list[list[float]]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from backsight.description import plain
 from backsight.errors import ProblemError, nearest
-from backsight.problem._checking import at, shown
+from backsight.problem.reading.checking import at, shown
 from backsight.types import Array
 
 T = TypeVar("T")

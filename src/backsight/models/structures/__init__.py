@@ -1,0 +1,7 @@
+"""Structures: by matrices, by modes, by geometry; sensors and forces at places."""
+
+from backsight.models.structures.beam import beam as beam
+from backsight.models.structures.modal import modal as modal
+from backsight.models.structures.reduced import reduced as reduced
+from backsight.models.structures.second_order import second_order as second_order
+from backsight.models.structures.unknown_forces import forces_as_inputs as forces_as_inputs
