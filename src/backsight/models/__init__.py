@@ -6,9 +6,8 @@ from backsight.models.incremental import incremental
 from backsight.models.lti import lti
 from backsight.models.model import Model
 from backsight.models.scale import scale
-from backsight.models.sensor_lag import sensor_lag
 from backsight.models.signals import Signal
-from backsight.models.structures import beam, modal, reduced, second_order
+from backsight.models.structures import beam, modal, reduced, second_order, sensor_lag
 from backsight.models.text import from_equations
 
 __all__ = [

@@ -11,7 +11,7 @@ from backsight.data.columns import Column
 from backsight.data.reader import read
 from backsight.errors import ProblemError
 from backsight.problem.problem import Problem
-from backsight.problem.reading._tables import ColumnTable
+from backsight.problem.reading.tables import ColumnTable
 
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 

@@ -2,4 +2,3 @@
 
 from backsight.problem.reading.checking import at as at
 from backsight.problem.reading.kinds import ALL_KINDS as ALL_KINDS
-from backsight.problem.reading.loading import load as load

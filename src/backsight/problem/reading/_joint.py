@@ -7,9 +7,9 @@ from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.problem.reading._tables import ColumnTable, EstimateTable, ProblemTable
 from backsight.problem.reading.checking import at, shown, validated
 from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
+from backsight.problem.reading.tables import ColumnTable, EstimateTable, ProblemTable
 
 
 def joint_model(table: ProblemTable) -> Model:

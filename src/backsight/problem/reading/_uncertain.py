@@ -7,8 +7,8 @@ import numpy as np
 from backsight.errors import ProblemError
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-from backsight.problem.reading._tables import EstimateTable, NoiseTable, PriorTable
 from backsight.problem.reading.checking import at
+from backsight.problem.reading.tables import EstimateTable, NoiseTable, PriorTable
 from backsight.types import Array
 
 Unknowns = Mapping[str, EstimateTable]

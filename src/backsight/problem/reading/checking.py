@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import pydantic
 
 from backsight.errors import BacksightError, ProblemError, nearest
-from backsight.problem.reading._tables import StrictTable
+from backsight.problem.reading.tables import StrictTable
 
 AnyTable = TypeVar("AnyTable", bound=StrictTable)
 

@@ -20,7 +20,7 @@ from backsight.models.structures.reduced import reduced
 from backsight.models.structures.second_order import second_order
 from backsight.models.text.equations import from_equations
 from backsight.plugins import Extended
-from backsight.problem.reading._tables import StrictTable
+from backsight.problem.reading.tables import StrictTable
 
 Matrix = list[list[float]]
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from backsight.console import bar, say, tell, told, warn, width
+from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.errors import ProblemError, nearest
 
 if TYPE_CHECKING:
