@@ -34,7 +34,7 @@ def maker(entry: EntryPoint) -> str:
     return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unnamed distribution"
 
 
-def load(entry: EntryPoint, what: str) -> object:
+def load_entry(entry: EntryPoint, what: str) -> object:
     """Import what an entry point names.
 
     Raises
@@ -98,7 +98,7 @@ class Extended(Mapping[str, T], Generic[T]):
                 f"the {self.what} '{key}' is brought by {' and by '.join(map(maker, found))}; "
                 f"uninstall one of them"
             )
-        loaded = load(found[0], self.what)
+        loaded = load_entry(found[0], self.what)
         try:
             return self.adopt(key, loaded)
         except Exception as error:

@@ -8,10 +8,10 @@ import pytest
 from analysis.noiseless import Noiseless
 from backsight.analysis.certificate.linear_gaussian import (
     LinearGaussian,
+    dense_least_squares,
     draw,
     kalman,
     lagged,
-    least_squares,
     square_root,
 )
 from backsight.data import from_arrays
@@ -53,7 +53,7 @@ def test_filter_smoother_and_least_squares_agree(data, lag):
     u, y = data
     found = lagged(SYSTEM, u, y, lag)
     for k in (0, 2, 9, 29):
-        full = least_squares(SYSTEM, u[: k + 1], y[: k + 1])
+        full = dense_least_squares(SYSTEM, u[: k + 1], y[: k + 1])
         at = max(k - lag, 0)
         np.testing.assert_allclose(found.x[k], full.x[at], atol=1e-11)
         np.testing.assert_allclose(found.P[k], full.P[at], atol=1e-11)

@@ -49,8 +49,8 @@ def main(
         raise typer.Exit
 
 
-@app.command()
-def run(
+@app.command("run")
+def run_file(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     out: Out,
     force: Force = False,
@@ -167,8 +167,8 @@ def export(
         say(f"Code: {out}\nTest: make -C {out} test")
 
 
-@app.command()
-def methods() -> None:
+@app.command("methods")
+def list_methods() -> None:
     """List the estimators with the settings that a problem file may give them."""
     from backsight.problem.methods import methods as listed
 

@@ -12,7 +12,7 @@ from backsight.analysis.forces import FoundHits, forces, where
 from backsight.report._html_tables import swatch, table
 from backsight.report._series import Plot, Series, quantity
 from backsight.report._theme import heading, remark
-from backsight.report._traces import Trace, encoded, plain
+from backsight.report._traces import Trace, encoded, literal_text
 from backsight.report.thin import peaks
 from backsight.rounding import grouped, plus_minus, significant
 from backsight.types import Array
@@ -75,14 +75,14 @@ def _table(s: Series, row: Row, found: FoundHits) -> str:
 
 
 def _map(s: Series, held: xr.DataArray, found: FoundHits) -> Plot:
-    labels = [plain(label) for label in where(s.result)]
+    labels = [literal_text(label) for label in where(s.result)]
     shown = found.hits[:MOST_HITS]
     traces = [_heat(s, held.values, labels, found.unit), *([_circles(s, found)] if shown else [])]
     axis = "place (position [m])" if "force_position" in held.coords else "place"
     every = -(-len(labels) // _MOST_LABELS)
     layout = {
         "annotations": [
-            heading(plain(f"{s.name}: {quantity('force', found.unit)} over {axis}")),
+            heading(literal_text(f"{s.name}: {quantity('force', found.unit)} over {axis}")),
             *([remark("○ the largest hits")] if shown else []),
         ],
         "yaxis": {
@@ -115,7 +115,9 @@ def _heat(s: Series, held: Array, labels: Sequence[str], unit: str) -> Trace:
         "colorscale": _COLOURS,
         "colorbar": {"thickness": 10, "outlinewidth": 0, "nticks": 5, "tickfont": {"size": 10.5}},
         "legendgroup": s.group,
-        "hovertemplate": f"%{{y}}<br>%{{x:.6~g}} s<br>%{{z:.4~g}} {plain(unit)}<extra></extra>",
+        "hovertemplate": (
+            f"%{{y}}<br>%{{x:.6~g}} s<br>%{{z:.4~g}} {literal_text(unit)}<extra></extra>"
+        ),
     }
 
 
@@ -127,8 +129,8 @@ def _circles(s: Series, found: FoundHits) -> Trace:
         "type": "scatter",
         "mode": "markers",
         "x": encoded(np.array([hit.impact.time for hit in shown])),
-        "y": [plain(hit.where) for hit in shown],
-        "text": [plain(f"{plus_minus(hit.force, hit.std)}{unit}") for hit in shown],
+        "y": [literal_text(hit.where) for hit in shown],
+        "text": [literal_text(f"{plus_minus(hit.force, hit.std)}{unit}") for hit in shown],
         "marker": {
             "symbol": "circle-open",
             "color": "--ink",

@@ -9,7 +9,7 @@ from backsight.analysis.comparison import failed
 from backsight.analysis.consistency import windowed_nis
 from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
-from backsight.report._traces import Trace, band_trace, bulk, limits, line_trace, plain, view
+from backsight.report._traces import Trace, band_trace, bulk, limits, line_trace, literal_text, view
 from backsight.report.thin import Positions
 from backsight.schema import Status
 from backsight.types import Array
@@ -30,7 +30,7 @@ def input_plots(every: Sequence[Series]) -> list[Plot]:
         values = first.signal("u", "input", name)
         trace = line_trace(first.time, values, name=name, colour="--measured", width=1.2)
         layout = {
-            "annotations": [heading(plain(quantity(name, unit)))],
+            "annotations": [heading(literal_text(quantity(name, unit)))],
             "yaxis": {"range": view([values], [])},
         }
         plots.append(Plot(f"input {name} over time", [trace], layout, height=190, wide=True))
@@ -90,7 +90,8 @@ def status_plots(every: Sequence[Series]) -> list[Plot]:
     if not rows:
         return []
     labels = [
-        heading(plain(f"{s.name}: {words(bit)}")) | {"yref": "y", "y": -i, "yshift": 8}
+        heading(literal_text(f"{s.name}: {status_in_words(bit)}"))
+        | {"yref": "y", "y": -i, "yshift": 8}
         for i, (s, bit, _) in enumerate(rows)
     ]
     traces = [_ticks(s, where, -i) for i, (s, _, where) in enumerate(rows)]
@@ -103,7 +104,7 @@ def status_plots(every: Sequence[Series]) -> list[Plot]:
     return [Plot("status over time", traces, layout, height=62 + 44 * len(rows), wide=True)]
 
 
-def words(bit: Status) -> str:
+def status_in_words(bit: Status) -> str:
     """Return the name of a status in words."""
     return str(bit.name).replace("_", " ").lower()
 
@@ -117,7 +118,7 @@ def _output(every: Sequence[Series], name: str, unit: str) -> Plot:
     sound = _sound(having)
     upper = view([y, *(s.signal("y_hat", "output", name) for s in sound)], [])
     lower = view([_residual(s, name) for s in sound], [])
-    title = plain(quantity(name, unit))
+    title = literal_text(quantity(name, unit))
     residual = heading(f"residual: measured − estimated {title}", y=0.30)
     layout = {
         "annotations": [heading(title), residual],
@@ -155,7 +156,7 @@ def _state(every: Sequence[Series], name: str, unit: str, reference: float | Non
         shapes.append(_level(reference))
         shown.append(np.array([reference]))
     layout = {
-        "annotations": [heading(plain(quantity(name, unit)))],
+        "annotations": [heading(literal_text(quantity(name, unit)))],
         "yaxis": {"range": view(shown, [edge for s in sound for edge in _edges(s, name)])},
         "shapes": shapes,
     }
@@ -181,7 +182,7 @@ def _innovations(
     s: Series, name: str, unit: str, *, span: list[float] | None, wide: bool, first: bool
 ) -> Plot:
     e, bound = _innovation(s, name)
-    title = heading(plain(f"{_short(s.name)}: {quantity(name, unit)}"))
+    title = heading(literal_text(f"{_short(s.name)}: {quantity(name, unit)}"))
     return Plot(
         f"innovation of {name}, {s.name}",
         [_line(s, e, width=0.8), limits(s.time, bound, group=s.group)],

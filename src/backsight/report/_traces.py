@@ -23,7 +23,7 @@ def encoded(values: Array) -> dict[str, str]:
     return {"dtype": "f8", "bdata": base64.b64encode(raw).decode("ascii")}
 
 
-def plain(text: str) -> str:
+def literal_text(text: str) -> str:
     """Text that plotly.js shows as it is: it would read tags and templates in it."""
     return html.escape(text, quote=False).replace("%{", "%&#123;")
 
@@ -45,7 +45,7 @@ def line_trace(
     trace = {
         "type": "scatter",
         "mode": "lines" if len(kept) > _DOTTED else "lines+markers",
-        "name": plain(name),
+        "name": literal_text(name),
         "x": encoded(time[kept]),
         "y": encoded(values[kept]),
         "yaxis": axis,

@@ -100,7 +100,7 @@ def lagged(system: LinearGaussian, u: Array, y: Array, lag: int) -> Estimates:
     return Estimates(after.x[:, lag * nx :], after.P[:, lag * nx :, lag * nx :])
 
 
-def least_squares(system: LinearGaussian, u: Array, y: Array) -> Estimates:
+def dense_least_squares(system: LinearGaussian, u: Array, y: Array) -> Estimates:
     """All states given all measurements, by least squares over the whole recording.
 
     The unknowns are the start and the noise of every sample in units of their deviations, so that

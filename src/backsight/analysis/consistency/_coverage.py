@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from backsight.analysis.consistency._independent import independent
+from backsight.analysis.consistency._independent import independent_samples
 from backsight.analysis.consistency.whiteness import normalised
 from backsight.description import Printed
 from backsight.types import Array
@@ -46,7 +46,7 @@ class MeanNees(Printed):
     value: float
     expected: float
     band: tuple[float, float]
-    independent: float
+    independent_samples: float
 
 
 def nees(result: xr.Dataset) -> xr.DataArray:
@@ -65,7 +65,7 @@ def mean_nees(result: xr.Dataset, level: float = 0.95) -> MeanNees:
     if not known.any():
         return MeanNees(math.nan, math.nan, (math.nan, math.nan), 0.0)
     value, freedom = value[known], freedom[known]
-    expected, count = float(freedom.mean()), independent(value)
+    expected, count = float(freedom.mean()), independent_samples(value)
     tail = 0.5 * (1.0 - level)
     half = 0.5 * expected * count
     low, high = (2 * float(scipy.special.gammaincinv(half, q)) / count for q in (tail, 1 - tail))

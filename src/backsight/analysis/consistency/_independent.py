@@ -5,7 +5,7 @@ import numpy as np
 from backsight.types import Array
 
 
-def independent(value: Array) -> float:
+def independent_samples(value: Array) -> float:
     """Samples that count for the mean of `value` (n,).
 
     By the sum of its autocorrelation up to the first change of sign.

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from backsight.analysis.consistency._independent import independent
+from backsight.analysis.consistency._independent import independent_samples
 from backsight.errors import DataError
 from backsight.schema import INNOVATIONS
 from backsight.types import Array
@@ -75,7 +75,7 @@ def nis_band(result: xr.Dataset, level: float = 0.95) -> tuple[float, float]:
     valid = np.isfinite(values)
     channels, samples = measured_channels(result).values[valid], float(valid.sum())
     white = result.attrs.get(INNOVATIONS, "white") == "white"
-    share = 1.0 if white or not samples else independent(values[valid]) / samples
+    share = 1.0 if white or not samples else independent_samples(values[valid]) / samples
     freedom = np.array([share * channels.sum()])
     low, high = _mean_band(freedom, np.array([share * samples]), level)
     return float(low[0]), float(high[0])

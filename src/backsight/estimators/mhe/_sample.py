@@ -17,7 +17,7 @@ from backsight.estimators.parts.filtering import choose, data_inputs, physical
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.memory import Memory
-from backsight.estimators.parts.stages import covariance_of, equations
+from backsight.estimators.parts.stages import covariance_of, equations_among
 from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import (
     empty_queue,
@@ -152,7 +152,7 @@ def solved(parts: Parts) -> Solved:
 
     # The covariance: of the last linear problem without the limits that happen to be active.
     stages = [found[k] for k in chain.sizes]
-    free, dropped = equations(chain)(found["side"], found["low"], found["high"])
+    free, dropped = equations_among(chain)(found["side"], found["low"], found["high"])
     problem = [found["offset"], P_start, *stages, free, ca.MX.zeros(*free.shape)]
     P_end = covariance_of(chain)(dropped, found["P_end"], *problem)
     if parts.walk.any():

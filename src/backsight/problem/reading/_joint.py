@@ -7,7 +7,7 @@ from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.problem.reading.checking import at, shown, validated
+from backsight.problem.reading.checking import at, shown_value, validated
 from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
 from backsight.problem.reading.tables import ColumnTable, EstimateTable, ProblemTable
 
@@ -51,7 +51,7 @@ def _plain(table: ProblemTable) -> Model:
     if kind is None:
         raise ProblemError(f"model.kind: is missing; known: {', '.join(sorted(ALL_KINDS))}")
     if not isinstance(kind, str):
-        raise ProblemError(f"model.kind: must be text in quotes, not {shown(kind)}")
+        raise ProblemError(f"model.kind: must be text in quotes, not {shown_value(kind)}")
     if kind not in ALL_KINDS:
         raise ProblemError(f"model.kind: unknown kind '{kind}', {nearest(kind, ALL_KINDS)}")
     with at("model.kind"):

@@ -53,7 +53,7 @@ def at(where: str) -> Iterator[None]:
         raise ProblemError(f"{where}: {error.bare or error}") from None
 
 
-def shown(value: object) -> str:
+def shown_value(value: object) -> str:
     """Return a value of the file as a message shows it."""
     match value:
         case bool():
@@ -73,7 +73,7 @@ def _line(error: Any, kind: type[StrictTable], where: str) -> str:
     if error["type"] == "extra_forbidden":
         return f"{key}: unknown key, {nearest(place[-1], _keys(kind, place[:-1]))}"
     reason = _REASONS.get(error["type"], f"{error['msg'].lower()}, not {{}}")
-    return f"{key or 'the file'}: {reason.format(shown(error['input']))}"
+    return f"{key or 'the file'}: {reason.format(shown_value(error['input']))}"
 
 
 def _keys(kind: type[StrictTable], place: Sequence[int | str]) -> list[str]:

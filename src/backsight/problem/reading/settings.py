@@ -11,7 +11,7 @@ import numpy as np
 
 from backsight.description import plain
 from backsight.errors import ProblemError, nearest
-from backsight.problem.reading.checking import at, shown
+from backsight.problem.reading.checking import at, shown_value
 from backsight.types import Array
 
 T = TypeVar("T")
@@ -90,7 +90,7 @@ def _value(annotation: Any, given: object, where: str) -> object:
             lists if isinstance(given, list) and lists else options, given, where
         )
     if parts:
-        raise ProblemError(f"{where}: must be a table, not {shown(given)}")
+        raise ProblemError(f"{where}: must be a table, not {shown_value(given)}")
     origin = typing.get_origin(annotation)
     if origin is Literal:
         # Which words are known is the description's own to say.
@@ -105,7 +105,7 @@ def _value(annotation: Any, given: object, where: str) -> object:
         return {name: _value(kind, entry, f"{where}.{name}") for name, entry in given.items()}
     if origin in (tuple, Mapping):
         what = "a list" if origin is tuple else "a table"
-        raise ProblemError(f"{where}: must be {what}, not {shown(given)}")
+        raise ProblemError(f"{where}: must be {what}, not {shown_value(given)}")
     return _single(annotation, given, where)
 
 
@@ -114,7 +114,9 @@ def _part(parts: Sequence[type], given: Mapping[str, Any], where: str) -> object
     rest = dict(given)
     name = rest.pop("kind", parts[0].__name__) if len(parts) > 1 else parts[0].__name__
     if not isinstance(name, str) or name not in named:
-        raise ProblemError(f"{where}.kind: unknown kind {shown(name)}, {nearest(str(name), named)}")
+        raise ProblemError(
+            f"{where}.kind: unknown kind {shown_value(name)}, {nearest(str(name), named)}"
+        )
     return built(named[name], rest, where=where, fixed={})
 
 
@@ -125,7 +127,11 @@ def _first_that_fits(options: Sequence[Any], given: object, where: str) -> objec
             return _value(option, given, where)
         except ProblemError as error:
             problems.append(error)
-    raise problems[0] if problems else ProblemError(f"{where}: must be a table, not {shown(given)}")
+    raise (
+        problems[0]
+        if problems
+        else ProblemError(f"{where}: must be a table, not {shown_value(given)}")
+    )
 
 
 def _single(kind: Any, given: object, where: str) -> object:
@@ -138,7 +144,7 @@ def _single(kind: Any, given: object, where: str) -> object:
     if kind is complex and isinstance(given, str):
         with contextlib.suppress(ValueError):
             return complex(given.replace(" ", ""))
-    raise ProblemError(f"{where}: must be {_PLAIN[kind]}, not {shown(given)}")
+    raise ProblemError(f"{where}: must be {_PLAIN[kind]}, not {shown_value(given)}")
 
 
 def _array(given: object, where: str) -> Array:

@@ -12,9 +12,9 @@ from backsight.analysis.certificate import (
     Claim,
     Estimates,
     LinearGaussian,
+    dense_least_squares,
     draw,
     lagged,
-    least_squares,
 )
 from backsight.description import Positive, Whole, checked
 from backsight.discrete.runge_kutta import Integrator
@@ -103,7 +103,7 @@ def certify(
     samples = min(max(WINDOWS * (N + 1), LEAST), MOST)
     inputs = u[(middle + np.arange(samples)) % len(u)] - u[middle]
     y = draw(system, inputs, missing=MISSING, seed=seed)
-    best, full = lagged(system, inputs, y, lag), least_squares(system, inputs, y)
+    best, full = lagged(system, inputs, y, lag), dense_least_squares(system, inputs, y)
     plain = _plain(model, system, dt)
     claims = []
     for name, variant in estimator.variants().items():

@@ -21,7 +21,7 @@ from backsight.algebra.symmetric import vech
 from backsight.engine.loops import scan
 from backsight.solvers.trajectory._imposed import limited_noise
 from backsight.solvers.trajectory.chain import Chain, Stage, constant
-from backsight.solvers.trajectory.smoother import filtered
+from backsight.solvers.trajectory.smoother import forward_pass
 from backsight.types import Array
 
 
@@ -38,7 +38,7 @@ def mistaken(chain: Chain, back: int, more: Array) -> ca.Function:
     nx, n = chain.nx, chain.N + 1
     delta, P = ca.MX.sym("delta", nx), ca.MX.sym("P", chain.size_P)
     stages = [ca.MX.sym(k, size, n) for k, size in chain.inputs.items()]
-    records = filtered(chain).call([delta, P, *stages])
+    records = forward_pass(chain).call([delta, P, *stages])
     columns = [*records, *stages]
     at = n - back
 
