@@ -6,9 +6,9 @@ import functools
 import inspect
 import re
 from pathlib import Path
-from typing import get_args
 
 import backsight
+from backsight.description import words
 from backsight.engine.execute import Engine
 from backsight.estimators import ESTIMATORS
 
@@ -111,7 +111,7 @@ def test_modules_that_only_their_folder_uses_are_private():
 
 def test_no_name_means_two_things():
     """Classes and public functions of modules: one name, one thing; engines answer alike."""
-    alike = {f"backsight.engine.{engine}" for engine in get_args(Engine)}
+    alike = {f"backsight.engine.{engine}" for engine in words(Engine)}
     homes: dict[str, list[str]] = {}
     for file in SOURCES:
         for node in ast.parse(file.read_text(encoding="utf-8")).body:
