@@ -10,13 +10,10 @@ import xarray as xr
 
 from backsight.analysis.alignment import Alignment, Ratio, decide, ratio, vertex
 from backsight.description import Called, Count, checked
-from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.execute import choose_engine, prepare, run_recursion
 from backsight.engine.recursion import Recursion
-from backsight.errors import ModelError
+from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.kalman import EKF, KalmanFilter
-from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.run.estimation import match
 from backsight.types import Array
@@ -133,25 +130,6 @@ def _later(u: Array, part: float) -> Array:
     size = abs(part)
     other = np.vstack([u[:1], u[:-1]]) if part > 0 else np.vstack([u[1:], u[-1:]])
     return (1 - size) * u + size * other
-
-
-def yardstick(estimator: AbstractEstimator, model: Model) -> EKF | KalmanFilter:
-    """Return the Kalman filter with the noise and the prior of an estimator.
-
-    The extended one, if the model is not linear.
-
-    Raises
-    ------
-    TuningError
-        If the estimator has none.
-    """
-    noise, prior = estimator.assumed
-    hold = estimator.input_hold
-    try:
-        state_space(model)
-    except ModelError:
-        return EKF(noise, prior, estimator.integration or Integrator(hold=hold))
-    return KalmanFilter(noise, prior, hold=hold)
 
 
 def _ratios(

@@ -6,9 +6,9 @@ import xarray as xr
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import EstimationError, ModelError
+from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.diagnosis._delays import yardstick
 from backsight.run.estimation import estimate
 from backsight.types import Array
 

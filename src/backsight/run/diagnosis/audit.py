@@ -8,9 +8,10 @@ from backsight.analysis.alignment import Alignment
 from backsight.analysis.comparison import ALIGNED, ALIGNMENT
 from backsight.analysis.consistency import NoiseFactors
 from backsight.errors import BacksightError, ModelError, TuningError
+from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.diagnosis._delays import check_alignment, yardstick
+from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.estimation import estimate
 
