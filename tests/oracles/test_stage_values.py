@@ -46,7 +46,7 @@ def full(P: ca.DM) -> np.ndarray:
 
 def test_scaled_tuning(stage):
     v = VALUES["Q_R_P0"]
-    np.testing.assert_allclose(np.diag(stage.Q), v["Q_diag"], rtol=1e-14)
+    np.testing.assert_allclose(np.diag(stage.Qc), v["Q_diag"], rtol=1e-14)
     np.testing.assert_allclose(stage.R, [[v["R"]]], rtol=1e-14)
     np.testing.assert_allclose(np.diag(stage.P0), v["P0_diag"], rtol=1e-14)
     np.testing.assert_allclose(stage.x0, v["x0"], rtol=1e-14)

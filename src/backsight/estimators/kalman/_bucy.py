@@ -69,10 +69,10 @@ def assemble_continuous(
 
     # Eq. 13-14 in sub-steps, with the interpolated measurement.
     inputs, held = substep_inputs(integrator, m.u_last, u)
-    ends = _between(s.model.ny, integrator.substeps)(m.y_last, y, m.m_last, mask)
+    ends = _between(s.model.ny, integrator.steps)(m.y_last, y, m.m_last, mask)
     start = [m.x, m.P, ca.MX.zeros(FLAGS)]
     leaf = _substep(s, transition, halves.correct, ramp=integrator.hold == "foh")
-    moved, _ = scan(leaf, integrator.substeps, carry=start, xs=[*inputs, *ends], constants=held)
+    moved, _ = scan(leaf, integrator.steps, carry=start, xs=[*inputs, *ends], constants=held)
     x, P, flags = choose(m.started, moved, start)
     return m.recursion(
         name,

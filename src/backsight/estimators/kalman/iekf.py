@@ -94,8 +94,8 @@ class IEKF(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
-        once = ekf_halves(s, self.integrator, self.covariance)
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        once = ekf_halves(s, s.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)
         return assemble(self.key, s, dataclasses.replace(once, correct=iterated))
 

@@ -79,9 +79,9 @@ class UKF(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
         points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
-        return assemble(self.key, s, ukf_halves(s, self.integrator, points))
+        return assemble(self.key, s, ukf_halves(s, s.integrator, points))
 
 
 def points_of(s: Setting, *, alpha: float, beta: float, kappa: float) -> Weights:
@@ -222,7 +222,7 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
 
 def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
-    kept, h = Factor(Covariance(s.model.nx)), s.dt / integrator.substeps
+    kept, h = Factor(Covariance(s.model.nx)), s.dt / integrator.steps
     sizes = {"spread": kept.size, "X": (s.model.nx, len(w.mean))}
 
     def advance(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
@@ -237,7 +237,7 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
         lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
         sizes,
     )
-    noise = cholesky_factor(s.Q * s.dt if s.model.continuous else s.Q)
+    noise = cholesky_factor(s.sampled().Q)
 
     def gathered(X: Term, spread: Term) -> Results:
         mean = times_transposed(X, ca.DM(w.mean).T)
@@ -251,7 +251,7 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     m_x, m_L = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", kept.size)
     m_u, m_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
     xs, held = substep_inputs(integrator, m_u, m_next)
-    steps = integrator.substeps if s.model.continuous else 1
+    steps = integrator.steps if s.model.continuous else 1
     (end,), _ = scan(all_points, steps, carry=[start(m_x, m_L)], xs=xs, constants=held)
     return ca.Function("predict", [m_x, m_L, m_u, m_next], gather.call([end, m_L]))
 

@@ -9,6 +9,7 @@ from backsight.analysis.forces import REMARKS, force_remarks
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
+from backsight.run.estimation._integration import with_integration
 from backsight.run.estimation._match import weights
 from backsight.schema import AGO, RESULT_VARIABLES, SCHEMA_VERSION, SIGMA_FACTOR, Status
 from backsight.types import Array
@@ -47,6 +48,7 @@ def as_result(
         "us_per_sample": seconds / result.sizes["time"] * 1e6,
         "schema": SCHEMA_VERSION,
     }
+    result = with_integration(result, estimator, model)
     remarks = force_remarks(result)
     if remarks:
         result.attrs[REMARKS] = "\n".join(remarks)
