@@ -11,7 +11,8 @@ from backsight.algebra.symmetric import unvech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.estimators import EKF, Noise, Prior
-from backsight.estimators.kalman.ekf import correct, predict
+from backsight.estimators.kalman.ekf import correct
+from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mho import window_cost
 from backsight.estimators.parts.covariance import packed
 from backsight.estimators.parts.flags import Flags

@@ -10,7 +10,7 @@ from backsight.discrete.runge_kutta import TABLEAUS, Integrator
 from backsight.engine.recursion import Channel
 from backsight.estimators import EKF, MHO, AbstractEstimator, Noise, Prior
 from backsight.estimators.base import setting
-from backsight.estimators.kalman.ekf import predict
+from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.parts.covariance import packed
 from backsight.models.lti import lti
 from backsight.schema import Status

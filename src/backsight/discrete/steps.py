@@ -142,7 +142,7 @@ def explicit(given: Integrator, modes: Callable[[], Modes], *, dt: float) -> Int
         raise TuningError("scheme 'exact' is for models that are linear between samples")
     if given.substeps != "auto":
         return dataclasses.replace(given, scheme="rk4" if given.scheme == "auto" else given.scheme)
-    schemes = CANDIDATES if given.scheme == "auto" else (given.scheme,)
+    schemes: tuple[RungeKutta, ...] = CANDIDATES if given.scheme == "auto" else (given.scheme,)
     there = modes()
     found = [(n, s) for s in schemes if (n := steps_needed(s, there, dt=dt)) is not None]
     if not found:
@@ -210,7 +210,7 @@ def advanced(
         Ad, first, last = foh(A, inputs, dt=h)
         terms = [(Ad, x), (first, ca.vertcat(ua, one)), (last, ca.vertcat(ub, one))]
     moved = sum((ca.sparsify(ca.DM(m)) @ v for m, v in terms), ca.SX(model.nx, 1))
-    still = ~inputs.any(axis=1) & ~A.any(axis=1)
+    still = ~np.hstack([A, inputs]).any(axis=1)
     # What does not move (a parameter) stays as it is to the last bit.
     return ca.vertcat(*(x[i] if still[i] else moved[i] for i in range(model.nx)))
 

@@ -13,7 +13,8 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting, setting
-from backsight.estimators.kalman.ekf import Propagation, correct, innovation, predict
+from backsight.estimators.kalman.ekf import correct, innovation
+from backsight.estimators.kalman.prediction import Propagation, predict
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import choose, data_inputs, physical

@@ -14,7 +14,6 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
-from backsight.estimators.kalman.prediction import COVARIANCES as COVARIANCES
 from backsight.estimators.kalman.prediction import Propagation, predict, transition
 from backsight.estimators.parts.covariance import (
     Covariance,

@@ -12,7 +12,8 @@ from backsight.engine.loops import iterate
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
-from backsight.estimators.kalman.ekf import Propagation, correct, ekf_halves
+from backsight.estimators.kalman.ekf import correct, ekf_halves
+from backsight.estimators.kalman.prediction import Propagation
 from backsight.estimators.parts.covariance import Term, congruence, times_transposed
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.flags import Flags

@@ -7,11 +7,12 @@ import casadi as ca
 import numpy as np
 import scipy
 
-from backsight.discrete.runge_kutta import Hold, Integrator
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.parts.covariance import Covariance, Term
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.fixed_gain import correct_with
@@ -112,7 +113,7 @@ def fixed_gain_halves(system: Linear, gain: Array) -> Halves:
 def predict_linear(system: Linear) -> ca.Function:
     """Time update ``(x, P, u, u_next) -> (x, P)``: A P A' + Q; see `Covariance`."""
     s = system.s
-    held = ekf.predict(s, Integrator(), "discrete")
+    held = predict(s, s.integrator, "discrete")
     if not system.ramp:
         return held
     B = ca.sparsify(ca.DM(system.B_next))

@@ -64,7 +64,8 @@ def observer_modes(lam: float, k0: Array) -> Modes:
     """Modes of the observer's error, beside those of the model."""
     A = np.diag(np.ones(len(k0) - 1), 1)
     A[:, 0] -= k0
-    return Modes(lam * np.linalg.eigvals(A).astype(complex), ("the observer",) * len(k0))
+    values = (lam * np.linalg.eigvals(A)).astype(complex)
+    return Modes(values, ("the observer",) * len(k0))
 
 
 LEAST_STEPS = 2
