@@ -15,6 +15,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting, setting
 from backsight.estimators.kalman.ekf import correct, innovation
 from backsight.estimators.kalman.prediction import Propagation, predict
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
@@ -90,6 +91,7 @@ class MHO(AbstractEstimator):
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        refuse_too_wide(s, "MHO")
         N = self.N
         kept = Covariance(s.model.nx)
         data = data_inputs(s)

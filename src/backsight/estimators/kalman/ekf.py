@@ -15,6 +15,7 @@ from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
 from backsight.estimators.kalman.prediction import Propagation, predict, transition
+from backsight.estimators.kalman.square_root import square_root_halves, wide
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -43,7 +44,9 @@ class EKF(AbstractEstimator):
         P_k^+ = (I - K_k H_k) P_k^- (I - K_k H_k)' + K_k R K_k',
 
     sets states outside their bounds to them, and then carries the estimate to the next sample by
-    the model (eq. 13) and the covariance by one of three ways.
+    the model (eq. 13) and the covariance by one of three ways. If the prior is more than a million
+    times as wide as the noise, both steps work on a factor of the covariance, see
+    `backsight.estimators.kalman.square_root`.
 
     Parameters
     ----------
@@ -93,6 +96,9 @@ class EKF(AbstractEstimator):
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        if self.measurement == "sampled" and self.covariance != "ode" and wide(s):
+            kept = s.sampled() if self.covariance == "discrete" else s
+            return assemble(self.key, s, square_root_halves(kept))
         parts = ekf_halves(s, s.integrator, self.covariance)
         if self.measurement == "sampled":
             return assemble(self.key, s, parts)

@@ -14,6 +14,7 @@ from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.kalman.ekf import correct, ekf_halves
 from backsight.estimators.kalman.prediction import Propagation
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.covariance import Term, congruence, times_transposed
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.flags import Flags
@@ -96,6 +97,7 @@ class IEKF(AbstractEstimator):
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        refuse_too_wide(s, "IEKF")
         once = ekf_halves(s, s.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)
         return assemble(self.key, s, dataclasses.replace(once, correct=iterated))

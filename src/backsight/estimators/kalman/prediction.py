@@ -20,6 +20,7 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, substep_inputs
 from backsight.models.lti import state_equation
+from backsight.types import Array
 
 Propagation: TypeAlias = Literal["transition", "ode", "discrete"]
 """Ways to carry a covariance over a sampling period, see `predict`."""
@@ -71,30 +72,43 @@ def predict(s: Setting, integrator: Integrator, covariance: Propagation) -> ca.F
     return ca.Function("predict", [x, P, u, u_next], ends)
 
 
-def _moved(s: Setting, integrator: Integrator) -> ca.Function:
+def moved_by(s: Setting, integrator: Integrator) -> ca.Function:
     """State one sub-step later, eq. 13, and its Jacobian: ``(x, ua, ub) -> (x, Phi)``."""
-    h = s.dt / integrator.steps
 
     def formula(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
+        if not s.model.continuous:
+            x_next = s.model.rhs(x, ua)
+            return {"x_next": x_next, "Phi": ca.jacobian(x_next, x)}
+        h = s.dt / integrator.steps
         x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h)
         return {"x_next": x_next, "Phi": ca.jacobian(x_next, x)}
 
     return leaf("moved", notation(s), formula)
 
 
+def substep_noise(s: Setting, integrator: Integrator) -> tuple[Array, Array]:
+    """Covariances that the density adds before and after the transition of a sub-step.
+
+    By the trapezoidal rule, or, with the matrix exponential, all of Van Loan's integral after it.
+    """
+    if not s.model.continuous:
+        return 0 * s.Qc, 0 * s.Qc
+    h = s.dt / integrator.steps
+    found = state_equation(s.model) if integrator.scheme == "exact" else None
+    if found is None:
+        return h / 2 * s.Qc, h / 2 * s.Qc
+    return 0 * s.Qc, discretise_noise(found[0], s.Qc, dt=h)[1]
+
+
 def transition(s: Setting, integrator: Integrator) -> ca.Function:
     """One sub-step, see `predict`: ``(x, P, ua, ub) -> (x, P)``."""
-    moved, h = _moved(s, integrator), s.dt / integrator.steps
-    found = state_equation(s.model) if integrator.scheme == "exact" else None
-    if found is not None:
-        noise = ca.DM(discretise_noise(found[0], s.Qc, dt=h)[1])
-    else:
-        noise = ca.DM(h / 2 * s.Qc)
+    moved = moved_by(s, integrator)
+    before, after = substep_noise(s, integrator)
 
     def formula(x: Term, P: Term, ua: Term, ub: Term) -> Results:
         x_next, Phi = moved(x, ua, ub)
-        before = P + noise if found is None else P
-        return {"x_next": x_next, "P_next": congruence(Phi, before, noise)}
+        start = P + ca.DM(before) if integrator.scheme != "exact" else P
+        return {"x_next": x_next, "P_next": congruence(Phi, start, ca.DM(after))}
 
     return half("transition", s, formula)
 
@@ -119,7 +133,7 @@ def _ode(s: Setting, integrator: Integrator) -> ca.Function:
 
 def _sensitivity(s: Setting, integrator: Integrator) -> ca.Function:
     """One sub-step of the state and of F', see `predict`: ``(x, F', ua, ub) -> (x, F')``."""
-    moved, nx = _moved(s, integrator), s.model.nx
+    moved, nx = moved_by(s, integrator), s.model.nx
 
     def formula(x: Term, Ft: Term, ua: Term, ub: Term) -> Results:
         x_next, Phi = moved(x, ua, ub)
