@@ -25,8 +25,8 @@ from backsight.estimators.base import setting as setting
 from backsight.estimators.kalman.ekf import correct as correct
 from backsight.estimators.kalman.ekf import ekf_halves as ekf_halves
 from backsight.estimators.kalman.ekf import innovation as innovation
-from backsight.estimators.kalman.ekf import predict as predict
 from backsight.estimators.kalman.ekf import updated as updated
+from backsight.estimators.kalman.prediction import predict as predict
 from backsight.estimators.parts.covariance import Covariance as Covariance
 from backsight.estimators.parts.covariance import congruence as congruence
 from backsight.estimators.parts.covariance import joseph_form as joseph_form

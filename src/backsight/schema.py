@@ -63,6 +63,7 @@ class Status(enum.IntFlag):
     UNOBSERVED = 128
     INFEASIBLE = 256
     DEPENDENT = 512
+    COARSE_STEP = 1024
 
 
 STATUS_TEXT = {
@@ -99,6 +100,10 @@ STATUS_TEXT = {
         "no trajectory satisfies all constraints; the estimate is the one without them, and the "
         "variable 'infeasible' names the constraints that contradict each other"
     ),
+    Status.COARSE_STEP: (
+        "the integration step is too coarse for the modes of the model, so that the estimates are "
+        "wrong by what it loses; use substeps = 'auto'"
+    ),
     Status.DEPENDENT: (
         "several places or moments of a force explain the measurements equally well to rounding, "
         "so that one of them was left out; a sensor more, or fewer places, would tell them apart"
@@ -111,6 +116,12 @@ SIGMA_FACTOR = "sigma_factor"
 
 SMALLEST_FACTOR = 1e-6
 """A smaller one would make a sample exact beside the others."""
+
+INTEGRATION = "integration"
+"""Attribute of a result: how the model was carried from sample to sample."""
+
+COARSE = "coarse_step"
+"""Attribute of a result: why the integration step is too coarse, if it is."""
 
 FAILURES = Status.NOT_FINITE
 """The bits after which the estimates are worthless; the driver raises on them."""

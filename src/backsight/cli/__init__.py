@@ -104,16 +104,17 @@ def check(
     """Say whether the recording can show what is asked for, and which sensor would help.
 
     It also says whether outputs and inputs belong to the same samples,
-    and whether units and signs are those of the model. The exit code is 0
+    whether units and signs are those of the model, and how the estimators
+    go from sample to sample. The exit code is 0
     if nothing is wrong, 1 if a state that does not fade by itself cannot
-    be seen, if times, units or signs are wrong, or if an estimator is not
-    what it is asked to be, and 2 if the problem or the recording is at
-    fault.
+    be seen, if times, units or signs are wrong, if an integration step is
+    too coarse, or if an estimator is not what it is asked to be, and 2 if
+    the problem or the recording is at fault.
     """
     with told():
         from backsight.problem import load
         from backsight.problem.recorded import recording_of
-        from backsight.problem.seeing import examine
+        from backsight.problem.seeing import coarse_steps, examine, integration
         from backsight.run.diagnosis import aligned
         from backsight.run.diagnosis import certify as certified
 
@@ -122,15 +123,17 @@ def check(
         data = recording_of(read, outside=outside or ())
         found = examine(read, data)
         timing = aligned(read.estimators, read.model, data)
+        steps, coarse = integration(read, data), coarse_steps(read, data)
         say(f"{read.title}\n\n{read.model}\n")
-        for sentence in [*found.lines(), *(timing.lines() if timing else [])]:
+        about_time = timing.lines() if timing else []
+        for sentence in [*found.lines(), *about_time, *steps, *coarse]:
             say(textwrap.fill(sentence, width(), subsequent_indent="  "))
         certificate = None if chosen is None else certified(chosen, read.model, data)
         if certificate is not None:
             say(f"\n{certificate.table()}\n")
             for sentence in certificate.lines():
                 say(textwrap.fill(sentence, width(), subsequent_indent="  "))
-    fine = found.detectable and (timing is None or timing.sound)
+    fine = found.detectable and (timing is None or timing.sound) and not coarse
     if not (fine and (certificate is None or certificate.holds)):
         raise typer.Exit(1)
 

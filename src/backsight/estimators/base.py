@@ -12,7 +12,10 @@ import numpy as np
 
 from backsight.algebra.symmetric import unvech, vech
 from backsight.description import Description
+from backsight.discrete.modes import Modes, modes_at, modes_over
+from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Hold, Integrator
+from backsight.discrete.steps import choose, complaint
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.uncertainty import Noise, Prior
@@ -85,6 +88,20 @@ class AbstractEstimator(Description, abc.ABC):
             return self.integration.hold
         return getattr(self, "hold", "zoh")
 
+    def chosen(self, model: Model, dt: float) -> Integrator | None:
+        """The integrator with nothing left open, None if the estimator or the model needs none."""
+        if self.integration is None or not model.continuous:
+            return None
+        return choose(self.integration, model, lambda: self.modes(model), dt=dt)
+
+    def modes(self, model: Model) -> Modes:
+        """What has to be carried over: the modes of the model over the range of the prior."""
+        prior = getattr(self, "prior", None)
+        if not isinstance(prior, Prior):
+            start = np.array([s.value for s in model.states])
+            return modes_over(model, start, np.zeros(model.nx))
+        return modes_over(model, prior.mean(model), np.sqrt(np.diag(prior.covariance(model))))
+
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """The estimator itself, first, and with other arrival costs; by their names."""
         return {"": self}
@@ -123,6 +140,9 @@ class AbstractEstimator(Description, abc.ABC):
         """
 
 
+EXACT = Integrator("exact", 1)
+"""For discrete models, and linear ones that are made discrete."""
+
 WALK_SAMPLES = 100
 """Samples of random walk that count for the size of a state without a scale."""
 
@@ -137,8 +157,12 @@ class Setting:
         Scaled.
     dt : float
         Sampling period [s].
-    x0, P0, Q, R : arrays
-        Scaled; `Q` is a spectral density if the model is continuous, else per sample.
+    x0, P0, Q, Qc, R : arrays
+        Scaled; `Q` is added per sample, `Qc` is a spectral density, zero for discrete models.
+    integrator : Integrator
+        With nothing left open, see `backsight.discrete.steps.choose`.
+    coarse : bool
+        Whether it is too coarse for the model at the prior's mean.
     sx, su, sy : arrays
         Scales of states, inputs, outputs.
     """
@@ -148,7 +172,10 @@ class Setting:
     x0: Array
     P0: Array
     Q: Array
+    Qc: Array
     R: Array
+    integrator: Integrator
+    coarse: bool
     sx: Array
     su: Array
     sy: Array
@@ -168,16 +195,39 @@ class Setting:
         u, y, mask = data_symbols(self.model)
         return ca.Function("enter", [u, y, mask], [u / self.su, y / self.sy, mask])
 
+    def sampled(self) -> Setting:
+        """The same with all process noise as a covariance per sample.
+
+        That of `Qc` is Van Loan's integral for the model linearised at the prior's mean; where it
+        has no derivative there, ``Qc * dt``.
+        """
+        if not self.Qc.any():
+            return self
+        x, u = ca.SX.sym("x", self.model.nx), ca.SX.sym("u", self.model.nu)
+        rates = ca.densify(ca.jacobian(self.model.rhs(x, u), x))
+        A = np.array(ca.Function("A", [x, u], [rates])(self.x0, np.zeros(self.model.nu)))
+        if not np.isfinite(A).all():
+            A = np.zeros_like(A)
+        added = discretise_noise(A, self.Qc, dt=self.dt)[1]
+        return dataclasses.replace(self, Q=self.Q + added, Qc=np.zeros_like(self.Qc))
+
     def physical(self, x: ca.SX, vP: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Physical state (nx,) and lower triangle of its covariance, of scaled ones."""
         return ca.SX(self.sx) * x, vech(unvech(vP) * ca.SX(np.outer(self.sx, self.sx)))
 
 
-def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
+def setting(
+    model: Model,
+    dt: float,
+    *,
+    noise: Noise,
+    prior: Prior,
+    integrator: Integrator | None = None,
+) -> Setting:
     """Check noise and prior against the model, all messages at once, and scale everything.
 
     A state without a `Signal.scale` is scaled by the size of its prior and of its random walk, an
-    output by its noise.
+    output by its noise. The integrator settles what it leaves open.
 
     Raises
     ------
@@ -191,7 +241,8 @@ def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
     for name, read in {
         "x0": lambda: prior.mean(model),
         "P0": lambda: prior.covariance(model),
-        "Q": lambda: noise.process(model, dt),
+        "Q": lambda: noise.process(model),
+        "Qc": lambda: noise.density(model),
         "R": lambda: noise.measurement(model),
     }.items():
         try:
@@ -200,7 +251,12 @@ def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
             problems.append(str(error))
     if problems:
         raise TuningError("; ".join(problems))
-    walk = np.diag(found["Q"]) * (dt if model.continuous else 1.0)
+    x0, P0 = found["x0"], found["P0"]
+    chosen = EXACT
+    if integrator is not None:
+        over = np.sqrt(np.diag(P0))
+        chosen = choose(integrator, model, lambda: modes_over(model, x0, over), dt=dt)
+    walk = np.diag(found["Q"]) + dt * np.diag(found["Qc"])
     spread = np.sqrt(np.diag(found["P0"]) + WALK_SAMPLES * walk)
     typical = np.maximum(np.abs(found["x0"]), spread)
     sized = dataclasses.replace(
@@ -208,6 +264,7 @@ def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
         states=_with_scales(model.states, typical),
         outputs=_with_scales(model.outputs, np.sqrt(np.diag(found["R"]))),
     )
+    still = np.zeros((1, model.nu))
     sx, su, sy = (
         np.array([s.scale or 1.0 for s in group])
         for group in (sized.states, sized.inputs, sized.outputs)
@@ -218,7 +275,10 @@ def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
         x0=found["x0"] / sx,
         P0=found["P0"] / np.outer(sx, sx),
         Q=found["Q"] / np.outer(sx, sx),
+        Qc=found["Qc"] / np.outer(sx, sx),
         R=found["R"] / np.outer(sy, sy),
+        integrator=chosen,
+        coarse=bool(complaint(chosen, lambda: modes_at(model, x0[None], still), dt=dt)),
         sx=sx,
         su=su,
         sy=sy,

@@ -13,7 +13,9 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting, setting
-from backsight.estimators.kalman.ekf import Propagation, correct, innovation, predict
+from backsight.estimators.kalman.ekf import correct, innovation
+from backsight.estimators.kalman.prediction import Propagation, predict
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
@@ -88,7 +90,9 @@ class MHO(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        s, N = setting(model, dt, noise=self.noise, prior=self.prior), self.N
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        refuse_too_wide(s, "MHO")
+        N = self.N
         kept = Covariance(s.model.nx)
         data = data_inputs(s)
         u, y, mask = s.enter()(*data)
@@ -101,7 +105,7 @@ class MHO(AbstractEstimator):
             present=np.zeros((1, N + 1)),
             called=0,
         )
-        time_update = predict(s, self.integrator, self.covariance)
+        time_update = predict(s, s.integrator, self.covariance)
         update = correct(s, check=self.covariance == "ode")
 
         # The new sample enters the window, which begins at the first measurement.
@@ -117,7 +121,7 @@ class MHO(AbstractEstimator):
         x_bar, P_bar, flags = update(x_start, P_start, U[:, 0], Y[:, 0], full * M[:, 0])
 
         # 2. optimiser, eq. 26-28
-        cost = window_cost(s, self.integrator, N=N, alpha=self.alpha)
+        cost = window_cost(s, s.integrator, N=N, alpha=self.alpha)
         minimise = self.optimiser.minimiser(
             cost, lower=s.lower, upper=s.upper, cost_unit=float(np.mean(np.diag(s.R)))
         )
@@ -223,7 +227,7 @@ def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> 
     accumulate = _accumulate(s, moving, alpha)
     added = accumulate(x, rows, cost, c, G, u, y, mask)
     if s.model.continuous:
-        n = integrator.substeps
+        n = integrator.steps
         columns, held = substep_inputs(integrator, u, u_next)
         step = _variation(s, integrator, moving, s.dt / n)
         advanced, _ = scan(step, n, carry=[x, rows], xs=columns, constants=held)

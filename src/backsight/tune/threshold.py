@@ -101,7 +101,7 @@ def innovations(
     x, t = ca.MX.sym("x", form.n), ca.MX.sym("theta", form.p)
     U, Y, M = (ca.MX.sym(k, m, length + 1) for k, m in (("U", form.nu), ("Y", 1), ("M", 1)))
     (_, area), _ = scan(
-        prediction_error(form, observer.integrator, dt),
+        prediction_error(form, observer.chosen(model, dt), dt),
         length,
         carry=[x, ca.MX(0)],
         xs=[ca.repmat(t, 1, length), *(part for d in (U, Y, M) for part in (d[:, :-1], d[:, 1:]))],

@@ -259,7 +259,7 @@ DRIVE = Machine(
     starts=(0.5,),
     shown=25.0,
     build=_drive,
-    integrator=Integrator(),
+    integrator=Integrator("rk4", 1),
 )
 
 MACHINES = (SILVERBOX, DRIVE)

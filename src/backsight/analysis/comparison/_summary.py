@@ -22,7 +22,7 @@ from backsight.analysis.consistency import (
 )
 from backsight.analysis.forces import FoundHits, force_remarks, hits
 from backsight.errors import DataError, nearest
-from backsight.schema import FAILURES, Status, check_result
+from backsight.schema import COARSE, FAILURES, Status, check_result
 
 ALIGNMENT, ALIGNED = "alignment", "aligned"
 """Attributes of a result: what was found out about its recording, a line per sentence; and 1 if
@@ -81,6 +81,7 @@ def assess(
         failed=failed(result),
         remarks=tuple(force_remarks(result)),
         hits=hits(result),
+        coarse=str(result.attrs.get(COARSE, "")),
     )
 
 

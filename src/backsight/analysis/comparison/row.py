@@ -69,6 +69,8 @@ class Row(Printed):
         What else is to be said of the result, a sentence each.
     hits : Hits or None
         Unknown forces that were found; None if the estimator does not look for any.
+    coarse : str
+        Why the integration step is too coarse; empty if it is not.
     """
 
     estimator: str
@@ -88,3 +90,4 @@ class Row(Printed):
     failed: bool
     remarks: tuple[str, ...] = ()
     hits: FoundHits | None = None
+    coarse: str = ""

@@ -81,10 +81,12 @@ def _size(row: Row) -> str:
 def sentence(row: Row) -> str:
     """Return what is to be said of one estimator, without its name."""
     if row.failed:
-        return "diverged, its estimates are worthless; see the status"
+        failed = "diverged, its estimates are worthless; see the status"
+        return f"{row.coarse}; {failed}" if row.coarse else failed
     against = _against_reference(row)
     found = str(row.hits) if row.hits is not None and not row.remarks else ""
-    return "; ".join(text for text in (found, agreement(row), against, *row.remarks) if text)
+    texts = (row.coarse, found, agreement(row), against, *row.remarks)
+    return "; ".join(text for text in texts if text)
 
 
 def _compared(ratio: float) -> str:

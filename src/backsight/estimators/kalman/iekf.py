@@ -12,7 +12,9 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, setting
-from backsight.estimators.kalman.ekf import Propagation, correct, ekf_halves
+from backsight.estimators.kalman.ekf import correct, ekf_halves
+from backsight.estimators.kalman.prediction import Propagation
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.covariance import Term, congruence, times_transposed
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.flags import Flags
@@ -94,8 +96,9 @@ class IEKF(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
-        once = ekf_halves(s, self.integrator, self.covariance)
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        refuse_too_wide(s, "IEKF")
+        once = ekf_halves(s, s.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)
         return assemble(self.key, s, dataclasses.replace(once, correct=iterated))
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights, weights
-from backsight.algebra.symmetric import vech
 from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked, measured, noise_of
 from backsight.description import Positive
@@ -17,9 +16,11 @@ from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
-from backsight.estimators.parts.covariance import Covariance, Term, packed, times_transposed
+from backsight.estimators.kalman.square_root import covariance_of_factor
+from backsight.estimators.parts.covariance import Covariance, Term, times_transposed
 from backsight.estimators.parts.factors import (
-    cholesky,
+    Factor,
+    cholesky_factor,
     deviation_factor,
     each_column,
     minus,
@@ -33,7 +34,6 @@ from backsight.estimators.parts.substeps import flow, substep_inputs, within_bou
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations
-from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,9 +86,9 @@ class UKF(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
         points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
-        return assemble(self.key, s, ukf_halves(s, self.integrator, points))
+        return assemble(self.key, s, ukf_halves(s, s.integrator, points))
 
 
 def points_of(s: Setting, *, alpha: float, beta: float, kappa: float) -> Weights:
@@ -107,45 +107,9 @@ def ukf_halves(s: Setting, integrator: Integrator, w: Weights) -> Halves:
         innovation=_innovation(s, w),
         correct=_correct(s, w),
         predict=_predict(s, w, integrator),
-        covariance=_covariance(s),
+        covariance=covariance_of_factor(s),
         ramp=integrator.hold == "foh",
     )
-
-
-@dataclasses.dataclass(frozen=True)
-class Factor:
-    """How the lower factor of a covariance is kept, and 1 behind it if a prediction had none.
-
-    Parameters
-    ----------
-    like : Covariance
-    """
-
-    like: Covariance
-
-    @property
-    def size(self) -> int:
-        """How many numbers are kept."""
-        return self.like.size + 1
-
-    def of(self, L: Array) -> Array:
-        """A factor in numbers as it is kept, without the last entry."""
-        return L.ravel(order="F") if self.like.whole else packed(L)
-
-    def opened(self, spread: Term) -> Term:
-        """The factor (n, n)."""
-        L = self.like.opened(spread[:-1])
-        return L if self.like.whole else ca.tril(L)
-
-    def closed(self, L: Term) -> Term:
-        """A factor (n, n) as it is kept, without the last entry."""
-        return ca.vec(L) if self.like.whole else vech(ca.densify(L))
-
-
-def cholesky_factor(P: Array) -> Array:
-    """Lower factor of a positive semidefinite matrix in numbers."""
-    A = ca.MX(ca.DM(P)) if Covariance(len(P)).whole else ca.SX(ca.DM(P))
-    return np.asarray(ca.evalf(ca.densify(cholesky(A))))
 
 
 def _points(s: Setting, w: Weights, x: Term, spread: Term) -> tuple[Term, Term]:
@@ -232,7 +196,7 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
 
 def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
-    kept, h = Factor(Covariance(s.model.nx)), s.dt / integrator.substeps
+    kept, h = Factor(Covariance(s.model.nx)), s.dt / integrator.steps
     sizes = {"spread": kept.size, "X": (s.model.nx, len(w.mean))}
 
     def advance(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
@@ -247,7 +211,7 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
         lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
         sizes,
     )
-    noise = cholesky_factor(s.Q * s.dt if s.model.continuous else s.Q)
+    noise = cholesky_factor(s.sampled().Q)
 
     def gathered(X: Term, spread: Term) -> Results:
         mean = times_transposed(X, ca.DM(w.mean).T)
@@ -261,18 +225,6 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     m_x, m_L = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", kept.size)
     m_u, m_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
     xs, held = substep_inputs(integrator, m_u, m_next)
-    steps = integrator.substeps if s.model.continuous else 1
+    steps = integrator.steps if s.model.continuous else 1
     (end,), _ = scan(all_points, steps, carry=[start(m_x, m_L)], xs=xs, constants=held)
     return ca.Function("predict", [m_x, m_L, m_u, m_next], gather.call([end, m_L]))
-
-
-def _covariance(s: Setting) -> ca.Function:
-    kept = Factor(Covariance(s.model.nx))
-
-    def formula(spread: Term) -> Results:
-        L = kept.opened(spread)
-        return {"P": times_transposed(L, L)}
-
-    whole = half("factor_product", s, formula, {"spread": kept.size})
-    spread = ca.MX.sym("spread", kept.size)
-    return ca.Function("covariance", [spread], [kept.like.triangle()(whole(spread))])

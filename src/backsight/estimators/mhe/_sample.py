@@ -11,6 +11,7 @@ from backsight.engine.loops import iterate
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.mhe.arrival import Arrival, Leaving
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
@@ -135,7 +136,7 @@ def solved(parts: Parts) -> Solved:
     called, moved = m.present[N], m.present[0]
     U, Y, M, present = moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))
     last = [m.x_last, m.P_last]
-    ahead = ekf.predict(s, parts.integrator, "discrete")
+    ahead = predict(s, parts.integrator, "discrete")
     prior = choose(called, ahead.call([*last, U[:, N - 1], u]), last)
     guess = ca.horzcat(m.X[:, 1:], within(s)(prior[0], 0))
     tried = ca.horzcat(m.side[:, 1:], m.side[:, N])

@@ -61,8 +61,7 @@ class MHE(AbstractEstimator):
     Parameters
     ----------
     noise : Noise
-        The process noise enters once per sample, with the covariance :math:`Q = Q_c\,\Delta t` of
-        a continuous model, as for ``EKF(covariance="discrete")``.
+        The process noise enters once per sample, as for ``EKF(covariance="discrete")``.
     prior : Prior
         Used until the window is full.
     N : int
@@ -158,26 +157,26 @@ class MHE(AbstractEstimator):
         return inspection(self._parts(model, dt))
 
     def _parts(self, model: Model, dt: float) -> Parts:
-        whole = setting(model, dt, noise=self.noise, prior=self.prior)
+        whole = setting(
+            model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator
+        ).sampled()
         s = hard_bounds(whole, self.soft)
         names = [x.name for x in s.model.states]
         for name in self.constant:
             if name not in names:
                 raise TuningError(f"constant: there is no state '{name}': {nearest(name, names)}")
-        period = s.dt if s.model.continuous else 1.0
         moves = np.array([n not in self.constant for n in names], float)
-        Q = s.Q * period
-        inside = Q * np.outer(moves, moves)
+        inside = s.Q * np.outer(moves, moves)
         limits = limits_of(whole, inside, self.limits, self.soft)
-        moved = transition_pattern(s, self.integrator)
+        moved = transition_pattern(s, s.integrator)
         chain = chain_of(s, limits, moved, Q=inside, N=self.N)
         return Parts(
             s=s,
-            walk=Q - inside,
+            walk=s.Q - inside,
             chain=chain,
             limits=limits,
-            arrival=self.arrival.build(Fitting(s, self.integrator, Q, chain)),
-            integrator=self.integrator,
+            arrival=self.arrival.build(Fitting(s, s.integrator, s.Q, chain)),
+            integrator=s.integrator,
             optimiser=self.optimiser,
             lag=self.lag,
         )

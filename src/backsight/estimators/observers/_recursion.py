@@ -162,7 +162,7 @@ class _Between:
     """The way from sample to sample, given the input at both ends."""
 
     def __init__(self, plan: Plan, u: tuple[ca.MX, ca.MX]) -> None:
-        self.plan, self.n = plan, plan.integrator.substeps
+        self.plan, self.n = plan, plan.integrator.steps
         self.u = ramp(self.n, u[0], u[1] if plan.integrator.hold == "foh" else u[0])
         self.h = plan.dt / self.n
 
@@ -170,7 +170,8 @@ class _Between:
         """State and covariance by the model alone."""
         plan = self.plan
         leaf = free_step(plan.states.form, plan.integrator, plan.spread, h=self.h)
-        return scan(leaf, self.n, carry=[x, P], xs=self.u, constants=[theta])[0]
+        x, P = scan(leaf, self.n, carry=[x, P], xs=self.u, constants=[theta])[0]
+        return [x, _walked(plan)(P)]
 
     def corrected(
         self, state: dict[str, ca.MX], measured: list[ca.MX], lam: ca.MX
@@ -197,7 +198,15 @@ class _Between:
         )
         end = dict(zip(start, last, strict=True))
         P, both = _with_noise(plan)(end["P"], end["B"][:, 0]), end["B"][:, 1]
-        return {**{name: end[name] for name in ("x", "theta", "Upsilon")}, "P": P, "B": both}
+        moved = {name: end[name] for name in ("x", "theta", "Upsilon")}
+        return {**moved, "P": _walked(plan)(P), "B": both}
+
+
+def _walked(plan: Plan) -> ca.Function:
+    """Covariance with the random walks of one sample."""
+    size = plan.spread.size
+    P = ca.SX.sym("P", size * (size + 1) // 2)
+    return ca.Function("walked", [P], [P + packed(plan.spread.Q)])
 
 
 def _measured(plan: Plan) -> ca.Function:

@@ -1,6 +1,7 @@
 """Adaptive high-gain observer with fixed or adaptive gain."""
 
 import dataclasses
+import functools
 from collections.abc import Iterator
 from typing import ClassVar, Literal
 
@@ -8,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.description import Positive, Sound
+from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
@@ -20,8 +22,9 @@ from backsight.estimators.observers.formulas import (
     Interpolation,
     ObserverGains,
     Spread,
-    check_step,
     gain_vector,
+    observer_modes,
+    observer_steps,
 )
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.affine import AffineForm, affine_form
@@ -92,7 +95,7 @@ class AHG(AbstractEstimator):
     form: Literal["consistent", "printed"] = "consistent"
     adaptive: AdaptiveGain | None = None
     excitation: Excitation = dataclasses.field(default_factory=Excitation)
-    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
+    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4"))
     interpolation: Interpolation = "model"
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
@@ -102,11 +105,23 @@ class AHG(AbstractEstimator):
                 f"adaptive gain: lower = {self.adaptive.lower:g} must be below gain = {self.gain:g}"
             )
 
+    def chosen(self, model: Model, dt: float) -> Integrator:
+        """See `AbstractEstimator.chosen`."""
+        k0, modes = self._k0(model), functools.partial(super().modes, model)
+        return observer_steps(self.integrator, modes, lam=self.gain, k0=k0, dt=dt)
+
+    def modes(self, model: Model) -> Modes:
+        """Those of the model and those of the observer's error."""
+        return super().modes(model) + observer_modes(self.gain, self._k0(model))
+
+    def _k0(self, model: Model) -> Array:
+        return gain_vector(self.poles, affine_form(model).n)
+
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
         form = affine_form(model)
         k0 = gain_vector(self.poles, form.n)
-        check_step(self.gain, k0, self.integrator, dt)
+        chosen = self.chosen(model, dt)
         x0, P0 = self.prior.mean(model), self.prior.covariance(model)
         theta0, J = _combinations(form, x0[form.n :])
         T = np.eye(model.nx)
@@ -115,14 +130,18 @@ class AHG(AbstractEstimator):
             states=States(form, theta0, *state_bounds(model)),
             gains=ObserverGains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
             lam=self.gain,
-            integrator=self.integrator,
+            integrator=chosen,
             interpolation=self.interpolation,
             dt=dt,
             R=float(self.noise.measurement(model)[0, 0]),
             x0=x0[: form.n],
             constants=np.zeros(0),
             P0=T @ P0 @ T.T,
-            spread=Spread(T @ self.noise.process(model, dt) @ T.T, _NOTHING),
+            spread=Spread(
+                T @ self.noise.process(model) @ T.T,
+                T @ self.noise.density(model) @ T.T,
+                _NOTHING,
+            ),
             adaptive=self.adaptive,
             window=self.excitation,
         )

@@ -1,12 +1,14 @@
 """High-gain observer."""
 
 import dataclasses
+import functools
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from backsight.description import Positive
+from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
@@ -17,8 +19,9 @@ from backsight.estimators.observers.formulas import (
     Interpolation,
     ObserverGains,
     Spread,
-    check_step,
     gain_vector,
+    observer_modes,
+    observer_steps,
 )
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.affine import affine_form, moving_states
@@ -67,8 +70,20 @@ class HGO(AbstractEstimator):
     prior: Prior
     gain: Positive
     poles: complex | tuple[complex, ...] = -1.0
-    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
+    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4"))
     interpolation: Interpolation = "model"
+
+    def chosen(self, model: Model, dt: float) -> Integrator:
+        """See `AbstractEstimator.chosen`."""
+        k0, modes = self._k0(model), functools.partial(super().modes, model)
+        return observer_steps(self.integrator, modes, lam=self.gain, k0=k0, dt=dt)
+
+    def modes(self, model: Model) -> Modes:
+        """Those of the model and those of the observer's error."""
+        return super().modes(model) + observer_modes(self.gain, self._k0(model))
+
+    def _k0(self, model: Model) -> Array:
+        return gain_vector(self.poles, len(moving_states(model)))
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
@@ -76,20 +91,24 @@ class HGO(AbstractEstimator):
         n = len(moving_states(model))
         form = affine_form(_chain(model, n, x0[n:]))
         k0 = gain_vector(self.poles, form.n)
-        check_step(self.gain, k0, self.integrator, dt)
+        chosen = self.chosen(model, dt)
         lower, upper = state_bounds(model)
         plan = Plan(
             states=States(form, np.zeros(0), lower, upper),
             gains=ObserverGains(k0, np.zeros((0, 0))),
             lam=self.gain,
-            integrator=self.integrator,
+            integrator=chosen,
             interpolation=self.interpolation,
             dt=dt,
             R=float(self.noise.measurement(model)[0, 0]),
             x0=x0[:n],
             constants=x0[n:],
             P0=P0,
-            spread=Spread(self.noise.process(model, dt), _influence(model, n, x0[n:])),
+            spread=Spread(
+                self.noise.process(model),
+                self.noise.density(model),
+                _influence(model, n, x0[n:]),
+            ),
             adaptive=None,
             window=Excitation(),
         )

@@ -110,7 +110,7 @@ def physical(
         s.sy * s.model.output(symbols["x"], symbols["u"]),
         s.sy * symbols["e"],
         vech(unvech(symbols["S"]) * ca.SX(np.outer(s.sy, s.sy))),
-        Flags.of(raised).status(),
+        dataclasses.replace(Flags.of(raised), coarse_step=int(s.coarse)).status(),
     ]
     leave = ca.Function("physical", [*symbols.values(), raised], outputs)
     values = leave(x, P, u, e, S, flags)

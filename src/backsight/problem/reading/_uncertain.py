@@ -30,7 +30,8 @@ def noise(table: NoiseTable, unknowns: Unknowns, model: Model, *, where: str) ->
             Qc=_matrix(table.Qc, f"{where}.Qc"),
         )
         made.measurement(model)
-        made.process(model, model.dt or 1.0)
+        made.process(model)
+        made.density(model)
     return made
 
 

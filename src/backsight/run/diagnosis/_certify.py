@@ -4,6 +4,7 @@ import dataclasses
 import math
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import xarray as xr
 
@@ -17,7 +18,9 @@ from backsight.analysis.certificate import (
     lagged,
 )
 from backsight.description import Positive, Whole, checked
+from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.steps import choose
 from backsight.engine import vm
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -91,11 +94,12 @@ def certify(
     dt = float(recording.attrs["dt"])
     u = matched_inputs(model, recording)
     point, middle = _point(estimator, model, recording, at)
-    integrator = estimator.integration or Integrator(substeps=4)
+    given = estimator.integration or Integrator()
+    integrator = choose(given, model, lambda: estimator.modes(model), dt=dt)
     A, B, C, D = linearised(model, point, u[middle], dt=dt, integrator=integrator)
     system = LinearGaussian(
         *(A, B, C, D),
-        Q=noise.process(model, dt) * (dt if model.continuous else 1.0),
+        Q=noise.process(model) + _driven(noise, model, point, u[middle], dt),
         R=noise.measurement(model),
         P0=prior.covariance(model),
     )
@@ -146,6 +150,16 @@ def _point(
     return vector(at, model.states, what="at", default=values), recording.sizes["time"] // 2
 
 
+def _driven(noise: Noise, model: Model, x: Array, u: Array, dt: float) -> Array:
+    """What the spectral density of the noise adds in a sampling period, (nx, nx)."""
+    density = noise.density(model)
+    if not density.any():
+        return density
+    symbols = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    rates = ca.densify(ca.jacobian(model.rhs(*symbols), symbols[0]))
+    return discretise_noise(np.array(ca.Function("A", symbols, [rates])(x, u)), density, dt=dt)[1]
+
+
 def _plain(model: Model, system: LinearGaussian, dt: float) -> Model:
     """Build the linear model of deviations, with the scales but not the bounds of the model."""
     states = {s.name: Signal(s.unit, scale=s.scale) for s in model.states}
@@ -159,7 +173,7 @@ def _on(estimator: AbstractEstimator, system: LinearGaussian) -> AbstractEstimat
     """Prepare an estimator for the linear model: its noise, no limits, a discrete model's steps."""
     prior = Prior(P0=system.P0, x0=np.zeros(len(system.A)))
     changes: dict[str, Any] = {"noise": Noise(R=system.R, Q=system.Q), "prior": prior}
-    free = {"limits": (), "soft": {}, "hold": "zoh", "integrator": Integrator()}
+    free = {"limits": (), "soft": {}, "hold": "zoh"}
     fields = {f.name for f in dataclasses.fields(estimator)}
     return dataclasses.replace(
         estimator, **changes, **{k: v for k, v in free.items() if k in fields}

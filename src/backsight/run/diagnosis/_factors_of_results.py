@@ -13,10 +13,13 @@ from backsight.analysis.consistency import (
     filter_gains,
     noise_factors,
 )
+from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.steps import choose, over_sample
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise
+from backsight.models.lti import state_equation
 from backsight.models.model import Model
 from backsight.schema import SIGMA_FACTOR
 
@@ -86,15 +89,18 @@ def _path(
     u, x = result["u"].values, result["x_hat"].values
     ahead = np.vstack([u[1:], u[-1:]])
     n, nx, ny = len(x), model.nx, model.ny
-    derivatives = _derivatives(model, dt, _integrator(estimator)).map(n)
+    chosen = _integrator(estimator, model, dt)
+    derivatives = _derivatives(model, dt, chosen).map(n)
     F, H = (np.array(v) for v in derivatives.call([x.T, u.T, ahead.T]))
     F, H = F.reshape(nx, n, nx).transpose(1, 0, 2), H.reshape(ny, n, nx).transpose(1, 0, 2)
-    Q = noise.process(model, dt)
-    if model.continuous:
+    Qc = noise.density(model)
+    added = np.broadcast_to(noise.process(model), F.shape)
+    linear = state_equation(model) if Qc.any() else None
+    if linear is not None:
+        added = added + discretise_noise(linear[0], Qc, dt=dt)[1]
+    elif Qc.any():
         # The noise acts during the sample: half of it before and half after the transition.
-        added = 0.5 * dt * (F @ Q @ F.transpose(0, 2, 1) + Q)
-    else:
-        added = np.broadcast_to(Q, F.shape)
+        added = added + 0.5 * dt * (F @ Qc @ F.transpose(0, 2, 1) + Qc)
     return FilterPath(
         F=F,
         H=H,
@@ -106,28 +112,18 @@ def _path(
     )
 
 
-def _integrator(estimator: AbstractEstimator) -> Integrator:
-    return estimator.integration or Integrator(substeps=4, hold=estimator.input_hold)
+def _integrator(estimator: AbstractEstimator, model: Model, dt: float) -> Integrator:
+    given = estimator.integration or Integrator(hold=estimator.input_hold)
+    return choose(given, model, lambda: estimator.modes(model), dt=dt)
 
 
 def _derivatives(model: Model, dt: float, integrator: Integrator) -> ca.Function:
     """``(x, u, u_next) -> (F, H)``."""
-    x, u, v = (ca.SX.sym(n, k) for n, k in (("x", model.nx), ("u", model.nu), ("v", model.nu)))
-    F, n = ca.SX.eye(model.nx), integrator.substeps
-    z = ca.SX.sym("z", model.nx)
-    end, ua, ub = x, ca.SX.sym("ua", model.nu), ca.SX.sym("ub", model.nu)
-    if model.continuous:
-        moved = integrator.substep(model.rhs, z, ua=ua, ub=ub, h=dt / n)
-    else:
-        moved, n = model.rhs(z, ua), 1
-    # One sub-step is differentiated once; the chain rule joins them.
-    step = ca.Function("substep", [z, ua, ub], [moved, ca.densify(ca.jacobian(moved, z))])
-    for i in range(n):
-        a, b = u + i / n * (v - u), u + (i + 1) / n * (v - u)
-        end, Phi = step(end, *((u, u) if integrator.hold == "zoh" else (a, b)))
-        F = Phi @ F
-    H = ca.densify(ca.jacobian(model.output(x, u), x))
-    return ca.Function("derivatives", [x, u, v], [ca.densify(F), H])
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    slope = ca.Function("H", [x, u], [ca.densify(ca.jacobian(model.output(x, u), x))])
+    x, u, v = (ca.MX.sym(n, k) for n, k in (("x", model.nx), ("u", model.nu), ("v", model.nu)))
+    _, F, _ = over_sample(integrator, model, dt)(x, u, v)
+    return ca.Function("derivatives", [x, u, v], [F, slope(x, u)])
 
 
 def _kalman(path: FilterPath, result: xr.Dataset) -> bool:

@@ -29,6 +29,7 @@ def estimate(
     *,
     engine: Engine | None = None,
     throw: bool = True,
+    restart: bool = False,
     progress: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
     """Estimate the states of a model from a recording.
@@ -46,6 +47,9 @@ def estimate(
         virtual machine for less than a thousand samples. The results agree to rounding.
     throw : bool
         Raise at the end if the estimator failed; otherwise only the status says so.
+    restart : bool
+        After a sample whose estimate is not finite start anew from the prior. Only the status says
+        so then; without it, everything from there on is worthless.
     progress : callable
         Told the number of samples done.
 
@@ -68,7 +72,9 @@ def estimate(
     """
     task = ready(estimator, model, recording)
     check_memory([task.recursion], task.samples)
-    return carry_out(task, engine=engine, throw=throw, progress=progress)
+    if restart:
+        task = dataclasses.replace(task, recursion=task.recursion.restarting())
+    return carry_out(task, engine=engine, throw=throw and not restart, progress=progress)
 
 
 @dataclasses.dataclass(frozen=True)

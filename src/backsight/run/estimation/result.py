@@ -9,6 +9,7 @@ from backsight.analysis.forces import REMARKS, force_remarks
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
+from backsight.run.estimation._integration import with_integration
 from backsight.run.estimation._match import output_mask
 from backsight.schema import (
     AGO,
@@ -61,6 +62,7 @@ def as_result(
         "schema": SCHEMA_VERSION,
         INNOVATIONS: estimator.innovations,
     }
+    result = with_integration(result, estimator, model)
     remarks = force_remarks(result)
     if remarks:
         result.attrs[REMARKS] = "\n".join(remarks)
