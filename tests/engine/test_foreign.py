@@ -25,7 +25,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.export import export_c
 from backsight.kernels import library, sources
 from closeness import assert_close
-from contract.cases import Problem
+from contract.cases import TrialProblem
 from engine.examples import data_for, recursion
 
 COMPILER = shutil.which("cc")
@@ -202,7 +202,7 @@ def size_of_workspace(folder):
 
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_c_export(precision, tmp_path):
-    problem = Problem()
+    problem = TrialProblem()
     recording = problem.simulate(60, seed=5, hold="zoh", noisy=True).recording(problem.model)
     export_c(Ranked(), problem.model, recording, tmp_path, name="sorting", precision=precision)
     assert (tmp_path / "ranked.c").read_text() == (sources.FOLDER / "ranked.c").read_text()

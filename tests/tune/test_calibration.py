@@ -60,7 +60,7 @@ def test_frequencies_are_found_without_noise(selection):
 
 def test_frequencies_are_as_sure_as_it_says():
     """With 10 um of noise; a calibration that starts there says so and stays."""
-    found = bs.tune.calibrate(recording(1e-5), estimator(0.0027), by_frequencies, THIN, points=5)
+    found = bs.tune.calibrate(estimator(0.0027), by_frequencies, recording(1e-5), THIN, points=5)
     for name, value in TRUE.items():
         assert abs(found.values[name] - value) < 3 * found.std[name]
         assert found.std[name] < 0.03 * value

@@ -46,7 +46,7 @@ class MeanNees(Printed):
     value: float
     expected: float
     band: tuple[float, float]
-    independent_samples: float
+    independent: float
 
 
 def nees(result: xr.Dataset) -> xr.DataArray:

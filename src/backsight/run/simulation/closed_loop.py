@@ -168,7 +168,7 @@ def _columns(reference: Mapping[str, ArrayLike]) -> Array:
 
 def _recursion(model: Model, law: ca.Function, integrator: Integrator, dt: float) -> Recursion:
     """``(x, r, P) -> (x_next, x, u, y)``; P holds the parameters of all sub-steps."""
-    m, n_par = integrator.substeps, len(model.parameters)
+    m, n_par = integrator.steps, len(model.parameters)
     x, p, u = ca.SX.sym("x", model.nx), ca.SX.sym("p", n_par), ca.SX.sym("u", model.nu)
     x_next = integrator.substep(
         lambda xi, ui: model.f.call([xi, ui, p])[0], x, ua=u, ub=u, h=dt / m
