@@ -144,7 +144,9 @@ def explicit(given: Integrator, modes: Callable[[], Modes], *, dt: float) -> Int
         return dataclasses.replace(given, scheme="rk4" if given.scheme == "auto" else given.scheme)
     schemes: tuple[RungeKutta, ...] = CANDIDATES if given.scheme == "auto" else (given.scheme,)
     there = modes()
-    found = [(n, s) for s in schemes if (n := steps_needed(s, there, dt=dt)) is not None]
+    found: list[tuple[int, RungeKutta]] = [
+        (n, s) for s in schemes if (n := steps_needed(s, there, dt=dt)) is not None
+    ]
     if not found:
         tried = " or ".join(f"'{s}'" for s in schemes)
         lost = accuracy(schemes[-1], there, dt=dt, steps=MOST_STEPS)
@@ -210,9 +212,9 @@ def advanced(
         Ad, first, last = foh(A, inputs, dt=h)
         terms = [(Ad, x), (first, ca.vertcat(ua, one)), (last, ca.vertcat(ub, one))]
     moved = sum((ca.sparsify(ca.DM(m)) @ v for m, v in terms), ca.SX(model.nx, 1))
-    still = ~np.hstack([A, inputs]).any(axis=1)
+    moves = np.abs(np.hstack([A, inputs])).sum(axis=1) > 0
     # What does not move (a parameter) stays as it is to the last bit.
-    return ca.vertcat(*(x[i] if still[i] else moved[i] for i in range(model.nx)))
+    return ca.vertcat(*(moved[i] if moves[i] else x[i] for i in range(model.nx)))
 
 
 def over_sample(chosen: Integrator, model: Model, dt: float) -> ca.Function:

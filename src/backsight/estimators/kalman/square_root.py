@@ -58,12 +58,12 @@ def wide(s: Setting, *, limit: float = WIDE) -> bool:
     spread = cholesky_factor(s.P0)
     sigma = np.sqrt(np.diag(s.R))
     for _ in range(min(s.model.nx, 10)):
-        seen = np.linalg.norm(H @ spread, axis=1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            seen, spread = np.linalg.norm(H @ spread, axis=1), F @ spread
         if not np.isfinite(seen).all():
             return False
         if (seen > limit * sigma).any():
             return True
-        spread = F @ spread
     return False
 
 
