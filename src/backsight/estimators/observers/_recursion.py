@@ -112,7 +112,8 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
     P_now = _with_noise(plan)(after["P"], after["B"])
     seen = named_results(plan.states.observed(), after["x"], after["theta"], P_now, m.parameters)
     x, theta, flags = seen["x"], seen["theta"], Flags.of(seen["flags"])
-    after |= {"x": x, "theta": theta, "parameters": seen["parameters"]}
+    parameters = seen["parameters"]
+    after |= {"x": x, "theta": theta, "parameters": parameters}
     outputs, channels = {"lam": m.lam}, [*ESTIMATE_CHANNELS, Channel("lam")]
 
     # 4. excitation, eq. 9
@@ -140,7 +141,7 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
             estimate=(x, theta, m.lam),
         )
     estimate = {
-        "x_hat": ca.vertcat(x, seen["parameters"], plan.constants),
+        "x_hat": plan.states.joined(seen["states"], parameters, plan.constants),
         "P": seen["P"],
         "y_hat": x[0],
         "e": e,

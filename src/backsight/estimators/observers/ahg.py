@@ -14,7 +14,7 @@ from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.observers._excitation import Excitation
 from backsight.estimators.observers._recursion import Plan, assemble_observer
-from backsight.estimators.observers._states import States, state_bounds
+from backsight.estimators.observers._states import States, chain_start, state_bounds
 from backsight.estimators.observers.adaptive_gain import AdaptiveGain
 from backsight.estimators.observers.formulas import (
     Interpolation,
@@ -24,8 +24,9 @@ from backsight.estimators.observers.formulas import (
     gain_vector,
 )
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.models.affine import AffineForm, affine_form
+from backsight.models.affine import AffineForm
 from backsight.models.model import Model
+from backsight.models.observer_form import moving_first, observer_form
 from backsight.types import Array
 
 
@@ -33,8 +34,8 @@ from backsight.types import Array
 class AHG(AbstractEstimator):
     r"""Adaptive high-gain observer: states and parameters without a covariance in the loop.
 
-    For models that are affine in combinations theta of their parameters (`affine_form` finds
-    them), eq. 10 in its consistent form:
+    For models that are affine in combinations theta of their parameters, in the states or in the
+    output and its derivatives (`observer_form` finds both), eq. 10 in its consistent form:
 
     .. math::
         \dot{\hat x} &= A_0 \hat x + \phi + \psi \hat\theta
@@ -54,7 +55,7 @@ class AHG(AbstractEstimator):
     gain : float
         Gain lambda [1/s]; lambda_max if it adapts.
     Gamma : (p, p) array or p numbers
-        Speed of adaptation per combination, in the order of `affine_form(model).combinations`.
+        Speed of adaptation per combination, in the order of `observer_form(model).combinations`.
     poles : number or n numbers
         Eigenvalues of A0 - k0 c0.
     form : {"consistent", "printed"}
@@ -104,25 +105,28 @@ class AHG(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
-        form = affine_form(model)
+        given = model
+        model, order = moving_first(given)
+        form = observer_form(model)
         k0 = gain_vector(self.poles, form.n)
         check_step(self.gain, k0, self.integrator, dt)
-        x0, P0 = self.prior.mean(model), self.prior.covariance(model)
+        x0 = self.prior.mean(given)[order]
+        P0 = self.prior.covariance(given)[np.ix_(order, order)]
+        Q = self.noise.process(given, dt)[np.ix_(order, order)]
         theta0, J = _combinations(form, x0[form.n :])
-        T = np.eye(model.nx)
-        T[form.n :, form.n :] = J
+        start = chain_start(form, x0, P0, Q, J)
         plan = Plan(
-            states=States(form, theta0, *state_bounds(model)),
+            states=States(form, theta0, *state_bounds(model), order),
             gains=ObserverGains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
             lam=self.gain,
             integrator=self.integrator,
             interpolation=self.interpolation,
             dt=dt,
             R=float(self.noise.measurement(model)[0, 0]),
-            x0=x0[: form.n],
+            x0=start.x0,
             constants=np.zeros(0),
-            P0=T @ P0 @ T.T,
-            spread=Spread(T @ self.noise.process(model, dt) @ T.T, _NOTHING),
+            P0=start.P0,
+            spread=Spread(start.Q, _NOTHING, start.varies),
             adaptive=self.adaptive,
             window=self.excitation,
         )

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.runge_kutta import TABLEAUS, Integrator, Scheme
 from backsight.errors import TuningError
-from backsight.models.affine import AffineForm
+from backsight.models.affine import AffineForm, Coordinates
 from backsight.types import Array
 
 
@@ -126,10 +126,14 @@ class Spread:
         Spectral density of the random walks of chain, theta and constants that are not estimated.
     constants : casadi.Function
         ``(x, u) -> (n, q)``: how those constants move the chain; not used without any.
+    coordinates : Coordinates, optional
+        Of a chain whose derivative by the states is not the same everywhere: `Q` is then that of
+        the states.
     """
 
     Q: Array
     constants: ca.Function
+    coordinates: Coordinates | None = None
 
     @property
     def size(self) -> int:
@@ -212,4 +216,9 @@ def _propagated(
         full[: x.numel(), m:] = spread.constants.call([x, u])[0]
     Phi = ca.SX.eye(spread.size) + h * full + h**2 / 2 * (full @ full)
     half = ca.SX(ca.sparsify(ca.DM(h / 2 * spread.Q)))
+    if spread.coordinates is not None:
+        T = ca.SX.eye(spread.size)
+        states = spread.coordinates.states.call([x])[0]
+        T[: x.numel(), : x.numel()] = spread.coordinates.slope.call([states])[0]
+        half = T @ half @ T.T
     return Phi, Phi @ (unvech(vP) + half) @ Phi.T + half
