@@ -134,4 +134,5 @@ def estimator(mismatch: float) -> CompressiveSensingMHE:
         arrival="smoothed",
         carryover=Carryover((100.0, 1000.0), "separate"),
         threshold=1.0,
+        bias="kept",
     )

@@ -79,13 +79,21 @@ def observer(
         integrator=integrator,
         covariance="ode",
         optimiser=optimiser,
+        bands="filters",
     )
     return Problem(mho, joint_model(), stage())
 
 
 def observer_of(ekf: EKF) -> MHO:
     """The observer with the noise, prior and integrator of a filter."""
-    return MHO(ekf.noise, ekf.prior, N=HORIZON, integrator=ekf.integrator, optimiser=TWICE)
+    return MHO(
+        ekf.noise,
+        ekf.prior,
+        N=HORIZON,
+        integrator=ekf.integrator,
+        optimiser=TWICE,
+        bands="filters",
+    )
 
 
 def stage_filter(covariance: str = "ode", *, integrator: Integrator = HEUN) -> Problem:

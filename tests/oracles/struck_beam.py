@@ -65,4 +65,5 @@ def estimator(thickness: float, *, eps_Q: float, eps_R: float, lam: float) -> Co
         sigma_force=eps_Q**0.5,
         arrival="smoothed",
         threshold=1.0,
+        bias="kept",
     )

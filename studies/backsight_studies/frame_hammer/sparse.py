@@ -117,4 +117,5 @@ def _estimator(axis: Axis, lam: float) -> bs.CompressiveSensingMHE:
         N=HORIZON,
         sigma_force=SIGMA_FORCE,
         dictionary=bs.forces.HalfSines(PULSES),
+        bias="kept",
     )

@@ -121,4 +121,5 @@ def _mho(alpha: float, solver: str) -> MHO:
         integrator=HEUN,
         covariance="ode",
         optimiser=SOLVERS[solver],
+        bands="filters",
     )

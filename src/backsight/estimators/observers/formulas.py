@@ -16,7 +16,7 @@ from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator, RungeKutta
 from backsight.discrete.steps import explicit, stability
 from backsight.errors import TuningError
-from backsight.models.affine import AffineForm
+from backsight.models.affine import AffineForm, Coordinates
 from backsight.types import Array
 
 
@@ -150,11 +150,23 @@ class Spread:
         Spectral density of those that go on between the samples.
     constants : casadi.Function
         ``(x, u) -> (n, q)``: how those constants move the chain; not used without any.
+    coordinates : Coordinates, optional
+        Of a chain whose derivative by the states is not the same everywhere: `Q` is then that of
+        the states.
     """
 
     Q: Array
     Qc: Array
     constants: ca.Function
+    coordinates: Coordinates | None = None
+
+    def slope(self, x: ca.SX) -> ca.SX:
+        """Derivative of chain, theta and constants by the states, at the chain x."""
+        T = ca.SX.eye(self.size)
+        if self.coordinates is not None:
+            states = self.coordinates.states.call([x])[0]
+            T[: x.numel(), : x.numel()] = self.coordinates.slope.call([states])[0]
+        return T
 
     @property
     def size(self) -> int:
@@ -237,4 +249,7 @@ def _propagated(
         full[: x.numel(), m:] = spread.constants.call([x, u])[0]
     Phi = ca.SX.eye(spread.size) + h * full + h**2 / 2 * (full @ full)
     half = ca.SX(ca.sparsify(ca.DM(h / 2 * spread.Qc)))
+    if spread.coordinates is not None:
+        T = spread.slope(x)
+        half = T @ half @ T.T
     return Phi, Phi @ (unvech(vP) + half) @ Phi.T + half

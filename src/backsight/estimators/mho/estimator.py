@@ -1,13 +1,11 @@
 """Moving horizon observer: nonlinear least squares over a window, between two Kalman filters."""
 
 import dataclasses
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.factor import solve_spd
-from backsight.algebra.update import masked
 from backsight.description import Horizon, NonNegative
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
@@ -16,16 +14,17 @@ from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Sett
 from backsight.estimators.kalman.ekf import correct, innovation
 from backsight.estimators.kalman.prediction import Propagation, predict
 from backsight.estimators.kalman.square_root import refuse_too_wide
+from backsight.estimators.mho._cost import window_cost
+from backsight.estimators.mho._covariance import Errors, no_errors, true_covariance
+from backsight.estimators.mho._linearised import Corrections, Steps, corrections, variation
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
 from backsight.estimators.parts.flags import FLAGS, Flags
-from backsight.estimators.parts.leaf import Results, Symmetric, half, leaf, notation
+from backsight.estimators.parts.leaf import half, leaf, notation
 from backsight.estimators.parts.memory import Memory
-from backsight.estimators.parts.substeps import flow, substep_inputs
 from backsight.estimators.parts.window import moved_on, no_window
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.models.affine import moving_states
 from backsight.models.model import Model
 from backsight.solvers.box import GaussNewton, QuasiNewton
 
@@ -63,11 +62,16 @@ class MHO(AbstractEstimator):
         See `EKF`.
     optimiser : GaussNewton
         When the iterations end.
+    bands : {"true", "filters"}
+        Covariance P of the estimate. The observer uses a measurement again and again: in the
+        filters, and in the cost of every window. ``true`` follows what the noise of the window does
+        to the estimate by all these ways, to first order, and holds for every alpha; without bounds
+        it is exact for linear models. ``filters`` is the P of the post-filter, as in the paper, and
+        takes less time: it is too small, by far with a large alpha. The estimate is the same.
 
     Notes
     -----
-    The covariance P of the estimate is the one of the filters, as in the paper: it counts every
-    measurement once. ``x_start`` and ``P_start`` are the optimiser's estimate at the start of the
+    ``x_start`` and ``P_start`` are the optimiser's estimate at the start of the
     window and its covariance, active bounds included.
 
     References
@@ -87,6 +91,7 @@ class MHO(AbstractEstimator):
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
     covariance: Propagation = "transition"
     optimiser: GaussNewton | QuasiNewton = dataclasses.field(default_factory=GaussNewton)
+    bands: Literal["true", "filters"] = "true"
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
@@ -94,6 +99,7 @@ class MHO(AbstractEstimator):
         refuse_too_wide(s, "MHO")
         N = self.N
         kept = Covariance(s.model.nx)
+        tracked = self.bands == "true" and self.alpha > 0
         data = data_inputs(s)
         u, y, mask = s.enter()(*data)
         m = Memory(
@@ -104,6 +110,7 @@ class MHO(AbstractEstimator):
             **no_window(s, N + 1),
             present=np.zeros((1, N + 1)),
             called=0,
+            **(no_errors(s, N) if tracked else {}),
         )
         time_update = predict(s, s.integrator, self.covariance)
         update = correct(s, check=self.covariance == "ode")
@@ -129,13 +136,24 @@ class MHO(AbstractEstimator):
         x, Sigma, iterations, limit, rejected = found
 
         # 3. post-filter, eq. 32
-        (x_now, P_now, flags), _ = scan(
+        (x_now, P_now, flags), passed = scan(
             _post_filter(s, time_update, update),
             N,
             carry=[x, P_bar, flags],
             xs=[U[:, :-1], U[:, 1:], Y[:, 1:], M[:, 1:], present[:, :-1], present[:, 1:]],
         )
         raised = dataclasses.replace(Flags.of(flags), iteration_limit=limit, step_rejected=rejected)
+
+        # covariance with everything that was used more than once
+        errors: dict[str, ca.MX] = {}
+        if tracked:
+            steps = self._steps(s, (U, M), (x_start, P_start), passed, Sigma)
+            (P_alone,) = choose(m.present[0], [m.P_alone], [P_start])
+            before = Errors(P_alone, m.by_v, m.by_w)
+            P_true, after = true_covariance(s, before, steps, N=N, alpha=self.alpha)
+            (P_now,) = choose(full, [P_true], [P_now])
+            found = choose(full, [after.P, after.V, after.W], [P_alone, m.by_v, m.by_w])
+            errors = dict(zip(("P_alone", "by_v", "by_w"), found, strict=True))
 
         # 4. start of the next window, eq. 29
         ahead = time_update.call([x, P_bar, U[:, 0], U[:, 1]])
@@ -157,11 +175,30 @@ class MHO(AbstractEstimator):
                 "M": M,
                 "present": present,
                 "called": 1,
+                **errors,
             },
             outputs=estimate | {"iterations": iterations, "x_start": x_window, "P_start": P_window},
             channels=CHANNELS,
             dt=dt,
         )
+
+    def _steps(
+        self,
+        s: Setting,
+        window: tuple[ca.MX, ca.MX],
+        start: tuple[ca.MX, ca.MX],
+        passed: list[ca.MX],
+        Sigma: ca.MX,
+    ) -> Steps:
+        """Linearise pre-filter, window and post-filter at the states that they `passed`."""
+        U, M = window
+        seen = corrections(s)
+        first = Corrections(*seen.call([*start, U[:, 0], M[:, 0]]))
+        before, prior, P_prior = passed
+        _, later = scan(seen, self.N, carry=[], xs=[prior, P_prior, U[:, 1:], M[:, 1:]])
+        varied = variation(s, s.integrator, self.covariance)
+        _, (Phi, Q) = scan(varied, self.N, carry=[], xs=[before, U[:, :-1], U[:, 1:]])
+        return Steps(first, Phi, Q, Corrections(*later), Sigma)
 
 
 CHANNELS = (
@@ -185,7 +222,10 @@ def _factor(s: Setting) -> ca.Function:
 
 
 def _post_filter(s: Setting, predict: ca.Function, correct: ca.Function) -> ca.Function:
-    """Step i of the post-filter, eq. 32; samples before the start of the data change nothing."""
+    """Step i of the post-filter, eq. 32; samples before the start of the data change nothing.
+
+    Beside what it carries on it shows the states before and after the prediction, and P there.
+    """
     m = s.model
     sizes = {
         "x": m.nx, "P": Covariance(m.nx).size, "flags": FLAGS, "u_last": m.nu, "u": m.nu,
@@ -196,7 +236,8 @@ def _post_filter(s: Setting, predict: ca.Function, correct: ca.Function) -> ca.F
     prior = choose(k["before"], predicted, [k["x"], k["P"]])
     x_post, P_post, raised = correct(*prior, k["u"], k["y"], k["here"] * k["mask"])
     flags = _merged()(k["flags"], raised)
-    return ca.Function("post_filter", list(k.values()), [x_post, P_post, flags])
+    passed = [k["x"], *prior]
+    return ca.Function("post_filter", list(k.values()), [x_post, P_post, flags, *passed])
 
 
 def _merged() -> ca.Function:
@@ -209,82 +250,6 @@ def _merged() -> ca.Function:
     failed = ca.fmax(a.not_positive_definite, b.not_positive_definite)
     merged = dataclasses.replace(b, not_positive_definite=failed)
     return ca.Function("merge_flags", [so_far, now], [merged.vector()])
-
-
-def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> ca.Function:
-    """Cost of the measurements in the window, eq. 26 and 28, with gradient and Hessian.
-
-    ``(x, U, Y, M) -> (cost, c, G)`` for `minimise`. The sensitivities dx_i/dx_0 go along with the
-    response; rows of states that are constant in the model are known and not computed.
-    """
-    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    moving = moving_states(s.model)
-    start = np.eye(nx)[moving, :]
-    x, rows = ca.MX.sym("x", nx), ca.MX.sym("S", len(moving), nx)
-    cost, c, G = ca.MX.sym("J"), ca.MX.sym("c", nx), ca.MX.sym("G", nx * (nx + 1) // 2)
-    u, u_next = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu)
-    y, mask = ca.MX.sym("y", ny), ca.MX.sym("m", ny)
-    accumulate = _accumulate(s, moving, alpha)
-    added = accumulate(x, rows, cost, c, G, u, y, mask)
-    if s.model.continuous:
-        n = integrator.steps
-        columns, held = substep_inputs(integrator, u, u_next)
-        step = _variation(s, integrator, moving, s.dt / n)
-        advanced, _ = scan(step, n, carry=[x, rows], xs=columns, constants=held)
-    else:
-        advanced = _variation(s, integrator, moving, 1.0)(x, rows, u, u_next)
-    sample = ca.Function("sample", [x, rows, cost, c, G, u, u_next, y, mask], [*advanced, *added])
-    U, Y, M = (ca.MX.sym(k, m, N + 1) for k, m in (("U", nu), ("Y", ny), ("M", ny)))
-    x0 = ca.MX.sym("x0", nx)
-    end, _ = scan(
-        sample,
-        N,
-        carry=[x0, ca.MX(start), ca.MX(0), ca.MX.zeros(nx), ca.MX.zeros(G.numel())],
-        xs=[U[:, :-1], U[:, 1:], Y[:, :-1], M[:, :-1]],
-    )
-    total = accumulate(*end, U[:, N], Y[:, N], M[:, N])
-    return ca.Function(
-        "window_cost", [x0, U, Y, M], list(total), ["x", "U", "Y", "M"], ["J", "c", "G"]
-    )
-
-
-def _full(rows: ca.SX, moving: list[int], nx: int) -> ca.SX:
-    full = ca.SX.eye(nx)
-    full[moving, :] = rows
-    return full
-
-
-def _variation(s: Setting, integrator: Integrator, moving: list[int], h: float) -> ca.Function:
-    """One sub-step of the state and of the moving rows of its sensitivities."""
-    nx, continuous = s.model.nx, s.model.continuous
-
-    def formula(x: ca.SX, rows: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
-        ahead = flow(s, integrator, x, ua=ua, ub=ub, h=h) if continuous else s.model.rhs(x, ua)
-        Phi = ca.jacobian(ahead, x)[moving, :]
-        return {"x_next": ahead, "rows_next": ca.densify(Phi @ _full(rows, moving, nx))}
-
-    return leaf("variation", {**notation(s), "rows": (len(moving), nx)}, formula)
-
-
-def _accumulate(s: Setting, moving: list[int], alpha: float) -> ca.Function:
-    """Add one sample's residual to cost, minus gradient and Hessian, eq. 26."""
-    nx = s.model.nx
-
-    def formula(
-        x: ca.SX, rows: ca.SX, cost: ca.SX, c: ca.SX, G: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX
-    ) -> Results:
-        y_model = s.model.output(x, u)
-        H, e, R = masked(ca.jacobian(y_model, x), y - y_model, ca.SX(s.R), mask)
-        HS = H @ _full(rows, moving, nx)
-        weighted = alpha * solve_spd(R, ca.horzcat(e, HS))
-        return {
-            "cost": cost + ca.dot(e, weighted[:, 0]) / 2,
-            "c": c + HS.T @ weighted[:, 0],
-            "G": G + HS.T @ weighted[:, 1:],
-        }
-
-    sizes = {"rows": (len(moving), nx), "cost": 1, "c": nx, "G": Symmetric(nx)}
-    return leaf("accumulate", {**notation(s), **sizes}, formula)
 
 
 def _physical_start(s: Setting) -> ca.Function:
