@@ -134,6 +134,21 @@ def test_explicit_choices_stay():
     assert choose(Integrator(substeps=2), duffing(), dict, dt=DT) == Integrator("rk4", 2)
 
 
+def test_a_discrete_model_needs_no_step():
+    """Its Jacobian is no rate; whatever is given is not judged, nor used."""
+    model = lti(
+        [[0.95]], [[1.0]], [[1.0]], states={"x": ""}, inputs={"u": ""}, outputs={"y": ""}, dt=1.0
+    )
+    recording = bs.from_arrays(
+        u=np.zeros((20, 1)), y=np.zeros(20), inputs={"u": ""}, outputs={"y": ""}, dt=1.0
+    )
+    given = bs.Noise(sigma_y=1.0, sigma_w=1.0), bs.Prior(sigma_x0=1.0)
+    for integrator in (Integrator("euler", 1), Integrator("rk4"), Integrator()):
+        result = bs.estimate(bs.EKF(*given, integrator), model, recording, engine="vm")
+        assert not result["status"].any()
+        assert "integration" not in result.attrs
+
+
 def test_too_stiff_for_every_explicit_method():
     modes = modes_over(duffing(1e11), np.zeros(2), np.zeros(2))
     with pytest.raises(
@@ -167,5 +182,5 @@ def test_many_states_are_looked_at_in_few_places():
 def test_wrong_settings():
     with pytest.raises(TuningError, match="substeps is 0; it must be a whole number from 1 on"):
         bs.Integrator(substeps=0)
-    with pytest.raises(TuningError, match="'auto'"):
+    with pytest.raises(TuningError, match="unknown substeps 'some': known: auto"):
         bs.Integrator(substeps="some")

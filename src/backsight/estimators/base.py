@@ -278,7 +278,8 @@ def setting(
         Qc=found["Qc"] / np.outer(sx, sx),
         R=found["R"] / np.outer(sy, sy),
         integrator=chosen,
-        coarse=bool(complaint(chosen, lambda: modes_at(model, x0[None], still), dt=dt)),
+        coarse=model.continuous
+        and bool(complaint(chosen, lambda: modes_at(model, x0[None], still), dt=dt)),
         sx=sx,
         su=su,
         sy=sy,

@@ -173,7 +173,7 @@ def _on(estimator: AbstractEstimator, system: LinearGaussian) -> AbstractEstimat
     """Prepare an estimator for the linear model: its noise, no limits, a discrete model's steps."""
     prior = Prior(P0=system.P0, x0=np.zeros(len(system.A)))
     changes: dict[str, Any] = {"noise": Noise(R=system.R, Q=system.Q), "prior": prior}
-    free = {"limits": (), "soft": {}, "hold": "zoh"}
+    free = {"limits": (), "soft": {}, "hold": "zoh", "integrator": Integrator()}
     fields = {f.name for f in dataclasses.fields(estimator)}
     return dataclasses.replace(
         estimator, **changes, **{k: v for k, v in free.items() if k in fields}
