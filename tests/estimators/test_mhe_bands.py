@@ -111,7 +111,7 @@ def test_covariance_of_rank_one_may_have_many_states(what):
     plant = lti(0.9 * np.eye(n), np.zeros((n, 0)), np.ones((1, n)), inputs={},
                 states={f"x{i}": "" for i in range(n)}, outputs={"y": ""}, dt=1.0)  # fmt: skip
     if what == "Q":
-        assert Noise(R=[[1.0]], Q=np.outer(b, b)).process(plant, 1.0).shape == (n, n)
+        assert Noise(R=[[1.0]], Q=np.outer(b, b)).process(plant).shape == (n, n)
     else:
         assert Prior(P0=np.outer(b, b)).covariance(plant).shape == (n, n)
     with pytest.raises(TuningError, match="not positive semidefinite"):
