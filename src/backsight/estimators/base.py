@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from backsight.algebra.symmetric import unvech, vech
 from backsight.description import Description
 from backsight.discrete.runge_kutta import Hold, Integrator
-from backsight.engine.recursion import Channel, Recursion
+from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
@@ -21,6 +21,9 @@ from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.types import Array
+
+Spread: TypeAlias = Literal["full", "std"]
+"""What a smoother puts out of the covariance: all of it, or standard deviations."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,6 +115,30 @@ class AbstractEstimator(Description, abc.ABC):
         TuningError, ModelError
             If the description does not fit the model.
         """
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """Turn the description into a pass forward and a pass back, see `backsight.smooth`.
+
+        Parameters
+        ----------
+        model, dt
+            As in `compile`.
+        covariance : {"full", "std"}
+            What to put out of the covariance.
+
+        Raises
+        ------
+        TuningError
+            If the estimator has no smoother: it is no filter with a Gaussian prior at every sample.
+        TuningError, ModelError
+            If the description does not fit the model.
+        """
+        del model, dt, covariance
+        raise TuningError(
+            f"{self.title} has no smoother over a whole recording; with the same noise and prior "
+            "smooth by KalmanFilter if the model is linear, else by EKF, IEKF or UKF, and unknown "
+            "forces by JointInput"
+        )
 
 
 WALK_SAMPLES = 100

@@ -12,23 +12,25 @@ from backsight.algebra.update import masked, measured, noise_of
 from backsight.description import Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
-from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
+from backsight.estimators.kalman._linearised import ekf_looks, sensitivity
+from backsight.estimators.kalman._linearised import moved as substep
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
     congruence,
     joseph_form,
     kalman_gain,
-    times_transposed,
     transposed,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
+from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 
@@ -107,6 +109,15 @@ class EKF(AbstractEstimator):
             return assemble(self.key, s, parts)
         step = transition(s, self.integrator)
         return assemble_continuous(self.key, s, parts, transition=step, integrator=self.integrator)
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`."""
+        if self.measurement == "continuous":
+            raise TuningError("measurement='continuous' cannot be smoothed; use 'sampled'")
+        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        parts = ekf_halves(s, self.integrator, self.covariance)
+        looks = ekf_looks(s, self.integrator, parts, at="prior")
+        return passes(self.key, s, parts, looks, covariance=covariance)
 
 
 def ekf_halves(s: Setting, integrator: Integrator, covariance: Propagation) -> Halves:
@@ -213,7 +224,7 @@ def predict(s: Setting, integrator: Integrator, covariance: Propagation) -> ca.F
     xs, held = substep_inputs(integrator, u, u_next)
     if covariance == "discrete":
         start = [x, ca.MX(ca.DM.eye(nx).full())]
-        final, _ = scan(_sensitivity(s, integrator), n, carry=start, xs=xs, constants=held)
+        final, _ = scan(sensitivity(s, integrator), n, carry=start, xs=xs, constants=held)
         ends = [final[0], _carried(s)(final[1], P)]
     else:
         step = transition(s, integrator) if covariance == "transition" else _ode(s, integrator)
@@ -222,20 +233,9 @@ def predict(s: Setting, integrator: Integrator, covariance: Propagation) -> ca.F
     return ca.Function("predict", [x, P, u, u_next], ends)
 
 
-def _moved(s: Setting, integrator: Integrator) -> ca.Function:
-    """State one sub-step later, eq. 13, and its Jacobian: ``(x, ua, ub) -> (x, Phi)``."""
-    h = s.dt / integrator.substeps
-
-    def formula(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
-        x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h)
-        return {"x_next": x_next, "Phi": ca.jacobian(x_next, x)}
-
-    return leaf("moved", notation(s), formula)
-
-
 def transition(s: Setting, integrator: Integrator) -> ca.Function:
     """One sub-step, see `predict`: ``(x, P, ua, ub) -> (x, P)``."""
-    moved, noise = _moved(s, integrator), ca.DM(s.dt / integrator.substeps / 2 * s.Q)
+    moved, noise = substep(s, integrator), ca.DM(s.dt / integrator.substeps / 2 * s.Q)
 
     def formula(x: Term, P: Term, ua: Term, ub: Term) -> Results:
         x_next, Phi = moved(x, ua, ub)
@@ -260,17 +260,6 @@ def _ode(s: Setting, integrator: Integrator) -> ca.Function:
         return {"x_next": x_next, "P_next": unvech(v_next)}
 
     return leaf("ode", {**notation(s), "frozen": s.model.nx}, formula)
-
-
-def _sensitivity(s: Setting, integrator: Integrator) -> ca.Function:
-    """One sub-step of the state and of F', see `predict`: ``(x, F', ua, ub) -> (x, F')``."""
-    moved, nx = _moved(s, integrator), s.model.nx
-
-    def formula(x: Term, Ft: Term, ua: Term, ub: Term) -> Results:
-        x_next, Phi = moved(x, ua, ub)
-        return {"x_next": x_next, "Ft_next": ca.densify(times_transposed(Ft, Phi))}
-
-    return half("sensitivity", s, formula, {"Ft": (nx, nx)})
 
 
 def _carried(s: Setting) -> ca.Function:

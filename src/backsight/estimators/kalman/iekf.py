@@ -9,15 +9,17 @@ from backsight.algebra.factor import solve_spd
 from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
-from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
+from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.ekf import Propagation, correct, ekf_halves
 from backsight.estimators.parts.covariance import Term, congruence, times_transposed
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 
@@ -98,6 +100,14 @@ class IEKF(AbstractEstimator):
         once = ekf_halves(s, self.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)
         return assemble(self.key, s, dataclasses.replace(once, correct=iterated))
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`."""
+        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        once = ekf_halves(s, self.integrator, self.covariance)
+        parts = dataclasses.replace(once, correct=_correct(s, self.max_iterations, self.tolerance))
+        looks = ekf_looks(s, self.integrator, parts, at="estimate")
+        return passes(self.key, s, parts, looks, covariance=covariance)
 
 
 def _correct(s: Setting, limit: int, tolerance: float) -> ca.Function:

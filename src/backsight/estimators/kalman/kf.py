@@ -8,15 +8,17 @@ import numpy as np
 import scipy
 
 from backsight.discrete.runge_kutta import Hold, Integrator
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
-from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman._linearised import linear_looks
 from backsight.estimators.parts.covariance import Covariance, Term
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.fixed_gain import correct_with
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear, linear
+from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.types import Array
@@ -71,6 +73,12 @@ class KalmanFilter(AbstractEstimator):
         if self.steady_state:
             return assemble(self.key, system.s, fixed_gain_halves(system, _riccati(system)[0]))
         return assemble(self.key, system.s, linear_halves(system, ekf.correct(system.s)))
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`; exact, whatever `steady_state` says."""
+        system = self._system(model, dt)
+        parts = linear_halves(system, ekf.correct(system.s))
+        return passes(self.key, system.s, parts, linear_looks(system), covariance=covariance)
 
     def steady(self, model: Model, dt: float) -> tuple[Array, Array]:
         """Gain K (nx, ny) and covariance of the one-step prediction (nx, nx) in the steady state.

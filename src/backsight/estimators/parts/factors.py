@@ -4,7 +4,7 @@ The functions take SX and are then those of `backsight.algebra`, or MX. In the l
 one row after the other by its unit vector, so that no matrix has to be shifted.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -68,6 +68,25 @@ def solve_definite(A: Term, B: Term) -> Term:
     unit = ca.tril(factor) @ ca.diag(1 / d)
     column = ca.Function("solve_column", [b, factor], [solve_ldl(unit, d**2, b)])
     return each_column(column, B, cholesky(A))[0]
+
+
+def solve_lower(L: Term, B: Term) -> Term:
+    """Solve L X = B for lower triangular L, see `backsight.algebra.triangular.forward`."""
+    return _by_factor(triangular.forward, L, B)
+
+
+def solve_upper_semidefinite(L: Term, B: Term) -> Term:
+    """Solve L' X = B, see `backsight.algebra.triangular.backward_semidefinite`."""
+    return _by_factor(triangular.backward_semidefinite, L, B)
+
+
+def _by_factor(solve: Callable[[ca.SX, ca.SX], ca.SX], L: Term, B: Term) -> Term:
+    if not isinstance(L, ca.MX):
+        return solve(L, B)
+    n = L.shape[0]
+    factor, b = ca.SX.sym("L", n, n), ca.SX.sym("b", n)
+    column = ca.Function(f"{solve.__name__}_column", [b, factor], [solve(factor, b)])
+    return each_column(column, ca.densify(B), L)[0]
 
 
 def compress_rows(A: Term) -> Term:

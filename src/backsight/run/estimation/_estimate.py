@@ -111,7 +111,7 @@ def carry_out(
     seconds = time.perf_counter() - started
     result = as_result(
         aligned(outputs, recursion.lag),
-        recursion,
+        recursion.channels,
         task.estimator,
         task.model,
         task.recording,

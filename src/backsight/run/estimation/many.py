@@ -88,7 +88,7 @@ def estimate_many(
     results = [
         as_result(
             aligned(outputs, recursion.lag),
-            recursion,
+            recursion.channels,
             estimator,
             model,
             recording,

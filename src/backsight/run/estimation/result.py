@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.analysis.forces import REMARKS, force_remarks
-from backsight.engine.recursion import Channel, Recursion
+from backsight.engine.recursion import Channel
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._match import weights
@@ -16,7 +16,7 @@ from backsight.types import Array
 
 def as_result(
     outputs: Sequence[Array],
-    recursion: Recursion,
+    channels: Sequence[Channel],
     estimator: AbstractEstimator,
     model: Model,
     recording: xr.Dataset,
@@ -29,20 +29,22 @@ def as_result(
     Parameters
     ----------
     outputs : sequence of (n, l) arrays
-        Of the recursion, one row per sample.
-    recursion, estimator, model, recording
+        One row per sample.
+    channels : sequence of Channel
+        What they are.
+    estimator, model, recording
         What they come from.
     engine : str
     seconds : float
         Time that the run took.
     """
-    values = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
-    result = _dataset(values, recursion.channels, model, recording)
+    values = {c.name: c.unpack(o) for c, o in zip(channels, outputs, strict=True)}
+    result = _dataset(values, channels, model, recording)
     result.attrs |= {
         "estimator": estimator.key,
         "model": model.name,
         "engine": engine,
-        "dt": recursion.dt,
+        "dt": float(recording.attrs["dt"]),
         "seconds": seconds,
         "us_per_sample": seconds / result.sizes["time"] * 1e6,
         "schema": SCHEMA_VERSION,
@@ -55,7 +57,7 @@ def as_result(
 
 def _dataset(
     values: dict[str, np.ndarray],
-    channels: tuple[Channel, ...],
+    channels: Sequence[Channel],
     model: Model,
     recording: xr.Dataset,
 ) -> xr.Dataset:
@@ -69,8 +71,9 @@ def _dataset(
     raised = np.nan_to_num(values["status"]).astype(np.int32)
     values["status"] = np.where(finite, raised, raised | int(Status.NOT_FINITE)).astype(np.int32)
     dims = {c.name: ("time", *c.dims) for c in channels}
-    variance = np.einsum("kii->ki", values["P"])
-    values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
+    if "P" in values:
+        variance = np.einsum("kii->ki", values["P"])
+        values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
     flags = [bit for bit in Status if bit]
     result = xr.Dataset(
         {n: (dims[n], v, {"long_name": _long_name(n)}) for n, v in values.items()},
