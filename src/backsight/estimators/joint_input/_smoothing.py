@@ -34,9 +34,10 @@ from backsight.estimators.parts.covariance import Covariance, Term, transposed
 from backsight.estimators.parts.factors import cholesky, on_top
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
-from backsight.estimators.parts.linear import root
+from backsight.estimators.parts.linear import root, unstable
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.smoothing import (
+    blurred,
     combined,
     filter_channels,
     gathered,
@@ -102,6 +103,7 @@ def _back(found: Forces) -> ca.Function:
     system, s, m, direct = found.system, found.system.s, len(found.names), found.direct
     nx = s.model.nx
     A, E, G = ca.DM(system.A), ca.DM(found.E), ca.DM(root(s.Q))
+    noise = blurred(G) if unstable(system.A) else G
     known = ca.DM(np.linalg.inv(np.linalg.cholesky(found.spread)).T)
     rows = _rows(found)
     sizes = {
@@ -115,7 +117,7 @@ def _back(found: Forces) -> ca.Function:
     ) -> Results:  # fmt: skip
         Ct, Ft, e, lost_now = rows(x_prior, u, y, mask)
         # 1. What the samples ahead tell of A x + E d, and of each.
-        V, told = weakened(U, zeta, type(U)(G))
+        V, told = weakened(U, zeta, type(U)(noise))
         of_x, of_d = product(V, A), product(V, E)
         prior = (lost_now if direct else lost) * type(U)(known)
         none = type(U).zeros

@@ -12,10 +12,10 @@ from backsight.estimators.parts.covariance import Covariance, Term, times_transp
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.linear import Linear, root
+from backsight.estimators.parts.linear import Linear, root, unstable
 from backsight.estimators.parts.stages import measured_rows
 from backsight.estimators.parts.substeps import flow, substep_inputs
-from backsight.estimators.smoothing import Linearised
+from backsight.estimators.smoothing import Linearised, blurred
 
 
 def moved(s: Setting, integrator: Integrator) -> ca.Function:
@@ -44,7 +44,9 @@ def linear_looks(system: Linear) -> Linearised:
     """Of a linear model: the same at every sample."""
     s = system.s
     x, spread, u, u_next = _posterior(s)
-    F, G = (ca.MX(ca.densify(ca.DM(k))) for k in (system.A, root(system.s.Q)))
+    G = ca.DM(root(system.s.Q))
+    noise = blurred(G) if unstable(system.A) else G
+    F, G = (ca.MX(ca.densify(k)) for k in (ca.DM(system.A), noise))
     ahead = ca.Function("ahead", [x, spread, u, u_next], [F, G])
     return Linearised(root=covariance_root(s), ahead=ahead, seen=seen(s, at="prior"))
 
@@ -67,7 +69,7 @@ def ekf_looks(
         Ft = _mapped(s)(x, u)
     known = ca.MX(ca.DM.zeros(Covariance(nx).size))
     _, noise = halves.predict(x, known, u, u_next)
-    ahead = [_turned(s)(Ft), covariance_root(s)(noise)]
+    ahead = [_turned(s)(Ft), blurred(covariance_root(s)(noise))]
     function = ca.Function("ahead", [x, spread, u, u_next], ahead)
     return Linearised(root=covariance_root(s), ahead=function, seen=seen(s, at=at))
 

@@ -27,7 +27,7 @@ from backsight.estimators.parts.factors import (
     solve_upper_semidefinite,
 )
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.smoothing import Linearised
+from backsight.estimators.smoothing import Linearised, blurred
 from backsight.types import Array
 
 
@@ -51,13 +51,13 @@ def unscented_looks(
     """
     nx, ny, count = s.model.nx, s.model.ny, len(w.mean)
     sizes = {
-        "X": (nx, count), "Y": (ny, count), "L": (nx, nx), "noise": (ny, ny), "factor": (nx, nx),
+        "X": (nx, count), "Y": (ny, count), "L": (nx, nx), "noise": (ny, ny), "factor": (nx, 2 * nx),
         "Ht": (nx, ny), "Fm": (nx, nx),
     }  # fmt: skip
 
     def ahead(X: Term, L: Term) -> Results:
         Ft, G = regression(X, w, type(X)(ca.DM(Q)), L)
-        return {"Fm": transposed(Ft), "factor": G}
+        return {"Fm": transposed(Ft), "factor": blurred(G)}
 
     def weighed(Y: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         Y, e, R = masked(Y, y - Y @ ca.SX(w.mean), ca.SX(s.R), mask)

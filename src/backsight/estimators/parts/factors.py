@@ -94,16 +94,16 @@ def compress_rows(A: Term) -> Term:
     if not isinstance(A, ca.MX):
         return triangular.compress(A)
     n, m = A.shape
-    rows, unit, below = ca.MX.sym("rows", m, n), ca.MX.sym("unit", n), ca.MX.sym("below", n)
-    row, direction = ca.SX.sym("row", m), ca.SX.sym("direction", m)
+    left, unit, below = ca.MX.sym("rows", n, m), ca.MX.sym("unit", n), ca.MX.sym("below", n)
+    row = ca.SX.sym("row", m)
     size = ca.norm_2(row)
     normed = ca.Function("direction", [row], [row / ca.if_else(size > 0, size, 1)])
-    along = ca.dot(row, direction)
-    project = ca.Function("project", [row, direction], [row - along * direction, along])
-    d = normed(add_product(ca.MX.zeros(m, 1), rows, unit.T))
-    rest, along_all = each_column(project, rows, d)
-    body = ca.Function("gram_schmidt", [rows, unit, below], [rest, below * along_all.T])
-    _, (L,) = scan(body, n, carry=[transpose(A)], xs=_places(n))
+    d = normed(add_product(ca.MX.zeros(m, 1), transpose(left), unit.T))
+    along = add_product(ca.MX.zeros(n, 1), left, d.T)
+    body = ca.Function(
+        "gram_schmidt", [left, unit, below], [add_product(left, -along, d), below * along]
+    )
+    _, (L,) = scan(body, n, carry=[A], xs=_places(n))
     return L
 
 

@@ -22,9 +22,7 @@ from backsight.estimators.parts.covariance import Term, times_transposed, transp
 from backsight.estimators.parts.factors import compress_rows, solve_lower
 
 SHARPEST = 1e-15
-"""Nothing ahead tells a state better than to this standard deviation, in its scale: rounding.
-
-Without noise, what is known of an unstable motion would grow without limit on the way back."""
+"""Standard deviation of rounding, in the scale of a state, see `blurred`."""
 
 
 def weakened(U: Term, zeta: Term, G: Term) -> tuple[Term, Term]:
@@ -33,11 +31,17 @@ def weakened(U: Term, zeta: Term, G: Term) -> tuple[Term, Term]:
     With :math:`C C' = I + U' G G' U`: :math:`V' = C^{-1} U'`, and the right side
     :math:`C^{-1} \zeta`. This is :math:`J (I + Q J)^{-1}` for the information J = U U'.
     """
-    n = U.shape[0]
-    rounding = SHARPEST * transposed(U)
-    noise = ca.horzcat(_eye(U, n), product(transposed(U), G), rounding)
-    C = compress_rows(noise)
+    C = compress_rows(ca.horzcat(_eye(U, U.shape[0]), product(transposed(U), G)))
     return solve_lower(C, transposed(U)), solve_lower(C, zeta)
+
+
+def blurred(G: Term) -> Term:
+    """Factor of the process noise with that of rounding.
+
+    For motions that may be unstable: without noise, what is known of them would grow without limit
+    on the way back.
+    """
+    return ca.horzcat(G, SHARPEST * _eye(G, G.shape[0]))
 
 
 def combined(x: Term, L: Term, Vt: Term, zeta: Term) -> tuple[Term, Term]:
