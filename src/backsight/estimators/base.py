@@ -137,7 +137,7 @@ class AbstractEstimator(Description, abc.ABC):
         raise TuningError(
             f"{self.title} has no smoother over a whole recording; with the same noise and prior "
             "smooth by KalmanFilter if the model is linear, else by EKF, IEKF or UKF, and unknown "
-            "forces by JointInput"
+            "forces by JointInput (an MHE looks back over N samples with lag = N)"
         )
 
 

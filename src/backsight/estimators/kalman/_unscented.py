@@ -51,8 +51,8 @@ def unscented_looks(
     """
     nx, ny, count = s.model.nx, s.model.ny, len(w.mean)
     sizes = {
-        "X": (nx, count), "Y": (ny, count), "L": (nx, nx), "noise": (ny, ny), "factor": (nx, 2 * nx),
-        "Ht": (nx, ny), "Fm": (nx, nx),
+        "X": (nx, count), "Y": (ny, count), "L": (nx, nx), "Ht": (nx, ny), "Fm": (nx, nx),
+        "noise": (ny, ny), "factor": (nx, 2 * nx),
     }  # fmt: skip
 
     def ahead(X: Term, L: Term) -> Results:

@@ -9,6 +9,9 @@ from backsight.run.estimation._estimate import failure as failure
 from backsight.run.estimation._estimate import ready as ready
 from backsight.run.estimation._match import match as match
 from backsight.run.estimation._match import matched_inputs as matched_inputs
+from backsight.run.estimation._smooth import SmoothingTask as SmoothingTask
+from backsight.run.estimation._smooth import carry_out_smoothing as carry_out_smoothing
+from backsight.run.estimation._smooth import ready_to_smooth as ready_to_smooth
 from backsight.run.estimation._smooth import smooth as smooth
 from backsight.run.estimation._stream import stream as stream
 from backsight.run.estimation._window import solve_window as solve_window

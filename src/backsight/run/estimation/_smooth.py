@@ -6,16 +6,15 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import psutil
 import xarray as xr
 
 from backsight.description import checked
 from backsight.engine.execute import Engine, choose_engine, prepare, run_part
 from backsight.engine.recursion import Channel, ForwardBackward
-from backsight.errors import DataError, EstimationError
+from backsight.errors import EstimationError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.models.model import Model
-from backsight.run.estimation._estimate import failure
+from backsight.run.estimation._estimate import check_memory, failure, numbers_of
 from backsight.run.estimation._match import match
 from backsight.run.estimation.result import as_result
 from backsight.types import Array
@@ -77,6 +76,7 @@ def smooth(
     may be singular. See `backsight.estimators.smoothing.two_filter` and the page on smoothing.
     """
     task = ready_to_smooth(estimator, model, recording, covariance=covariance)
+    check_memory([task.numbers], task.samples)
     return carry_out_smoothing(task, engine=engine, throw=throw, progress=progress)
 
 
@@ -95,9 +95,19 @@ class SmoothingTask:
         """Number of samples of the recording."""
         return len(self.data[0])
 
+    @property
+    def numbers(self) -> int:
+        """Numbers that are needed for a sample of the result."""
+        lengths, channels = _lengths(self.passes), _channels(self.passes)
+        return numbers_of([channels[name] for name in lengths], list(lengths.values()))
+
 
 def ready_to_smooth(
-    estimator: AbstractEstimator, model: Model, recording: xr.Dataset, *, covariance: Spread
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    covariance: Spread = "full",
 ) -> SmoothingTask:
     """Check all but the memory that the result takes, see `smooth`."""
     data = match(model, recording, estimator=estimator)
@@ -109,7 +119,6 @@ def carry_out_smoothing(
     task: SmoothingTask, *, engine: str | None, throw: bool, progress: Callable[[int], None]
 ) -> xr.Dataset:
     """Run what is ready, see `smooth`."""
-    _check_memory(task)
     passes, chosen = task.passes, choose_engine(engine, task.samples)
     for one in (passes.forward, passes.backward):
         prepare(one, chosen)
@@ -185,19 +194,3 @@ def _lengths(passes: ForwardBackward) -> dict[str, int]:
     forward = zip(passes.forward.channels, passes.forward.output_sizes, strict=True)
     own = list(forward)[passes.handed :]
     return {channel.name: size for channel, size in (*back, *own)}
-
-
-def _check_memory(task: SmoothingTask) -> None:
-    """Raise `DataError` if the result would not fit into memory."""
-    channels = _channels(task.passes)
-    numbers = sum(
-        size * (3 if channels[name].symmetric else 2)
-        for name, size in _lengths(task.passes).items()
-    )
-    needed, available = 8 * numbers * task.samples, psutil.virtual_memory().available
-    if needed > available:
-        raise DataError(
-            f"the result of {task.samples} samples would take {needed / 1e9:.1f} GB of memory, but "
-            f"only {available / 1e9:.1f} GB are free; covariance='std' takes less, or smooth the "
-            "recording in parts"
-        )
