@@ -363,6 +363,16 @@ def test_windows_say_what_to_smooth_with(kind):
         bs.smooth(window, model, recording)
 
 
+def test_a_filter_that_is_another_does_not_smooth_as_its_base():
+    class Other(EKF):
+        def compile(self, model, dt):
+            return super().compile(model, dt)
+
+    model, recording, _ = pendulum(0, n=20)
+    with pytest.raises(TuningError, match="Other is another filter than EKF"):
+        bs.smooth(Other(**PENDULUM), model, recording)
+
+
 def test_continuous_measurements_are_refused():
     model, recording, _ = pendulum(0, n=20)
     with pytest.raises(TuningError, match="use 'sampled'"):

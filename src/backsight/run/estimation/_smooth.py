@@ -11,7 +11,7 @@ import xarray as xr
 from backsight.description import checked
 from backsight.engine.execute import Engine, choose_engine, prepare, run_part
 from backsight.engine.recursion import Channel, ForwardBackward
-from backsight.errors import EstimationError
+from backsight.errors import EstimationError, TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.models.model import Model
 from backsight.run.estimation._estimate import check_memory, failure, numbers_of
@@ -111,8 +111,23 @@ def ready_to_smooth(
 ) -> SmoothingTask:
     """Check all but the memory that the result takes, see `smooth`."""
     data = match(model, recording, estimator=estimator)
+    _check_own(type(estimator))
     passes = estimator.smoother(model, float(recording.attrs["dt"]), covariance=covariance)
     return SmoothingTask(estimator, model, recording, passes, data)
+
+
+def _check_own(kind: type[AbstractEstimator]) -> None:
+    """Raise `TuningError` if a class changes the filter of its base, but not the smoother."""
+    maker = {
+        method: next(c for c in kind.__mro__ if method in vars(c))
+        for method in ("compile", "smoother")
+    }
+    base = maker["smoother"]
+    if base is not AbstractEstimator and maker["compile"] is not base:
+        raise TuningError(
+            f"{kind.__name__} is another filter than {base.__name__}, but has its smoother: give "
+            "it a method 'smoother' of its own"
+        )
 
 
 def carry_out_smoothing(
