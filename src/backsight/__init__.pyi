@@ -50,6 +50,7 @@ from backsight.report import report as report
 from backsight.run.compare import compare as compare
 from backsight.run.estimation import estimate as estimate
 from backsight.run.estimation import estimate_many as estimate_many
+from backsight.run.estimation import smooth as smooth
 from backsight.run.estimation import solve_window as solve_window
 from backsight.run.estimation import stream as stream
 from backsight.run.simulation import simulate as simulate

@@ -12,9 +12,9 @@ from backsight.discrete.steps import (
     ACCURATE,
     accuracy,
     advanced,
-    choose,
     complaint,
     over_sample,
+    settle_steps,
     steps_needed,
 )
 from backsight.errors import TuningError
@@ -84,7 +84,7 @@ def with_gravity() -> Model:
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
 def test_linear_models_are_carried_by_the_matrix_exponential(hold):
     model = with_gravity()
-    chosen = choose(Integrator(hold=hold), model, lambda: one(-1.0), dt=DT)
+    chosen = settle_steps(Integrator(hold=hold), model, lambda: one(-1.0), dt=DT)
     assert (chosen.scheme, chosen.steps) == ("exact", 1)
     x, a, b = (ca.SX.sym(n, k) for n, k in (("x", 3), ("a", 1), ("b", 1)))
     moved = ca.Function("m", [x, a, b], [advanced(chosen, model, x, ua=a, ub=b, h=DT)])
@@ -116,22 +116,23 @@ def test_the_range_of_the_prior_counts():
     assert np.abs(narrow.values).max() == pytest.approx(20.0, rel=1e-2)
     assert np.abs(wide.values).max() == pytest.approx(np.sqrt(400 + 3e4), rel=1e-6)
     n, m = (
-        choose(Integrator("rk4"), duffing(), lambda k=k: k, dt=DT).steps for k in (narrow, wide)
+        settle_steps(Integrator("rk4"), duffing(), lambda k=k: k, dt=DT).steps
+        for k in (narrow, wide)
     )
     assert n < m
 
 
 def test_the_cheaper_method_is_taken():
     modes = modes_over(duffing(4e5), np.zeros(2), np.array([1e-3, 1.0]))
-    chosen = choose(Integrator(), duffing(4e5), lambda: modes, dt=DT)
+    chosen = settle_steps(Integrator(), duffing(4e5), lambda: modes, dt=DT)
     costs = {s: steps_needed(s, modes, dt=DT) * len(TABLEAUS[s].b) for s in ("rk4", "dopri5")}
     assert chosen.steps * len(TABLEAUS[chosen.scheme].b) == min(costs.values())
 
 
 def test_explicit_choices_stay():
     for given in (Integrator("heun", 3, "foh"), Integrator("rk4", 1)):
-        assert choose(given, duffing(), lambda: one(-1.0), dt=DT) == given
-    assert choose(Integrator(substeps=2), duffing(), dict, dt=DT) == Integrator("rk4", 2)
+        assert settle_steps(given, duffing(), lambda: one(-1.0), dt=DT) == given
+    assert settle_steps(Integrator(substeps=2), duffing(), dict, dt=DT) == Integrator("rk4", 2)
 
 
 def test_a_discrete_model_needs_no_step():
@@ -154,9 +155,9 @@ def test_too_stiff_for_every_explicit_method():
     with pytest.raises(
         TuningError, match=r"400 steps .* the mode of '[qv]' \(eigenvalue -1\+3.162e"
     ):
-        choose(Integrator(), duffing(1e11), lambda: modes, dt=DT)
+        settle_steps(Integrator(), duffing(1e11), lambda: modes, dt=DT)
     with pytest.raises(TuningError, match="'exact' is for linear models"):
-        choose(Integrator("exact"), duffing(), lambda: modes, dt=DT)
+        settle_steps(Integrator("exact"), duffing(), lambda: modes, dt=DT)
 
 
 def test_a_coarse_choice_is_told_with_what_would_do():

@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 import small_problem
+from backsight.errors import ProblemError
 from backsight.estimators import EKF, MHO
 from backsight.problem import load, run_problem
 from backsight.schema import check_result
@@ -76,6 +77,24 @@ def test_progress_ends_with_all_samples(out):
     _, _, steps = out
     n = small_problem.SAMPLES
     assert [s for s in steps if s[1] == n] == [("EKF", n, n), ("MHO", n, n)]
+
+
+def test_an_estimator_may_smooth_the_recording(tmp_path):
+    wanted = 'kind = "ekf"\n'
+    text = small_problem.TEXT.replace(wanted, wanted + "smooth = true\n")
+    results = run_problem(
+        load(small_problem.write(tmp_path, text)), tmp_path / "out", progress=lambda *_: None
+    )
+    known = results["EKF"]
+    check_result(known)
+    assert known.attrs["smoothed"] == 1
+    assert "smoothed" not in results["MHO"].attrs
+    assert (known["x_std"].sel(state="k") <= known["x_std"].sel(state="k")[-1] * 1.001).all()
+    windowed = text.replace('kind = "mho"\n', 'kind = "mho"\nsmooth = true\n')
+    problem = load(small_problem.write(tmp_path, windowed))
+    with pytest.raises(ProblemError, match=r"estimators\.MHO: .* no smoother"):
+        run_problem(problem, tmp_path / "refused", progress=lambda *_: None)
+    assert not (tmp_path / "refused").exists()
 
 
 def test_the_recording_is_read_as_the_file_says(tmp_path, monkeypatch):

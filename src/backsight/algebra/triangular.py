@@ -43,11 +43,29 @@ def downdate(L: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
     return ca.tril(L), definite
 
 
-def forward(L: ca.SX, b: ca.SX) -> ca.SX:
-    """Solve L x = b for lower triangular L (n, n) and b (n,)."""
-    x = ca.SX(ca.densify(b))
+def forward(L: ca.SX, B: ca.SX) -> ca.SX:
+    """Solve L X = B for lower triangular L (n, n) and B (n, m)."""
+    X = ca.SX(ca.densify(B))
     for i in range(L.shape[0]):
         for j in range(i):
-            x[i] -= L[i, j] * x[j]
-        x[i] /= L[i, i]
-    return x
+            X[i, :] -= L[i, j] * X[j, :]
+        X[i, :] /= L[i, i]
+    return X
+
+
+NOTHING = 1e-12
+"""A pivot below this share of its row is rounding error: the direction carries no variance."""
+
+
+def backward_semidefinite(L: ca.SX, B: ca.SX) -> ca.SX:
+    """Solve L' X = B for the lower factor L (n, n) of a covariance and B (n, m).
+
+    Rows of X that belong to directions without variance are zero.
+    """
+    X = ca.SX(ca.densify(B))
+    for i in reversed(range(L.shape[0])):
+        for j in range(i + 1, L.shape[0]):
+            X[i, :] -= L[j, i] * X[j, :]
+        some = L[i, i] > NOTHING * ca.norm_2(L[i, :])
+        X[i, :] = ca.if_else(some, X[i, :] / ca.if_else(some, L[i, i], 1), 0)
+    return X

@@ -102,7 +102,9 @@ def steps_needed(scheme: RungeKutta, modes: Modes, *, dt: float) -> int | None:
     return next((n for n in tried if accuracy(scheme, modes, dt=dt, steps=n).fine), None)
 
 
-def choose(given: Integrator, model: Model, modes: Callable[[], Modes], *, dt: float) -> Integrator:
+def settle_steps(
+    given: Integrator, model: Model, modes: Callable[[], Modes], *, dt: float
+) -> Integrator:
     """Settle what a description leaves open.
 
     Parameters
@@ -181,7 +183,7 @@ def complaint(chosen: Integrator, modes: Callable[[], Modes], *, dt: float) -> s
     )
 
 
-def told(chosen: Integrator) -> str:
+def in_words(chosen: Integrator) -> str:
     """The choice in words."""
     hold = "held" if chosen.hold == "zoh" else "interpolated"
     if chosen.scheme == "exact":

@@ -61,6 +61,14 @@ def run_recursion(
     return run(recursion, data, carry=recursion.carry0, progress=progress)[1]
 
 
+def run_part(
+    recursion: Recursion, carry: Array, data: Sequence[Array], *, engine: str
+) -> tuple[Array, list[Array]]:
+    """Apply the step to some samples: the memory after them, and the outputs, a row each."""
+    run: Run = _module(engine).run
+    return run(recursion, data, carry=carry)
+
+
 def stepper(recursion: Recursion, engine: str) -> native.Stepper | vm.Stepper:
     """Apply a recursion to samples as they come.
 

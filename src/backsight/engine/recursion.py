@@ -115,3 +115,26 @@ class Recursion:
     def output_sizes(self) -> tuple[int, ...]:
         """Lengths of the output vectors of one sample."""
         return tuple(self.step.numel_out(i) for i in range(1, self.step.n_out()))
+
+
+@dataclasses.dataclass(frozen=True)
+class ForwardBackward:
+    """A pass from the first sample to the last, and one back that takes what the first handed on.
+
+    Parameters
+    ----------
+    forward : Recursion
+        ``(carry, u, y, mask) -> (carry, *outputs)``; the first outputs are for the way back, the
+        others are results.
+    backward : Recursion
+        ``(carry, *handed, u, u_next, y, mask) -> (carry, *outputs)``, from the last sample to the
+        first; `u_next` is the input of the sample after.
+    """
+
+    forward: Recursion
+    backward: Recursion
+
+    @property
+    def handed(self) -> int:
+        """Number of outputs of the forward pass that the backward pass takes."""
+        return len(self.backward.input_sizes) - len(self.forward.input_sizes) - 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -15,8 +15,8 @@ from backsight.description import Description
 from backsight.discrete.modes import Modes, modes_at, modes_over
 from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Hold, Integrator
-from backsight.discrete.steps import choose, complaint
-from backsight.engine.recursion import Channel, Recursion
+from backsight.discrete.steps import complaint, settle_steps
+from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
@@ -25,6 +25,9 @@ from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.schema import Innovations
 from backsight.types import Array
+
+Spread: TypeAlias = Literal["full", "std"]
+"""What a smoother puts out of the covariance: all of it, or standard deviations."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +95,7 @@ class AbstractEstimator(Description, abc.ABC):
         """The integrator with nothing left open, None if the estimator or the model needs none."""
         if self.integration is None or not model.continuous:
             return None
-        return choose(self.integration, model, lambda: self.modes(model), dt=dt)
+        return settle_steps(self.integration, model, lambda: self.modes(model), dt=dt)
 
     def modes(self, model: Model) -> Modes:
         """What has to be carried over: the modes of the model over the range of the prior."""
@@ -138,6 +141,30 @@ class AbstractEstimator(Description, abc.ABC):
         TuningError, ModelError
             If the description does not fit the model.
         """
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """Turn the description into a pass forward and a pass back, see `backsight.smooth`.
+
+        Parameters
+        ----------
+        model, dt
+            As in `compile`.
+        covariance : {"full", "std"}
+            What to put out of the covariance.
+
+        Raises
+        ------
+        TuningError
+            If the estimator has no smoother: it is no filter with a Gaussian prior at every sample.
+        TuningError, ModelError
+            If the description does not fit the model.
+        """
+        del model, dt, covariance
+        raise TuningError(
+            f"{self.title} has no smoother over a whole recording; with the same noise and prior "
+            "smooth by KalmanFilter if the model is linear, else by EKF, IEKF or UKF, and unknown "
+            "forces by JointInput (an MHE looks back over N samples with lag = N)"
+        )
 
 
 EXACT = Integrator("exact", 1)
@@ -255,7 +282,7 @@ def setting(
     chosen = EXACT
     if integrator is not None:
         over = np.sqrt(np.diag(P0))
-        chosen = choose(integrator, model, lambda: modes_over(model, x0, over), dt=dt)
+        chosen = settle_steps(integrator, model, lambda: modes_over(model, x0, over), dt=dt)
     walk = np.diag(found["Q"]) + dt * np.diag(found["Qc"])
     spread = np.sqrt(np.diag(found["P0"]) + WALK_SAMPLES * walk)
     typical = np.maximum(np.abs(found["x0"]), spread)

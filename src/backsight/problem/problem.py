@@ -28,6 +28,8 @@ class Problem(Printed):
         Augmented by the parameters and disturbances to estimate.
     estimators : dict
         Name to estimator, in the order of the file.
+    smoothed : set of str
+        Names of the estimators whose recording is smoothed.
     reference : dict
         State to known value [its unit].
     report : bool
@@ -40,5 +42,6 @@ class Problem(Printed):
     recording: RecordingTable
     model: Model
     estimators: Mapping[str, AbstractEstimator]
+    smoothed: frozenset[str]
     reference: Mapping[str, float]
     report: bool

@@ -18,7 +18,7 @@ from backsight.problem.recorded import recording_of
 from backsight.problem.seeing import doubts
 from backsight.report import report
 from backsight.run.compare import Comparison, compared
-from backsight.run.estimation import Task, failure, match, ready
+from backsight.run.estimation import SmoothingTask, Task, failure, match, ready, ready_to_smooth
 
 ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
 
@@ -82,16 +82,17 @@ def run_problem(
     return results
 
 
-def _ready(problem: Problem, data: xr.Dataset) -> dict[str, Task]:
+def _ready(problem: Problem, data: xr.Dataset) -> dict[str, Task | SmoothingTask]:
     """Compile every estimator; what does not fit is found before the first one has run."""
     for estimator in problem.estimators.values():
         match(problem.model, data, estimator=estimator)
     with at("model"):
         check_sampling(problem.model, float(data.attrs["dt"]))
-    tasks = {}
+    tasks: dict[str, Task | SmoothingTask] = {}
     for name, estimator in problem.estimators.items():
         with at(f"estimators.{name}"), ALL_ESTIMATORS.blamed(estimator.key):
-            tasks[name] = ready(estimator, problem.model, data)
+            prepared = ready_to_smooth if name in problem.smoothed else ready
+            tasks[name] = prepared(estimator, problem.model, data)
     return tasks
 
 

@@ -9,7 +9,7 @@ from backsight.analysis.observability import (
     check_observability,
     check_observability_along,
 )
-from backsight.discrete.steps import complaint, told
+from backsight.discrete.steps import complaint, in_words
 from backsight.errors import ModelError, TuningError
 from backsight.problem.problem import Problem
 from backsight.run.estimation import matched_inputs
@@ -65,7 +65,7 @@ def integration(problem: Problem, data: xr.Dataset) -> list[str]:
     """How the estimators carry the model from sample to sample, a line each."""
     dt, model = float(data.attrs["dt"]), problem.model
     chosen = {name: e.chosen(model, dt) for name, e in problem.estimators.items()}
-    return [f"{name}: {told(c)}" for name, c in chosen.items() if c is not None]
+    return [f"{name}: {in_words(c)}" for name, c in chosen.items() if c is not None]
 
 
 def coarse_steps(problem: Problem, data: xr.Dataset) -> list[str]:

@@ -1,6 +1,7 @@
 """Run several estimators over the same recording."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator, Mapping
 
 import xarray as xr
@@ -13,7 +14,14 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run._ranking import as_text, final_values, ranking, true_errors
 from backsight.run.diagnosis import audited
-from backsight.run.estimation import Task, carry_out, check_memory, ready
+from backsight.run.estimation import (
+    SmoothingTask,
+    Task,
+    carry_out,
+    carry_out_smoothing,
+    check_memory,
+    ready,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +107,7 @@ def compare(
 
 
 def compared(
-    tasks: Mapping[str, Task],
+    tasks: Mapping[str, Task | SmoothingTask],
     *,
     engine: Engine | None = None,
     throw: bool = True,
@@ -107,11 +115,15 @@ def compared(
 ) -> Comparison:
     """Run what is ready, see `compare`: estimators of one model over one recording."""
     samples = next(iter(tasks.values())).samples
-    check_memory([task.recursion for task in tasks.values()], samples)
-    results = {
-        name: carry_out(task, engine=engine, throw=throw, progress=lambda k, n=name: progress(n, k))
-        for name, task in tasks.items()
-    }
+    check_memory([task.numbers for task in tasks.values()], samples)
+    results = {}
+    for name, task in tasks.items():
+        told = functools.partial(progress, name)
+        if isinstance(task, SmoothingTask):
+            found = carry_out_smoothing(task, engine=engine, throw=throw, progress=told)
+        else:
+            found = carry_out(task, engine=engine, throw=throw, progress=told)
+        results[name] = found
     estimators = {name: task.estimator for name, task in tasks.items()}
     first = next(iter(tasks.values()))
     return Comparison(audited(results, estimators, first.model, first.recording))

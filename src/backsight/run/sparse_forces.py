@@ -2,12 +2,11 @@
 
 import time
 
-import casadi as ca
 import numpy as np
 import xarray as xr
 
 from backsight.description import checked
-from backsight.engine.recursion import Channel, Recursion
+from backsight.engine.recursion import Channel
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
@@ -69,7 +68,7 @@ def find_sparse_forces(
     fit = (selection or Greedy()).select(search)
     result = as_result(
         _outputs(search, fit),
-        _named(search, float(recording.attrs["dt"])),
+        _channels(search),
         estimator,
         model,
         recording,
@@ -95,16 +94,15 @@ def prepared(estimator: CompressiveSensingMHE, model: Model, recording: xr.Datas
     )
 
 
-def _named(search: ForceSearch, dt: float) -> Recursion:
-    """Names of the outputs; there is no step that makes them one by one."""
+def _channels(search: ForceSearch) -> tuple[Channel, ...]:
+    """Names of the outputs."""
     names = search.filter.forced.names
     forces = (Channel(n, ("force",), labels=names) for n in ("d_hat", "d_std"))
-    nothing = ca.Function("whole", [], [])
-    return Recursion(nothing, np.zeros(0), (*ESTIMATE_CHANNELS, *forces), dt)
+    return (*ESTIMATE_CHANNELS, *forces)
 
 
 def _outputs(search: ForceSearch, fit: Fit) -> list[Array]:
-    """Outputs of the channels of `_named`, (n, length) each, physical."""
+    """Outputs of the channels of `_channels`, (n, length) each, physical."""
     f = search.filter
     forced, system, s = f.forced, f.forced.system, f.forced.system.s
     pulses = search.pulses(fit.which)

@@ -12,7 +12,7 @@ from backsight.analysis.observability._sensors import Sensor, repairs
 from backsight.description import Positive, Printed, checked
 from backsight.discrete.modes import modes_over
 from backsight.discrete.runge_kutta import Integrator
-from backsight.discrete.steps import choose
+from backsight.discrete.steps import settle_steps
 from backsight.errors import ModelError
 from backsight.models.lti import state_space
 from backsight.models.model import Model
@@ -193,7 +193,7 @@ def check_observability_along(
     given = Integrator() if integrator is None else integrator
 
     def rows(m: Model) -> tuple[Array, Array]:
-        method = choose(given, m, lambda: modes_over(m, start, np.zeros(m.nx)), dt=dt)
+        method = settle_steps(given, m, lambda: modes_over(m, start, np.zeros(m.nx)), dt=dt)
         return sensitivities(m, u, dt=dt, x0=start, integrator=method)
 
     stack, size = rows(model)

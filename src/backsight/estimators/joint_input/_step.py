@@ -30,7 +30,9 @@ def step(found: Forces) -> ca.Function:
     input, started is 1 but at the first sample, and the data have physical units, to ``x_next,
     P_next`` for the coming sample; ``x_post``, its covariance as ``triangle``, all inputs ``v``,
     the innovation ``e`` and its covariance as ``spread``, ``flags``, all scaled; and the forces
-    ``d`` with the lower triangle ``d_triangle`` of their covariance, physical.
+    ``d`` with the lower triangle ``d_triangle`` of their covariance, physical. For the smoother,
+    scaled: the prior after the ramp ``prior``, the forces ``d_scaled``, and all of the covariance
+    of states and forces as ``joint``.
     """
     s, C, Q = found.system.s, _sparse(found.system.C), ca.DM(found.system.s.Q)
     gains, ahead, tail = _gains(found), _ahead(found), _tail(found)
@@ -40,8 +42,9 @@ def step(found: Forces) -> ca.Function:
         # The covariance of states and forces together, and that of the states ahead.
         joint = symmetric_part(congruence(known["T"], P, known["V"]))
         triangle, d_triangle = tail(joint)
-        kept = ("x_next", "x_post", "v", "e", "spread", "flags", "d")
+        kept = ("x_next", "x_post", "v", "e", "spread", "flags", "d", "prior", "d_scaled")
         return {
+            "joint": ca.densify(joint),
             "P_next": congruence(ahead, joint, Q),
             "triangle": triangle,
             "d_triangle": d_triangle,
@@ -96,7 +99,7 @@ def _gains(found: Forces) -> ca.Function:
         S = Cm @ seen + R
         K = solve_spd(S, seen.T).T
         W = solve_spd(S, H)
-        lost = _lost(acted * ca.diag(measured(mask)) @ F, found.H)
+        lost = lost_forces(acted * ca.diag(measured(mask)) @ F, found.H)
         M = solve_spd(H.T @ W + lost * ca.SX(np.linalg.inv(found.spread)), W.T)
         d = M @ e
 
@@ -121,6 +124,8 @@ def _gains(found: Forces) -> ca.Function:
             "x_next": x_next,
             "x_post": x_post,
             "d": force,
+            "d_scaled": d,
+            "prior": prior,
             "v": ca.vertcat(u, force / s.su[nu:]),
             "e": measured(mask) * missed,
             "spread": vech(ca.densify(ca.SX(C) @ PCt + noise_of(ca.SX(s.R), mask))),
@@ -133,7 +138,7 @@ def _gains(found: Forces) -> ca.Function:
     return leaf("joint_input_gains", sizes, formula)
 
 
-def _lost(H: ca.SX, complete: Array) -> ca.SX:
+def lost_forces(H: ca.SX, complete: Array) -> ca.SX:
     """1 if the measured rows of H do not determine the forces, else 0; columns of length one."""
     known = smallest_pivot(ca.SX(complete.T @ complete))
     told = ca.fmin(smallest_pivot(H.T @ H) / known, ca.mmin(ca.diag(H.T @ H)))

@@ -9,9 +9,10 @@ import numpy as np
 
 from backsight.description import Called, Distinct, Range, Sound
 from backsight.discrete.runge_kutta import Hold
-from backsight.engine.recursion import Channel, Recursion
+from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import ModelError, TuningError
-from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
+from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread
+from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
 from backsight.estimators.parts.covariance import Covariance
@@ -108,6 +109,13 @@ class JointInput(AbstractEstimator):
 
     def compile(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.compile`."""
+        return _recursion(self.key, self._forces(model, dt))
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`; the forces are smoothed, too."""
+        return joint_passes(self.key, self._forces(model, dt), covariance=covariance)
+
+    def _forces(self, model: Model, dt: float) -> Forces:
         try:
             joined = forces_as_inputs(model, self.forces)
         except ModelError as error:
@@ -115,8 +123,7 @@ class JointInput(AbstractEstimator):
         system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
         check_sampling(joined, dt)
         found = forces_of(system, self.forces)
-        found = dataclasses.replace(found, spread=self._spread(found, joined))
-        return _recursion(self.key, found)
+        return dataclasses.replace(found, spread=self._spread(found, joined))
 
     def _spread(self, found: Forces, joined: Model) -> Array:
         """Covariance of forces that the measurements do not determine, scaled, (m, m)."""

@@ -11,9 +11,11 @@ from backsight.algebra.factor import smallest_pivot
 from backsight.algebra.update import masked, measured, noise_of
 from backsight.description import Sound
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.recursion import Recursion
-from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.engine.recursion import ForwardBackward, Recursion
+from backsight.errors import TuningError
+from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
+from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.prediction import Propagation, predict, transition
 from backsight.estimators.kalman.square_root import square_root_halves, wide
 from backsight.estimators.parts.covariance import (
@@ -27,6 +29,7 @@ from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations
@@ -112,6 +115,15 @@ class EKF(AbstractEstimator):
         spread = dataclasses.replace(s, Q=np.zeros_like(s.Q), Qc=s.Qc + s.Q / dt)
         step = transition(spread, s.integrator)
         return assemble_continuous(self.key, s, parts, transition=step, integrator=s.integrator)
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`."""
+        if self.measurement == "continuous":
+            raise TuningError("measurement='continuous' cannot be smoothed; use 'sampled'")
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        parts = ekf_halves(s, s.integrator, self.covariance)
+        looks = ekf_looks(s, s.integrator, parts, at="prior")
+        return passes(self.key, s, parts, looks, covariance=covariance)
 
 
 def ekf_halves(s: Setting, integrator: Integrator, covariance: Propagation) -> Halves:

@@ -10,8 +10,9 @@ from backsight.algebra.update import masked
 from backsight.description import Count, NonNegative
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate
-from backsight.engine.recursion import Recursion
-from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.engine.recursion import ForwardBackward, Recursion
+from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
+from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.ekf import correct, ekf_halves
 from backsight.estimators.kalman.prediction import Propagation
 from backsight.estimators.kalman.square_root import refuse_too_wide
@@ -20,6 +21,7 @@ from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations
@@ -101,6 +103,14 @@ class IEKF(AbstractEstimator):
         once = ekf_halves(s, s.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)
         return assemble(self.key, s, dataclasses.replace(once, correct=iterated))
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`."""
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        once = ekf_halves(s, s.integrator, self.covariance)
+        parts = dataclasses.replace(once, correct=_correct(s, self.max_iterations, self.tolerance))
+        looks = ekf_looks(s, s.integrator, parts, at="estimate")
+        return passes(self.key, s, parts, looks, covariance=covariance)
 
 
 def _correct(s: Setting, limit: int, tolerance: float) -> ca.Function:

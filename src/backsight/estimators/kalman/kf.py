@@ -8,10 +8,11 @@ import numpy as np
 import scipy
 
 from backsight.discrete.runge_kutta import Hold
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
-from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman._linearised import linear_looks
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.kalman.square_root import square_root_halves, wide
 from backsight.estimators.parts.covariance import Covariance, Term
@@ -19,6 +20,7 @@ from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.fixed_gain import correct_with
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear, linear
+from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations
@@ -83,6 +85,12 @@ class KalmanFilter(AbstractEstimator):
             ramp = ramp_end(system) if system.ramp else None
             return assemble(self.key, system.s, square_root_halves(system.s, ramp=ramp))
         return assemble(self.key, system.s, linear_halves(system, ekf.correct(system.s)))
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`; exact, whatever `steady_state` says."""
+        system = self._system(model, dt)
+        parts = linear_halves(system, ekf.correct(system.s))
+        return passes(self.key, system.s, parts, linear_looks(system), covariance=covariance)
 
     def steady(self, model: Model, dt: float) -> tuple[Array, Array]:
         """Gain K (nx, ny) and covariance of the one-step prediction (nx, nx) in the steady state.

@@ -60,7 +60,7 @@ def predict(s: Setting, integrator: Integrator, covariance: Propagation) -> ca.F
     xs, held = substep_inputs(integrator, u, u_next)
     if covariance == "discrete" and integrator.scheme != "exact":
         start = [x, ca.MX(ca.DM.eye(nx).full())]
-        final, _ = scan(_sensitivity(s, integrator), n, carry=start, xs=xs, constants=held)
+        final, _ = scan(sensitivity(s, integrator), n, carry=start, xs=xs, constants=held)
         ends = [final[0], _carried(s)(final[1], P)]
     else:
         by_ode = covariance == "ode" and integrator.scheme != "exact"
@@ -131,7 +131,7 @@ def _ode(s: Setting, integrator: Integrator) -> ca.Function:
     return leaf("ode", {**notation(s), "frozen": s.model.nx}, formula)
 
 
-def _sensitivity(s: Setting, integrator: Integrator) -> ca.Function:
+def sensitivity(s: Setting, integrator: Integrator) -> ca.Function:
     """One sub-step of the state and of F', see `predict`: ``(x, F', ua, ub) -> (x, F')``."""
     moved, nx = moved_by(s, integrator), s.model.nx
 

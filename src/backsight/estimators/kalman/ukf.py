@@ -13,9 +13,10 @@ from backsight.algebra.update import masked, measured, noise_of
 from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
-from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
+from backsight.estimators.kalman._unscented import unscented_looks
 from backsight.estimators.kalman.square_root import covariance_of_factor
 from backsight.estimators.parts.covariance import Covariance, Term, times_transposed
 from backsight.estimators.parts.factors import (
@@ -31,9 +32,11 @@ from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
+from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations
+from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,6 +92,21 @@ class UKF(AbstractEstimator):
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
         points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
         return assemble(self.key, s, ukf_halves(s, s.integrator, points))
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`."""
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        w = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
+        looks = unscented_looks(
+            s,
+            w,
+            opened=_opened(s),
+            moved=_images(s, w, s.integrator),
+            shown=_shown(s, w),
+            Q=_noise_root(s),
+        )
+        parts = ukf_halves(s, s.integrator, w)
+        return passes(self.key, s, parts, looks, covariance=covariance)
 
 
 def points_of(s: Setting, *, alpha: float, beta: float, kappa: float) -> Weights:
@@ -194,10 +212,10 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     return half("correct", s, formula, {"spread": kept.size})
 
 
-def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
-    """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
-    kept, h = Factor(Covariance(s.model.nx)), s.dt / integrator.steps
-    sizes = {"spread": kept.size, "X": (s.model.nx, len(w.mean))}
+def _images(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
+    """Sigma points one sample later, ``(x, spread, u, u_next) -> X``."""
+    size, h = Factor(Covariance(s.model.nx)).size, s.dt / integrator.steps
+    sizes = {"spread": size, "X": (s.model.nx, len(w.mean))}
 
     def advance(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
         if not s.model.continuous:
@@ -211,7 +229,18 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
         lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
         sizes,
     )
-    noise = cholesky_factor(s.sampled().Q)
+    start = half("sigma_points", s, lambda x, spread: {"X": _points(s, w, x, spread)[0]}, sizes)
+    x, spread = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", size)
+    u, u_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
+    xs, held = substep_inputs(integrator, u, u_next)
+    steps = integrator.steps if s.model.continuous else 1
+    (end,), _ = scan(all_points, steps, carry=[start(x, spread)], xs=xs, constants=held)
+    return ca.Function("images", [x, spread, u, u_next], [end])
+
+
+def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
+    """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
+    kept, noise = Factor(Covariance(s.model.nx)), _noise_root(s)
 
     def gathered(X: Term, spread: Term) -> Results:
         mean = times_transposed(X, ca.DM(w.mean).T)
@@ -219,12 +248,30 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
         L_next = ca.if_else(definite, kept.closed(L), spread[:-1])
         return {"x_next": mean, "spread_next": ca.vertcat(L_next, 1 - definite)}
 
-    start = half("sigma_points", s, lambda x, spread: {"X": _points(s, w, x, spread)[0]}, sizes)
-    gather = half("gather", s, gathered, sizes)
+    gather = half("gather", s, gathered, {"spread": kept.size, "X": (s.model.nx, len(w.mean))})
+    images = _images(s, w, integrator)
+    given = [ca.MX.sym(images.name_in(i), images.numel_in(i)) for i in range(4)]
+    return ca.Function("predict", given, gather.call([images(*given), given[1]]))
 
-    m_x, m_L = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", kept.size)
-    m_u, m_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
-    xs, held = substep_inputs(integrator, m_u, m_next)
-    steps = integrator.steps if s.model.continuous else 1
-    (end,), _ = scan(all_points, steps, carry=[start(m_x, m_L)], xs=xs, constants=held)
-    return ca.Function("predict", [m_x, m_L, m_u, m_next], gather.call([end, m_L]))
+
+def _noise_root(s: Setting) -> Array:
+    """Factor of the process noise of a sample."""
+    return cholesky_factor(s.sampled().Q)
+
+
+def _opened(s: Setting) -> ca.Function:
+    """Spread to the lower factor (nx, nx)."""
+    kept = Factor(Covariance(s.model.nx))
+    sizes = {"spread": kept.size}
+    return half("opened", s, lambda spread: {"L": ca.densify(kept.opened(spread))}, sizes)
+
+
+def _shown(s: Setting, w: Weights) -> ca.Function:
+    """Outputs at the sigma points, ``(x, spread, u) -> Y``."""
+
+    def formula(x: Term, spread: Term, u: Term) -> Results:
+        output = leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)})
+        return {"Y": each_column(output, _points(s, w, x, spread)[0], u)[0]}
+
+    sizes = {"spread": Factor(Covariance(s.model.nx)).size, "Y": (s.model.ny, len(w.mean))}
+    return half("shown", s, formula, sizes)

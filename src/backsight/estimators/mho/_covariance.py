@@ -18,7 +18,7 @@ import numpy as np
 from backsight.engine.dense import add_product
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
-from backsight.estimators.mho._linearised import Steps
+from backsight.estimators.mho._linearised import LinearisedSteps
 from backsight.estimators.parts.covariance import Covariance, Term, transposed
 from backsight.estimators.parts.leaf import Results, Symmetric, half
 from backsight.types import Array
@@ -54,7 +54,7 @@ def no_errors(s: Setting, N: int) -> dict[str, Array]:
 
 
 def true_covariance(
-    s: Setting, errors: Errors, steps: Steps, *, N: int, alpha: float
+    s: Setting, errors: Errors, steps: LinearisedSteps, *, N: int, alpha: float
 ) -> tuple[ca.MX, Errors]:
     """Covariance of the estimate at the end of the window, and the errors of the next start."""
     nx, ny = s.model.nx, s.model.ny

@@ -32,7 +32,7 @@ class Corrections:
 
 
 @dataclasses.dataclass(frozen=True)
-class Steps:
+class LinearisedSteps:
     """What the observer did, linearised.
 
     Parameters

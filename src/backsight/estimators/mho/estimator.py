@@ -16,7 +16,12 @@ from backsight.estimators.kalman.prediction import Propagation, predict
 from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.mho._cost import window_cost
 from backsight.estimators.mho._covariance import Errors, no_errors, true_covariance
-from backsight.estimators.mho._linearised import Corrections, Steps, corrections, variation
+from backsight.estimators.mho._linearised import (
+    Corrections,
+    LinearisedSteps,
+    corrections,
+    variation,
+)
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
@@ -189,7 +194,7 @@ class MHO(AbstractEstimator):
         start: tuple[ca.MX, ca.MX],
         passed: list[ca.MX],
         Sigma: ca.MX,
-    ) -> Steps:
+    ) -> LinearisedSteps:
         """Linearise pre-filter, window and post-filter at the states that they `passed`."""
         U, M = window
         seen = corrections(s)
@@ -198,7 +203,7 @@ class MHO(AbstractEstimator):
         _, later = scan(seen, self.N, carry=[], xs=[prior, P_prior, U[:, 1:], M[:, 1:]])
         varied = variation(s, s.integrator, self.covariance)
         _, (Phi, Q) = scan(varied, self.N, carry=[], xs=[before, U[:, :-1], U[:, 1:]])
-        return Steps(first, Phi, Q, Corrections(*later), Sigma)
+        return LinearisedSteps(first, Phi, Q, Corrections(*later), Sigma)
 
 
 CHANNELS = (

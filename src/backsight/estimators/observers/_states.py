@@ -164,8 +164,13 @@ def chain_start(
             f"{', '.join(form.states)}; start elsewhere"
         )
     varies = None if at is None or at.linear else at
-    carried = (of_noise @ noise @ of_noise.T for noise in (Q, Qc))
-    return Start(form.chain(x0[:n]), T @ P0 @ T.T, *carried, varies)
+    return Start(
+        x0=form.chain(x0[:n]),
+        P0=T @ P0 @ T.T,
+        Q=of_noise @ Q @ of_noise.T,
+        Qc=of_noise @ Qc @ of_noise.T,
+        varies=varies,
+    )
 
 
 def state_bounds(model: Model) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ one row after the other by its unit vector, so that no matrix has to be shifted.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -109,21 +109,40 @@ def solve_definite(A: Term, B: Term) -> Term:
     return each_column(column, B, cholesky(A))[0]
 
 
+def solve_lower(L: Term, B: Term) -> Term:
+    """Solve L X = B for lower triangular L, see `backsight.algebra.triangular.forward`."""
+    return _by_factor(triangular.forward, L, B)
+
+
+def solve_upper_semidefinite(L: Term, B: Term) -> Term:
+    """Solve L' X = B, see `backsight.algebra.triangular.backward_semidefinite`."""
+    return _by_factor(triangular.backward_semidefinite, L, B)
+
+
+def _by_factor(solve: Callable[[ca.SX, ca.SX], ca.SX], L: Term, B: Term) -> Term:
+    if not isinstance(L, ca.MX):
+        return solve(L, B)
+    n = L.shape[0]
+    factor, b = ca.SX.sym("L", n, n), ca.SX.sym("b", n)
+    column = ca.Function(f"{solve.__name__}_column", [b, factor], [solve(factor, b)])
+    return each_column(column, ca.densify(B), L)[0]
+
+
 def compress_rows(A: Term) -> Term:
     """Lower triangular L with L L' = A A', see `backsight.algebra.triangular.compress`."""
     if not isinstance(A, ca.MX):
         return triangular.compress(A)
     n, m = A.shape
-    rows, unit, below = ca.MX.sym("rows", m, n), ca.MX.sym("unit", n), ca.MX.sym("below", n)
-    row, direction = ca.SX.sym("row", m), ca.SX.sym("direction", m)
+    left, unit, below = ca.MX.sym("rows", n, m), ca.MX.sym("unit", n), ca.MX.sym("below", n)
+    row = ca.SX.sym("row", m)
     size = ca.norm_2(row)
     normed = ca.Function("direction", [row], [row / ca.if_else(size > 0, size, 1)])
-    along = ca.dot(row, direction)
-    project = ca.Function("project", [row, direction], [row - along * direction, along])
-    d = normed(add_product(ca.MX.zeros(m, 1), rows, unit.T))
-    rest, along_all = each_column(project, rows, d)
-    body = ca.Function("gram_schmidt", [rows, unit, below], [rest, below * along_all.T])
-    _, (L,) = scan(body, n, carry=[transpose(A)], xs=_places(n))
+    d = normed(add_product(ca.MX.zeros(m, 1), transpose(left), unit.T))
+    along = add_product(ca.MX.zeros(n, 1), left, d.T)
+    body = ca.Function(
+        "gram_schmidt", [left, unit, below], [add_product(left, -along, d), below * along]
+    )
+    _, (L,) = scan(body, n, carry=[A], xs=_places(n))
     return L
 
 

@@ -42,8 +42,43 @@ class Halves:
     ramp: bool
 
 
+@dataclasses.dataclass(frozen=True)
+class Sample:
+    """One sample of a filter of two halves: its memory, what it takes, and what it finds.
+
+    Parameters
+    ----------
+    memory : Memory
+    data : list of MX
+        Symbols of u, y and mask, physical.
+    x_prior, spread_prior, x, spread : MX
+        Before and after the measurement.
+    next : dict
+        Memory of the next sample.
+    outputs : dict
+        Values of `ESTIMATE_CHANNELS`.
+    """
+
+    memory: Memory
+    data: list[ca.MX]
+    x_prior: ca.MX
+    spread_prior: ca.MX
+    x: ca.MX
+    spread: ca.MX
+    next: dict[str, ca.MX | float]
+    outputs: dict[str, ca.MX]
+
+
 def assemble(name: str, s: Setting, halves: Halves) -> Recursion:
-    """Recursion of a filter that consists of two halves.
+    """Recursion of a filter that consists of two halves, see `sample`."""
+    now = sample(s, halves)
+    return now.memory.recursion(
+        name, now.data, next=now.next, outputs=now.outputs, channels=ESTIMATE_CHANNELS, dt=s.dt
+    )
+
+
+def sample(s: Setting, halves: Halves) -> Sample:
+    """One sample of a filter that consists of two halves.
 
     With held inputs the carry is the prior of the coming sample: correct, then predict. With
     ramped inputs the prediction needs the input of the coming sample: the carry is then the
@@ -55,19 +90,27 @@ def assemble(name: str, s: Setting, halves: Halves) -> Recursion:
     if halves.ramp:
         parts |= {"u_last": np.zeros(s.model.nu), "started": np.zeros(1)}
     m = Memory(**parts)
-    x, spread = m.x, m.spread
+    x_prior, spread_prior = m.x, m.spread
     if halves.ramp:
-        predicted = halves.predict.call([x, spread, m.u_last, u])
-        x, spread = choose(m.started, predicted, [x, spread])
-    e, S = halves.innovation(x, spread, u, y, mask)
-    x, spread, flags = halves.correct(x, spread, u, y, mask)
-    outputs = physical(s, x=x, P=halves.covariance(spread), u=u, e=e, S=S, flags=flags)
+        predicted = halves.predict.call([m.x, m.spread, m.u_last, u])
+        x_prior, spread_prior = choose(m.started, predicted, [m.x, m.spread])
+    e, S = halves.innovation(x_prior, spread_prior, u, y, mask)
+    x, spread, flags = halves.correct(x_prior, spread_prior, u, y, mask)
     after: dict[str, ca.MX | float]
     if halves.ramp:
         after = {"x": x, "spread": spread, "u_last": u, "started": 1}
     else:
         after = dict(zip(("x", "spread"), halves.predict(x, spread, u, u), strict=True))
-    return m.recursion(name, data, next=after, outputs=outputs, channels=ESTIMATE_CHANNELS, dt=s.dt)
+    return Sample(
+        memory=m,
+        data=data,
+        x_prior=x_prior,
+        spread_prior=spread_prior,
+        x=x,
+        spread=spread,
+        next=after,
+        outputs=physical(s, x=x, P=halves.covariance(spread), u=u, e=e, S=S, flags=flags),
+    )
 
 
 def data_inputs(s: Setting) -> list[ca.MX]:

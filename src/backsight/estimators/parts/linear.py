@@ -98,6 +98,11 @@ def require_observable(model: Model, *, samples: int | None = None) -> None:
         )
 
 
+def unstable(A: Array) -> bool:
+    """Whether a motion x+ = A x grows."""
+    return bool(np.abs(np.linalg.eigvals(A)).max(initial=0.0) > 1 + 1e-9)
+
+
 def root(Q: Array) -> Array:
     """G (n, q) with G G' = Q and as many columns as Q has rank."""
     values, vectors = np.linalg.eigh(Q)

@@ -63,6 +63,7 @@ def load(path: str | os.PathLike[str]) -> Problem:
         recording=table.recording,
         model=model,
         estimators={n: _estimator(n, e, table, model) for n, e in table.estimators.items()},
+        smoothed=frozenset(name for name, e in table.estimators.items() if e.smooth),
         reference=table.reference,
         report=table.output.report,
     )

@@ -89,6 +89,7 @@ class EstimatorTable(StrictTable):
     model_config = pydantic.ConfigDict(extra="allow")
 
     kind: str
+    smooth: bool = False
     noise: NoiseTable | None = None
     prior: PriorTable | None = None
 

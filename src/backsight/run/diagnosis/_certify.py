@@ -20,7 +20,7 @@ from backsight.analysis.certificate import (
 from backsight.description import Positive, Whole, checked
 from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
-from backsight.discrete.steps import choose
+from backsight.discrete.steps import settle_steps
 from backsight.engine import vm
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -95,7 +95,7 @@ def certify(
     u = matched_inputs(model, recording)
     point, middle = _point(estimator, model, recording, at)
     given = estimator.integration or Integrator()
-    integrator = choose(given, model, lambda: estimator.modes(model), dt=dt)
+    integrator = settle_steps(given, model, lambda: estimator.modes(model), dt=dt)
     A, B, C, D = linearised(model, point, u[middle], dt=dt, integrator=integrator)
     system = LinearGaussian(
         *(A, B, C, D),

@@ -15,7 +15,7 @@ from backsight.analysis.consistency import (
 )
 from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
-from backsight.discrete.steps import choose, over_sample
+from backsight.discrete.steps import over_sample, settle_steps
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise
@@ -114,7 +114,7 @@ def _path(
 
 def _integrator(estimator: AbstractEstimator, model: Model, dt: float) -> Integrator:
     given = estimator.integration or Integrator(hold=estimator.input_hold)
-    return choose(given, model, lambda: estimator.modes(model), dt=dt)
+    return settle_steps(given, model, lambda: estimator.modes(model), dt=dt)
 
 
 def _derivatives(model: Model, dt: float, integrator: Integrator) -> ca.Function:

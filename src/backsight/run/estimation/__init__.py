@@ -10,6 +10,10 @@ from backsight.run.estimation._estimate import ready as ready
 from backsight.run.estimation._match import match as match
 from backsight.run.estimation._match import matched_inputs as matched_inputs
 from backsight.run.estimation._mhe_window import solve_window as solve_window
+from backsight.run.estimation._smooth import SmoothingTask as SmoothingTask
+from backsight.run.estimation._smooth import carry_out_smoothing as carry_out_smoothing
+from backsight.run.estimation._smooth import ready_to_smooth as ready_to_smooth
+from backsight.run.estimation._smooth import smooth as smooth
 from backsight.run.estimation._stream import stream as stream
 from backsight.run.estimation.lag import run_on as run_on
 from backsight.run.estimation.many import estimate_many as estimate_many

@@ -10,7 +10,7 @@ import xarray as xr
 
 from backsight.description import checked
 from backsight.engine.execute import Engine, choose_engine, prepare, run_recursion
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
@@ -71,7 +71,7 @@ def estimate(
         If the estimate became non-finite; the exception carries the results.
     """
     task = ready(estimator, model, recording)
-    check_memory([task.recursion], task.samples)
+    check_memory([task.numbers], task.samples)
     if restart:
         task = dataclasses.replace(task, recursion=task.recursion.restarting())
     return carry_out(task, engine=engine, throw=throw and not restart, progress=progress)
@@ -91,6 +91,11 @@ class Task:
     def samples(self) -> int:
         """Number of samples of the recording."""
         return len(self.data[0])
+
+    @property
+    def numbers(self) -> int:
+        """Numbers that are needed for a sample of the result."""
+        return numbers_of(self.recursion.channels, self.recursion.output_sizes)
 
 
 def ready(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> Task:
@@ -117,7 +122,7 @@ def carry_out(
     seconds = time.perf_counter() - started
     result = as_result(
         from_first_sample(outputs, recursion.lag),
-        recursion,
+        recursion.channels,
         task.estimator,
         task.model,
         task.recording,
@@ -160,16 +165,19 @@ def check_length(recursion: Recursion, samples: int) -> None:
         )
 
 
-def check_memory(recursions: Sequence[Recursion], samples: int) -> None:
-    """Raise `DataError` if the results of so many samples would not fit into memory together."""
-    numbers = 0
-    for recursion in recursions:
-        doubled = [2 if c.symmetric else 1 for c in recursion.channels]
-        sizes = zip(recursion.output_sizes, doubled, strict=True)
-        numbers += sum(size * (1 + factor) for size, factor in sizes)
-    needed, available = 8 * numbers * samples, psutil.virtual_memory().available
+def numbers_of(channels: Sequence[Channel], sizes: Sequence[int]) -> int:
+    """Numbers that outputs of these sizes and the result of them take per sample."""
+    return sum(
+        size * (3 if channel.symmetric else 2)
+        for channel, size in zip(channels, sizes, strict=True)
+    )
+
+
+def check_memory(numbers: Sequence[int], samples: int) -> None:
+    """Raise `DataError` if results of so many numbers a sample would not fit into memory."""
+    needed, available = 8 * sum(numbers) * samples, psutil.virtual_memory().available
     if needed > available:
-        results = "result" if len(recursions) == 1 else f"{len(recursions)} results"
+        results = "result" if len(numbers) == 1 else f"{len(numbers)} results"
         raise DataError(
             f"the {results} of {samples} samples would take {needed / 1e9:.1f} GB of memory, but "
             f"only {available / 1e9:.1f} GB are free; process the recording in parts"

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.discrete.modes import modes_at
-from backsight.discrete.steps import complaint, told
+from backsight.discrete.steps import complaint, in_words
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.schema import COARSE, INTEGRATION, Status
@@ -26,7 +26,7 @@ def with_integration(result: xr.Dataset, estimator: AbstractEstimator, model: Mo
     chosen = estimator.chosen(model, dt)
     if chosen is None:
         return result
-    result = result.assign_attrs({INTEGRATION: told(chosen)})
+    result = result.assign_attrs({INTEGRATION: in_words(chosen)})
     finite = np.flatnonzero(np.isfinite(result["x_hat"].values).all(axis=1))
     count = FEW if model.nx > MANY else POINTS
     rows = finite[np.linspace(0, len(finite) - 1, min(count, len(finite))).astype(int)]

@@ -35,6 +35,11 @@ def solve_window(
         that led to the sample, residuals ``v`` (NaN where not measured), and, with limits,
         ``multiplier`` and ``side`` (1 at a lower, -1 at an upper limit, else 0).
 
+    Notes
+    -----
+    The windows of all samples before are solved on the way. For a window over a whole recording,
+    whose work grows with the square of its length, take `smooth`.
+
     Raises
     ------
     TuningError

@@ -10,7 +10,12 @@ from backsight.description import Count, checked
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation._estimate import check_length, check_memory, failure
+from backsight.run.estimation._estimate import (
+    check_length,
+    check_memory,
+    failure,
+    numbers_of,
+)
 from backsight.run.estimation._match import match
 from backsight.run.estimation.lag import from_first_sample, run_on
 from backsight.run.estimation.result import as_result
@@ -75,7 +80,7 @@ def estimate_many(
     recursion = estimator.compile(model, periods[0])
     for rows in data:
         check_length(recursion, len(rows[0]))
-    check_memory([recursion], samples)
+    check_memory([numbers_of(recursion.channels, recursion.output_sizes)], samples)
     started = time.perf_counter()
     outcomes = run_many(
         recursion,
@@ -88,7 +93,7 @@ def estimate_many(
     results = [
         as_result(
             from_first_sample(outputs, recursion.lag),
-            recursion,
+            recursion.channels,
             estimator,
             model,
             recording,

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.analysis.forces import REMARKS, force_remarks
-from backsight.engine.recursion import Channel, Recursion
+from backsight.engine.recursion import Channel
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._integration import with_integration
@@ -30,7 +30,7 @@ ABSURD = 1e6
 
 def as_result(
     outputs: Sequence[Array],
-    recursion: Recursion,
+    channels: Sequence[Channel],
     estimator: AbstractEstimator,
     model: Model,
     recording: xr.Dataset,
@@ -43,20 +43,22 @@ def as_result(
     Parameters
     ----------
     outputs : sequence of (n, l) arrays
-        Of the recursion, one row per sample.
-    recursion, estimator, model, recording
+        One row per sample.
+    channels : sequence of Channel
+        What they are.
+    estimator, model, recording
         What they come from.
     engine : str
     seconds : float
         Time that the run took.
     """
-    values = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
-    result = _dataset(values, recursion.channels, model, recording)
+    values = {c.name: c.unpack(o) for c, o in zip(channels, outputs, strict=True)}
+    result = _dataset(values, channels, model, recording)
     result.attrs |= {
         "estimator": estimator.key,
         "model": model.name,
         "engine": engine,
-        "dt": recursion.dt,
+        "dt": float(recording.attrs["dt"]),
         "seconds": seconds,
         "us_per_sample": seconds / result.sizes["time"] * 1e6,
         "schema": SCHEMA_VERSION,
@@ -71,7 +73,7 @@ def as_result(
 
 def _dataset(
     values: dict[str, np.ndarray],
-    channels: tuple[Channel, ...],
+    channels: Sequence[Channel],
     model: Model,
     recording: xr.Dataset,
 ) -> xr.Dataset:
@@ -85,8 +87,9 @@ def _dataset(
     diverged = np.where(_worthless(values, measured), int(Status.NOT_FINITE), 0)
     values["status"] = (raised | diverged).astype(np.int32)
     dims = {c.name: ("time", *c.dims) for c in channels}
-    variance = np.einsum("kii->ki", values["P"])
-    values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
+    if "P" in values:
+        variance = np.einsum("kii->ki", values["P"])
+        values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
     flags = [bit for bit in Status if bit]
     result = xr.Dataset(
         {n: (dims[n], v, {"long_name": _long_name(n)}) for n, v in values.items()},
@@ -131,11 +134,16 @@ def _worthless(values: dict[str, np.ndarray], measured: Array) -> Array:
     Its numbers are not finite or not those of a machine, or it says something else of what was just
     measured, beyond its own doubts and by far more than anything that was ever measured.
     """
-    parts = [values[name].reshape(len(measured), -1) for name in ("x_hat", "P", "y_hat", "S")]
+    parts = [
+        values[name].reshape(len(measured), -1)
+        for name in ("x_hat", "P", "y_hat", "S")
+        if name in values
+    ]
     sound = np.logical_and.reduce([(np.abs(part) < HUGE).all(axis=1) for part in parts])
-    variance = np.einsum("kii->ki", np.where(sound[:, None, None], values["S"], 0.0))
-    largest = np.nanmax(np.abs(measured), initial=0.0, axis=0)
-    doubt = np.maximum(np.sqrt(np.maximum(variance, 0.0)), largest)
+    doubt = np.nanmax(np.abs(measured), initial=0.0, axis=0)
+    if "S" in values:
+        variance = np.einsum("kii->ki", np.where(sound[:, None, None], values["S"], 0.0))
+        doubt = np.maximum(np.sqrt(np.maximum(variance, 0.0)), doubt)
     off = np.abs(np.where(sound[:, None], values["y_hat"], 0.0) - measured)
     return ~sound | (off > ABSURD * doubt).any(axis=1)
 

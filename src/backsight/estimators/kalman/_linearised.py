@@ -1,0 +1,92 @@
+"""The model along the estimates of a Kalman filter, for the way back of the smoother."""
+
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.loops import scan
+from backsight.estimators.base import Setting
+from backsight.estimators.kalman.prediction import sensitivity
+from backsight.estimators.parts.covariance import Covariance, transposed
+from backsight.estimators.parts.factors import cholesky
+from backsight.estimators.parts.filtering import Halves
+from backsight.estimators.parts.leaf import Results, half, leaf, notation
+from backsight.estimators.parts.linear import Linear, root, unstable
+from backsight.estimators.parts.stages import measured_rows
+from backsight.estimators.parts.substeps import substep_inputs
+from backsight.estimators.smoothing import Linearised, blurred
+
+
+def linear_looks(system: Linear) -> Linearised:
+    """Of a linear model: the same at every sample."""
+    s = system.s
+    x, spread, u, u_next = _posterior(s)
+    G = ca.DM(root(system.s.Q))
+    noise = blurred(G) if unstable(system.A) else G
+    F, G = (ca.MX(ca.densify(k)) for k in (ca.DM(system.A), noise))
+    ahead = ca.Function("ahead", [x, spread, u, u_next], [F, G])
+    return Linearised(root=covariance_root(s), ahead=ahead, seen=seen(s, at="prior"))
+
+
+def ekf_looks(
+    s: Setting, integrator: Integrator, halves: Halves, *, at: Literal["prior", "estimate"]
+) -> Linearised:
+    """Of an extended Kalman filter: transitions at its estimates, outputs `at` prior or estimate.
+
+    The noise that a period adds is what the filter's own prediction makes of a state that is known.
+    """
+    nx = s.model.nx
+    x, spread, u, u_next = _posterior(s)
+    if s.model.continuous:
+        xs, held = substep_inputs(integrator, u, u_next)
+        start = [x, ca.MX(ca.DM(np.eye(nx)))]
+        step = sensitivity(s, integrator)
+        (_, Ft), _ = scan(step, integrator.steps, carry=start, xs=xs, constants=held)
+    else:
+        Ft = _mapped(s)(x, u)
+    known = ca.MX(ca.DM.zeros(Covariance(nx).size))
+    _, noise = halves.predict(x, known, u, u_next)
+    ahead = [_turned(s)(Ft), blurred(covariance_root(s)(noise))]
+    function = ca.Function("ahead", [x, spread, u, u_next], ahead)
+    return Linearised(root=covariance_root(s), ahead=function, seen=seen(s, at=at))
+
+
+def covariance_root(s: Setting) -> ca.Function:
+    """Covariance, as the filter keeps it, to its lower factor."""
+    return half("covariance_root", s, lambda P: {"L": ca.densify(cholesky(P))})
+
+
+def seen(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Function:
+    """See `Linearised.seen`; where the outputs are linearised."""
+
+    def formula(
+        x_prior: ca.SX, spread_prior: ca.SX, x_post: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX
+    ) -> Results:
+        del spread_prior  # a derivative does not depend on it
+        point = x_prior if at == "prior" else x_post
+        H, e = measured_rows(s, point, u, y, mask)
+        return {"Ht": ca.densify(H.T), "e": e + H @ (point - x_prior)}
+
+    return leaf("seen", {**notation(s), "spread": Covariance(s.model.nx).size}, formula)
+
+
+def _posterior(s: Setting) -> list[ca.MX]:
+    nx, nu = s.model.nx, s.model.nu
+    sizes = {"x": nx, "spread": Covariance(nx).size, "u": nu, "u_next": nu}
+    return [ca.MX.sym(k, n) for k, n in sizes.items()]
+
+
+def _mapped(s: Setting) -> ca.Function:
+    """F' of a discrete-time model: ``(x, u) -> F'``."""
+
+    def formula(x: ca.SX, u: ca.SX) -> Results:
+        return {"Ft": ca.densify(ca.jacobian(s.model.rhs(x, u), x).T)}
+
+    return leaf("mapped_derivative", notation(s), formula)
+
+
+def _turned(s: Setting) -> ca.Function:
+    nx = s.model.nx
+    return half("turned", s, lambda Ft: {"Fm": transposed(Ft)}, {"Ft": (nx, nx)})

@@ -1,0 +1,12 @@
+"""Fixed-interval smoothing: a filter forward, an information filter back."""
+
+from backsight.estimators.smoothing._passes import Linearised as Linearised
+from backsight.estimators.smoothing._passes import filter_channels as filter_channels
+from backsight.estimators.smoothing._passes import leaving as leaving
+from backsight.estimators.smoothing._passes import passes as passes
+from backsight.estimators.smoothing._passes import smoothed_channels as smoothed_channels
+from backsight.estimators.smoothing.two_filter import blurred as blurred
+from backsight.estimators.smoothing.two_filter import combined as combined
+from backsight.estimators.smoothing.two_filter import gathered as gathered
+from backsight.estimators.smoothing.two_filter import matrix_product as matrix_product
+from backsight.estimators.smoothing.two_filter import weakened as weakened

@@ -1,0 +1,163 @@
+"""The pass forward and the pass back of a filter that consists of two halves."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra.symmetric import vech
+from backsight.engine.recursion import Channel, ForwardBackward
+from backsight.estimators.base import ESTIMATE_CHANNELS, Setting, Spread
+from backsight.estimators.parts.covariance import Term, times_transposed, transposed
+from backsight.estimators.parts.factors import on_top
+from backsight.estimators.parts.filtering import Halves, data_inputs, sample
+from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
+from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.smoothing.two_filter import combined, gathered, matrix_product, weakened
+
+
+@dataclasses.dataclass(frozen=True)
+class Linearised:
+    """The model as a filter saw it at a sample; matrices dense.
+
+    Parameters
+    ----------
+    root : casadi.Function
+        ``spread -> L``, the lower factor of the covariance.
+    ahead : casadi.Function
+        ``(x, spread, u, u_next) -> (F, G)`` of a posterior: how deviations go to the next sample,
+        and a factor of the covariance of what is added there.
+    seen : casadi.Function
+        ``(x_prior, spread_prior, x_post, u, y, mask) -> (H', e)``: deviations from the prior as the
+        outputs show them, in units of the noise, and the residual at the prior.
+    """
+
+    root: ca.Function
+    ahead: ca.Function
+    seen: ca.Function
+
+
+def passes(
+    name: str, s: Setting, halves: Halves, linearised: Linearised, *, covariance: Spread
+) -> ForwardBackward:
+    """Pass forward and pass back of the two-filter smoother, see `two_filter`."""
+    now = sample(s, halves)
+    handed = {
+        "x_prior": now.x_prior,
+        "spread_prior": now.spread_prior,
+        "x_post": now.x,
+        "spread_post": now.spread,
+    }
+    results = filter_channels(covariance)
+    forward = now.memory.recursion(
+        f"{name}_forward",
+        now.data,
+        next=now.next,
+        outputs=handed | {c.name: now.outputs[c.name] for c in results},
+        channels=(*(Channel(k, ("entry",)) for k in handed), *results),
+        dt=s.dt,
+    )
+
+    nx = s.model.nx
+    m = Memory(U=np.zeros((nx, nx)), zeta=np.zeros(nx))
+    estimates = {k: ca.MX.sym(k, v.numel()) for k, v in handed.items()}
+    x_prior, spread_prior, x_post, spread_post = estimates.values()
+    data = data_inputs(s)
+    u_next_given = ca.MX.sym("u_next", s.model.nu)
+    u, y, mask = s.enter()(*data)
+    u_next, _, _ = s.enter()(u_next_given, *data[1:])
+    F, G = linearised.ahead(x_post, spread_post, u, u_next)
+    Ht, e = linearised.seen(x_prior, spread_prior, x_post, u, y, mask)
+    found = named_results(
+        _back(s, G.shape[1]),
+        m.U, m.zeta, F, G, Ht, e, linearised.root(spread_post), x_prior, x_post,
+    )  # fmt: skip
+    outputs = leaving(s, covariance=covariance)(found["x"], found["Tt"], u)
+    channels = smoothed_channels(covariance)
+    backward = m.recursion(
+        f"{name}_backward",
+        [*estimates.values(), data[0], u_next_given, *data[1:]],
+        next={"U": found["U"], "zeta": found["zeta"]},
+        outputs={c.name: v for c, v in zip(channels, outputs, strict=True)},
+        channels=channels,
+        dt=s.dt,
+    )
+    return ForwardBackward(forward, backward)
+
+
+def filter_channels(covariance: Spread) -> tuple[Channel, ...]:
+    """What the pass forward puts out: innovations, their covariance, and the status."""
+    kept = ("e", "S", "status") if covariance == "full" else ("e", "status")
+    return tuple(c for c in ESTIMATE_CHANNELS if c.name in kept)
+
+
+def smoothed_channels(covariance: Spread) -> tuple[Channel, ...]:
+    """What the pass back puts out."""
+    spread = {c.name: c for c in ESTIMATE_CHANNELS} | {"x_std": Channel("x_std", ("state",))}
+    kept = ("x_hat", "P" if covariance == "full" else "x_std", "y_hat", "status")
+    return tuple(spread[name] for name in kept)
+
+
+def leaving(s: Setting, *, covariance: Spread, rows: int | None = None) -> ca.Function:
+    """``(x, T', u) -> smoothed_channels`` of a scaled estimate and the root of its covariance.
+
+    T' has so many `rows`, by default as many as there are states. States outside their bounds are
+    set to them, as by the filter.
+    """
+    nx = s.model.nx
+    sizes = {**notation(s), "Tt": (rows or nx, nx), "P": (nx * (nx + 1) // 2)}
+
+    def inside(x: ca.SX, u: ca.SX) -> Results:
+        x_in = within_bounds(s, x)
+        clipped = ca.if_else(ca.norm_1(x_in - x) > 0, 1, 0)
+        outputs = s.sy * s.model.output(x_in, u)
+        return {"x_hat": s.sx * x_in, "outputs": outputs, "status": Flags(clipped=clipped).status()}
+
+    def spread(Tt: Term) -> Results:
+        product_of_roots = times_transposed(transposed(Tt), transposed(Tt))
+        return {"all": product_of_roots}
+
+    settled = leaf("smoothed_within", sizes, inside)
+    P = ca.SX.sym("P", nx, nx)
+    scaled = P * ca.SX(np.outer(s.sx, s.sx))
+    packed = ca.Function("smoothed_covariance", [P], [vech(scaled)])
+    Tt = ca.SX.sym("Tt", rows or nx, nx)
+    lengths = [s.sx[i] * ca.norm_2(Tt[:, i]) for i in range(nx)]
+    deviations = ca.Function("smoothed_deviations", [Tt], [ca.vertcat(*lengths)])
+    squared = half("squared_root", s, spread, sizes)
+    x, T, u = ca.MX.sym("x", nx), ca.MX.sym("Tt", rows or nx, nx), ca.MX.sym("u", s.model.nu)
+    x_hat, y_hat, status = settled(x, u)
+    kept = packed(squared(T)) if covariance == "full" else deviations(T)
+    return ca.Function("leaving", [x, T, u], [x_hat, kept, y_hat, status])
+
+
+def _back(s: Setting, q: int) -> ca.Function:
+    """One sample back, see `two_filter`: the information ahead, and the smoothed estimate."""
+    nx, ny = s.model.nx, s.model.ny
+    sizes = {
+        "U": (nx, nx), "zeta": nx, "G": (nx, q), "Ht": (nx, ny), "L": (nx, nx), "Tt": (nx, nx),
+    }  # fmt: skip
+
+    def formula(
+        U: Term, zeta: Term, F: Term, G: Term, Ht: Term, e: Term, L: Term,
+        x_prior: Term, x_post: Term,
+    ) -> Results:  # fmt: skip
+        # 1. What the samples ahead tell of the state after this one's measurement.
+        Vt, told = weakened(U, zeta, G)
+        Vt = matrix_product(Vt, F)
+        # 2. The smoothed estimate.
+        x, Tt = combined(x_post, L, Vt, told)
+        # 3. Together with this sample's measurement, as deviations from its prior.
+        moved = told + matrix_product(Vt, x_post - x_prior)
+        right = ca.horzcat(transposed(moved), transposed(e))
+        all_told = gathered(on_top([ca.horzcat(transposed(Vt), Ht), right]))
+        return {
+            "U": ca.densify(all_told[:nx, :nx]),
+            "zeta": ca.densify(transposed(all_told[nx, :nx])),
+            "x": x,
+            "Tt": ca.densify(Tt),
+        }
+
+    return half("smoothed_sample", s, formula, sizes)
