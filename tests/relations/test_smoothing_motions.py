@@ -11,8 +11,14 @@ import backsight as bs
 from backsight.errors import EstimationError, TuningError
 from backsight.estimators import EKF, IEKF, MHE, MHO, UKF, KalmanFilter, LinearMHE
 from backsight.schema import Status
-
-GAUSSIAN = (KalmanFilter, EKF, IEKF, UKF)
+from relations.smoothed_plants import (
+    assert_smoothed,
+    assumed,
+    data_of,
+    model_of,
+    random_plant,
+    recording_of,
+)
 
 
 def pendulum(seed: int, n: int = 150) -> tuple[bs.Model, xr.Dataset, np.ndarray]:
