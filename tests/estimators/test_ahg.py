@@ -9,8 +9,8 @@ from backsight.engine import native, vm
 from backsight.errors import ModelError, TuningError
 from backsight.estimators import AHG, Noise, Prior
 from backsight.estimators.observers import AdaptiveGain
-from backsight.models.affine import affine_form
 from backsight.models.augment import augment
+from backsight.models.canonical.affine import affine_form
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.run.estimation import estimate

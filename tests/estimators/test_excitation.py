@@ -9,7 +9,7 @@ from backsight.estimators.observers._excitation import (
     excitation,
     excitation_start,
 )
-from backsight.models.affine import affine_form
+from backsight.models.canonical.affine import affine_form
 from backsight.run.estimation import estimate
 from backsight.schema import Status
 from backsight_studies.punch.plant import SOFT, STIFF

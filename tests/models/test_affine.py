@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from backsight.errors import ModelError
-from backsight.models.affine import affine_form, moving_states
 from backsight.models.augment import augment
+from backsight.models.canonical.affine import affine_form, moving_states
 from backsight.models.lti import lti
 from backsight.models.model import Model
 

@@ -9,8 +9,8 @@ from backsight.errors import ModelError
 from backsight.estimators import AHG, HGO, Noise, Prior
 from backsight.estimators.observers import AdaptiveGain
 from backsight.models.augment import augment
+from backsight.models.canonical.observer_form import moving_first, observer_form
 from backsight.models.model import Model
-from backsight.models.observer_form import moving_first, observer_form
 from backsight.models.signals import Signal
 
 DT, K, B = 0.01, 90.0, 0.6

@@ -4,8 +4,8 @@ from scipy.integrate import solve_ivp
 
 from backsight.errors import DataError, ModelError, TuningError
 from backsight.estimators import AHG, Noise, Prior
-from backsight.models.affine import affine_form
 from backsight.models.augment import augment
+from backsight.models.canonical.affine import affine_form
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.run.estimation import estimate

@@ -8,7 +8,7 @@ import xarray as xr
 from backsight.description import checked
 from backsight.engine.recursion import Channel
 from backsight.estimators.base import ESTIMATE_CHANNELS
-from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.run.estimation import as_result, match
 from backsight.sparse import AbstractSelection, Fit, ForceSearch, Greedy, force_search
@@ -17,7 +17,7 @@ from backsight.types import Array
 
 @checked()
 def find_sparse_forces(
-    estimator: CompressiveSensingMHE,
+    estimator: AbstractForceEstimator,
     model: Model,
     recording: xr.Dataset,
     *,
@@ -31,7 +31,7 @@ def find_sparse_forces(
 
     Parameters
     ----------
-    estimator : CompressiveSensingMHE
+    estimator : AbstractForceEstimator
         For what is known of noise, prior and forces: `noise`, `prior`, `forces`, `sigma_force`,
         `dictionary`, `nonnegative`, `nonpositive`, `hold`; and for `lam` and `threshold`. All that
         is about windows is not used.
@@ -80,7 +80,7 @@ def find_sparse_forces(
     return result
 
 
-def prepared(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset) -> ForceSearch:
+def prepared(estimator: AbstractForceEstimator, model: Model, recording: xr.Dataset) -> ForceSearch:
     """Check estimator, model and recording, and make the regression of `find_sparse_forces`."""
     data = match(model, recording)
     forced = estimator.forced(model, float(recording.attrs["dt"]))

@@ -6,7 +6,7 @@ import numpy as np
 import psutil
 
 from backsight.errors import DataError
-from backsight.estimators.cs_mhe import Forced
+from backsight.estimators.force_estimator import Forced
 from backsight.sparse._whitened import Whitened, whitened
 from backsight.sparse.regression import Indices, Regression
 from backsight.types import Array

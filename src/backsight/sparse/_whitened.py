@@ -20,7 +20,7 @@ import dataclasses
 
 import numpy as np
 
-from backsight.estimators.cs_mhe import Forced
+from backsight.estimators.force_estimator import Forced
 from backsight.types import Array
 
 

@@ -1,13 +1,11 @@
 """Sparse forces as functions of the weight of the l1 norm: the whole path at once."""
 
-import dataclasses
-
 import numpy as np
 import xarray as xr
 
 from backsight.description import Level, checked
 from backsight.errors import DataError, TuningError
-from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.run.sparse_forces import prepared
 from backsight.sparse import ForceSearch, L1Path, l1_path
@@ -19,7 +17,7 @@ ANY = 1.0
 
 @checked()
 def trace_force_path(
-    estimator: CompressiveSensingMHE,
+    estimator: AbstractForceEstimator,
     model: Model,
     recording: xr.Dataset,
     *,
@@ -33,7 +31,7 @@ def trace_force_path(
 
     Parameters
     ----------
-    estimator : CompressiveSensingMHE
+    estimator : AbstractForceEstimator
         As for `find_sparse_forces`; its `lam` is not used.
     model : Model
     recording : xarray.Dataset
@@ -75,10 +73,10 @@ def trace_force_path(
 
 
 def unweighted(
-    estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset
+    estimator: AbstractForceEstimator, model: Model, recording: xr.Dataset
 ) -> ForceSearch:
     """See `prepared`; whatever the estimator's weight and threshold are."""
-    plain = dataclasses.replace(estimator, lam=ANY, threshold=0.0)
+    plain = estimator.weighted(ANY)
     return prepared(plain, model, recording)
 
 
@@ -92,7 +90,7 @@ def whole_path(search: ForceSearch, least: float) -> L1Path:
     return l1_path(search.regression, least * largest)
 
 
-def places(estimator: CompressiveSensingMHE) -> Array:
+def places(estimator: AbstractForceEstimator) -> Array:
     """Name of the force that every atom moves; ``atom 3`` where it moves several."""
     belongs = estimator.dictionary.force_of(len(estimator.forces))
     return np.array([estimator.forces[f] if f >= 0 else f"atom {i}" for i, f in enumerate(belongs)])

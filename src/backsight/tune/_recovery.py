@@ -10,7 +10,7 @@ import xarray as xr
 from backsight import schema
 from backsight.analysis.forces import ForceErrors, compare_forces
 from backsight.description import Count, Description, NonNegative, Positive, Sound, Whole, checked
-from backsight.estimators.cs_mhe import CompressiveSensingMHE, Forced
+from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.models.model import Model
 from backsight.run.estimation import estimate_many
 from backsight.run.sparse_forces import prepared
@@ -84,7 +84,7 @@ class Hits(Description):
 
 @checked()
 def rate_sensors(
-    estimator: CompressiveSensingMHE,
+    estimator: AbstractForceEstimator,
     model: Model,
     hits: Hits,
     *,
@@ -103,7 +103,7 @@ def rate_sensors(
 
     Parameters
     ----------
-    estimator : CompressiveSensingMHE
+    estimator : AbstractForceEstimator
     model : Model
     hits : Hits
     dt : float

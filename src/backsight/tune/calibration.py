@@ -9,7 +9,7 @@ import xarray as xr
 
 from backsight.description import Printed, checked
 from backsight.errors import BacksightError, TuningError
-from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.rounding import significant
 from backsight.run.sparse_forces import prepared
@@ -88,7 +88,7 @@ class Calibration(Printed):
 
 @checked()
 def calibrate(
-    estimator: CompressiveSensingMHE,
+    estimator: AbstractForceEstimator,
     model_of: ModelOf,
     recording: xr.Dataset,
     start: Mapping[str, float],
@@ -113,7 +113,7 @@ def calibrate(
 
     Parameters
     ----------
-    estimator : CompressiveSensingMHE
+    estimator : AbstractForceEstimator
         As for `find_sparse_forces`. A small `sigma_force`, well below the forces looked for, makes
         the recording tell most.
     model_of : callable
@@ -177,7 +177,7 @@ class _Task:
 
     model_of: ModelOf
     recording: xr.Dataset
-    estimator: CompressiveSensingMHE
+    estimator: AbstractForceEstimator
     start: dict[str, float]
     selection: L1 | Greedy
 

@@ -8,7 +8,7 @@ import xarray as xr
 
 from backsight.description import Count, Level, Printed, Whole, checked
 from backsight.errors import DataError, TuningError
-from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.sparse import ForceSearch, refit
 from backsight.tune._force_path import unweighted, whole_path
@@ -42,7 +42,7 @@ class LambdaChoice(Printed):
 
 @checked()
 def lambda_from_noise(
-    estimator: CompressiveSensingMHE,
+    estimator: AbstractForceEstimator,
     model: Model,
     recording: xr.Dataset,
     *,
@@ -59,7 +59,7 @@ def lambda_from_noise(
 
     Parameters
     ----------
-    estimator : CompressiveSensingMHE
+    estimator : AbstractForceEstimator
         Its `lam` is not used.
     model : Model
     recording : xarray.Dataset
@@ -99,7 +99,7 @@ def lambda_from_noise(
 
 @checked()
 def lambda_from_whiteness(
-    estimator: CompressiveSensingMHE,
+    estimator: AbstractForceEstimator,
     model: Model,
     recording: xr.Dataset,
     *,
@@ -115,7 +115,7 @@ def lambda_from_whiteness(
 
     Parameters
     ----------
-    estimator : CompressiveSensingMHE
+    estimator : AbstractForceEstimator
         Its `lam` is not used.
     model : Model
     recording : xarray.Dataset
@@ -182,7 +182,7 @@ def _colour(search: ForceSearch, residual: Array) -> float:
 
 @checked()
 def lambda_from_sensors(
-    estimator: CompressiveSensingMHE,
+    estimator: AbstractForceEstimator,
     model: Model,
     recording: xr.Dataset,
     *,
@@ -200,7 +200,7 @@ def lambda_from_sensors(
 
     Parameters
     ----------
-    estimator : CompressiveSensingMHE
+    estimator : AbstractForceEstimator
         Its `lam` is not used.
     model : Model
     recording : xarray.Dataset
@@ -239,7 +239,7 @@ def lambda_from_sensors(
 
 
 def _left_out(
-    estimator: CompressiveSensingMHE,
+    estimator: AbstractForceEstimator,
     model: Model,
     recording: xr.Dataset,
     name: str,

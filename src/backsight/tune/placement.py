@@ -10,7 +10,7 @@ import xarray as xr
 
 from backsight.description import Count, Positive, Whole, checked
 from backsight.errors import TuningError
-from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.models.some_outputs import some_outputs
 from backsight.sparse import AbstractSelection
@@ -22,7 +22,7 @@ MOST = 100
 
 @checked()
 def place_sensors(
-    estimator: CompressiveSensingMHE,
+    estimator: AbstractForceEstimator,
     model: Model,
     hits: Hits,
     *,
@@ -42,7 +42,7 @@ def place_sensors(
 
     Parameters
     ----------
-    estimator : CompressiveSensingMHE
+    estimator : AbstractForceEstimator
         Its noise is that of all candidates.
     model : Model
         Every output is a candidate for a sensor.
@@ -103,7 +103,7 @@ Score = tuple[float, float, float, float]
 
 @dataclasses.dataclass(frozen=True)
 class _Trial:
-    estimator: CompressiveSensingMHE
+    estimator: AbstractForceEstimator
     model: Model
     hits: Hits
     dt: float

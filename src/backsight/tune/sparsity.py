@@ -1,18 +1,17 @@
 """The weight from which on no sparse force is found: the end of the scale for `lam`."""
 
-import dataclasses
 import math
 
 import xarray as xr
 
 from backsight.description import checked
-from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.run.estimation import estimate
 
 
 @checked()
-def lambda_max(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dataset) -> float:
+def lambda_max(estimator: AbstractForceEstimator, model: Model, recording: xr.Dataset) -> float:
     r"""Smallest weight of the l1 norm with which no window of a recording contains a force.
 
     Without forces every window leaves the residual r with the covariance S; an atom
@@ -20,7 +19,7 @@ def lambda_max(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dat
 
     Parameters
     ----------
-    estimator : CompressiveSensingMHE
+    estimator : AbstractForceEstimator
         Its `lam` is ignored.
     model : Model
     recording : xarray.Dataset
@@ -36,5 +35,5 @@ def lambda_max(estimator: CompressiveSensingMHE, model: Model, recording: xr.Dat
     TuningError, ModelError, DataError
         As `estimate`.
     """
-    without = dataclasses.replace(estimator, lam=math.inf, carryover=None)
+    without = estimator.weighted(math.inf)
     return float(estimate(without, model, recording)["lam_max"].max())

@@ -9,8 +9,8 @@ import xarray as xr
 from backsight.engine.loops import scan
 from backsight.errors import DataError, TuningError
 from backsight.estimators.observers import AHG, prediction_error
+from backsight.models.canonical.observer_form import moving_first, observer_form
 from backsight.models.model import Model
-from backsight.models.observer_form import moving_first, observer_form
 from backsight.run.estimation import estimate, match
 from backsight.types import Array
 

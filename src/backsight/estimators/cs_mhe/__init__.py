@@ -5,4 +5,3 @@ from backsight.estimators.cs_mhe.dictionary import Atoms as Atoms
 from backsight.estimators.cs_mhe.dictionary import HalfSines as HalfSines
 from backsight.estimators.cs_mhe.dictionary import Impulses as Impulses
 from backsight.estimators.cs_mhe.estimator import CompressiveSensingMHE as CompressiveSensingMHE
-from backsight.estimators.cs_mhe.tables import Forced as Forced

@@ -14,7 +14,7 @@ from backsight.estimators.cs_mhe._window import (
     motion,
 )
 from backsight.estimators.cs_mhe.carryover import Carryover, slide
-from backsight.estimators.cs_mhe.tables import Forced
+from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.filtering import choose, physical
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, named_results

@@ -7,7 +7,8 @@ import numpy as np
 
 from backsight.engine import foreign
 from backsight.engine.loops import scan
-from backsight.estimators.cs_mhe.tables import Forced, Tables
+from backsight.estimators.cs_mhe._tables import Tables
+from backsight.estimators.force_estimator import Forced
 from backsight.types import Array
 
 KERNEL = "cs_window"

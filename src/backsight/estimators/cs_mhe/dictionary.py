@@ -1,40 +1,15 @@
 """Dictionaries: of which atoms an unknown force is made."""
 
-import abc
 import dataclasses
 from collections.abc import Iterator
 from typing import Annotated
 
 import numpy as np
 
-from backsight.description import Called, Count, Description, Distinct, Sound
+from backsight.description import Called, Count, Distinct, Sound
 from backsight.errors import TuningError
+from backsight.estimators.force_estimator import AbstractDictionary
 from backsight.types import Array
-
-
-@dataclasses.dataclass(frozen=True)
-class AbstractDictionary(Description, abc.ABC):
-    r"""Atoms that begin at every step of the window.
-
-    The forces over the steps, held between the samples, are
-    :math:`d_k = \sum_s \Psi_s \alpha_{k-s}`.
-    """
-
-    @abc.abstractmethod
-    def shapes(self, forces: int) -> Array:
-        """Psi as an array (forces, steps, atoms).
-
-        Raises
-        ------
-        TuningError
-            If the dictionary is not one for so many forces.
-        """
-
-    def force_of(self, forces: int) -> list[int]:
-        """Which force every atom belongs to; -1 if it moves several."""
-        touched = np.abs(self.shapes(forces)).max(axis=1) > 0
-        alone = touched.sum(axis=0) == 1
-        return np.where(alone, touched.argmax(axis=0), -1).tolist()
 
 
 @dataclasses.dataclass(frozen=True)

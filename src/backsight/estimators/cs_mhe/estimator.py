@@ -21,10 +21,11 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import ModelError, TuningError, nearest
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.cs_mhe._step import cs_recursion
+from backsight.estimators.cs_mhe._tables import check_forces, tables
 from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
-from backsight.estimators.cs_mhe.tables import Forced, check_forces, tables
+from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
@@ -43,7 +44,7 @@ STEPS_PER_ATOM = 4
 
 
 @dataclasses.dataclass(frozen=True)
-class CompressiveSensingMHE(AbstractEstimator):
+class CompressiveSensingMHE(AbstractForceEstimator):
     r"""Compressive-sensing moving horizon estimator.
 
     For linear models with forces d at more places than there are sensors, of which few act at a
@@ -184,13 +185,7 @@ class CompressiveSensingMHE(AbstractEstimator):
         return cs_recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
 
     def forced(self, model: Model, dt: float) -> Forced:
-        """Discretise the model with its unknown forces as inputs, and check both.
-
-        Raises
-        ------
-        TuningError
-            If a force is unknown or cannot be seen, the noise does not fit, or a state has bounds.
-        """
+        """See `AbstractForceEstimator.forced`."""
         try:
             joined = forces_as_inputs(model, self.forces)
         except ModelError as error:
@@ -235,8 +230,12 @@ class CompressiveSensingMHE(AbstractEstimator):
             refits=self.bias == "removed",
         )
 
+    def weighted(self, lam: float) -> "CompressiveSensingMHE":
+        """See `AbstractForceEstimator.weighted`."""
+        return dataclasses.replace(self, lam=lam, threshold=0.0, carryover=None)
+
     def sides(self) -> Array:
-        """Sign of every atom: 1, -1, or 0 if it is free."""
+        """See `AbstractForceEstimator.sides`."""
         side = np.zeros(len(self.forces))
         for names, sign in ((self.nonnegative, 1.0), (self.nonpositive, -1.0)):
             for name in names:

@@ -10,7 +10,7 @@ from backsight.estimators.base import Setting
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.stages import entries, outputs_and_limits
 from backsight.estimators.parts.substeps import flow, substep_inputs
-from backsight.models.affine import moving_states
+from backsight.models.canonical.affine import moving_states
 from backsight.solvers.trajectory import Chain
 
 

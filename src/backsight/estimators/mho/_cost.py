@@ -10,7 +10,7 @@ from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.leaf import Results, Symmetric, leaf, notation
 from backsight.estimators.parts.substeps import flow, substep_inputs
-from backsight.models.affine import moving_states
+from backsight.models.canonical.affine import moving_states
 
 
 def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> ca.Function:

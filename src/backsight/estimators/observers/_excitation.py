@@ -14,7 +14,7 @@ from backsight.algebra.factor import solve_spd
 from backsight.algebra.symmetric import unvech, vech
 from backsight.description import Called, Description, Positive
 from backsight.estimators.parts.leaf import Results, leaf
-from backsight.models.affine import AffineForm
+from backsight.models.canonical.affine import AffineForm
 from backsight.types import Array
 
 BLOCKS = 20

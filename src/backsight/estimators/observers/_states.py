@@ -9,7 +9,7 @@ from backsight.algebra.bounds import clip
 from backsight.errors import TuningError
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, Symmetric, leaf
-from backsight.models.affine import AffineForm, Coordinates
+from backsight.models.canonical.affine import AffineForm, Coordinates
 from backsight.models.model import Model
 from backsight.types import Array
 

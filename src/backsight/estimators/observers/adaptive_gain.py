@@ -15,7 +15,7 @@ import numpy as np
 from backsight.description import Description, Positive, Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate, scan
-from backsight.models.affine import AffineForm
+from backsight.models.canonical.affine import AffineForm
 from backsight.types import Array
 
 

@@ -16,7 +16,7 @@ from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator, RungeKutta
 from backsight.discrete.steps import explicit, stability
 from backsight.errors import TuningError
-from backsight.models.affine import AffineForm, Coordinates
+from backsight.models.canonical.affine import AffineForm, Coordinates
 from backsight.types import Array
 
 

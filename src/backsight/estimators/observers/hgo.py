@@ -25,9 +25,9 @@ from backsight.estimators.observers.formulas import (
     observer_steps,
 )
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.models.affine import AffineForm, moving_states
+from backsight.models.canonical.affine import AffineForm, moving_states
+from backsight.models.canonical.observer_form import moving_first, observer_form
 from backsight.models.model import Model
-from backsight.models.observer_form import moving_first, observer_form
 from backsight.types import Array
 
 

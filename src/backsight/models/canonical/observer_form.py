@@ -6,7 +6,13 @@ import casadi as ca
 import numpy as np
 
 from backsight.errors import ModelError
-from backsight.models.affine import AffineForm, Coordinates, affine_form, is_chain, moving_states
+from backsight.models.canonical.affine import (
+    AffineForm,
+    Coordinates,
+    affine_form,
+    is_chain,
+    moving_states,
+)
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 

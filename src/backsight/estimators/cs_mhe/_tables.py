@@ -6,45 +6,12 @@ import numpy as np
 import scipy
 
 from backsight.errors import TuningError
-from backsight.estimators.parts.linear import Linear, root
+from backsight.estimators.force_estimator import Forced
+from backsight.estimators.parts.linear import root
 from backsight.types import Array
 
 SAME = 1e-10
 """Forces whose effects differ by less than this share of the largest act alike."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Forced:
-    r"""A linear model with unknown forces d, and how large they are in the background.
-
-    .. math:: x_{k+1} = A x_k + B u_k + E d_k + w_k, \qquad y_k = C x_k + D u_k + F d_k + v_k
-
-    Parameters
-    ----------
-    system : Linear
-        The forces are its last inputs.
-    E, F : (nx, nf), (ny, nf) arrays
-        Of forces in their own unit to scaled states and outputs.
-    sigma : (nf,) array
-        Standard deviation of the background forces [their unit].
-    names : tuple of str
-    """
-
-    system: Linear
-    E: Array
-    F: Array
-    sigma: Array
-    names: tuple[str, ...]
-
-    @property
-    def nu(self) -> int:
-        """Number of known inputs."""
-        return self.system.s.model.nu - len(self.names)
-
-    @property
-    def direct(self) -> bool:
-        """Whether outputs contain the forces of their own sample."""
-        return bool(self.F.any())
 
 
 @dataclasses.dataclass(frozen=True)

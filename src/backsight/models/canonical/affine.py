@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.errors import ModelError
-from backsight.models._monomials import Monomial, show, terms
+from backsight.models.canonical._monomials import Monomial, show, terms
 from backsight.models.model import Model
 from backsight.types import Array
 
