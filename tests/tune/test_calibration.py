@@ -67,7 +67,7 @@ def test_frequencies_are_as_sure_as_it_says():
     np.testing.assert_allclose(np.diag(found.correlation), 1)
     assert found.forces == 4
     again = bs.tune.calibrate(
-        recording(1e-5), estimator(0.0027), by_frequencies, found.values, points=5, span=0.02
+        estimator(0.0027), by_frequencies, recording(1e-5), found.values, points=5, span=0.02
     )
     for name, value in found.values.items():
         assert again.values[name] == pytest.approx(value, rel=1e-4)
