@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from backsight.data.times.grid import Grid, rounded_grid
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -47,24 +48,31 @@ def check_period(dt: float, what: str, where: str) -> None:
         raise DataError(f"{where}: {what} is {dt!r}; it must be a positive number of seconds")
 
 
-def check_regular(time: Array, dt: float | None, where: str) -> None:
-    """Raise `DataError` unless the samples are evenly spaced, and as `dt` says if it is given."""
+def check_regular(time: Array, dt: float | None, where: str) -> Grid | None:
+    """Raise `DataError` unless the samples are evenly spaced, and as `dt` says if it is given.
+
+    Stamps that are the times of an even grid, rounded, are that grid, which is returned.
+    """
     steps = np.diff(time)
     period = float(np.median(steps))
+    k = int(np.argmax(np.abs(steps - period)))
+    even = abs(steps[k] - period) <= IRREGULARITY * period
+    grid = None if even else rounded_grid(time)
+    period = period if grid is None else grid.dt
     if dt is not None and abs(dt - period) > IRREGULARITY * period:
         raise DataError(
             f"{where}: dt is {dt:.6g} s, but by their time the samples are {period:.6g} s apart; "
             f"give one of the two, or mend the unit of time"
         )
-    k = int(np.argmax(np.abs(steps - period)))
-    if abs(steps[k] - period) > IRREGULARITY * period:
+    if not even and grid is None:
         raise DataError(
             f"{where}: time is irregular: samples {k} and {k + 1} (t = {time[k]:.9g} s) are "
             f"{steps[k]:.6g} s apart, the others {period:.6g} s; put them on a fine "
             "grid with NaN where nothing was measured, or interpolate with "
             f"resample = {period:.6g} (which smooths the noise), or give dt instead of time if the "
-            "stamps are only rounded"
+            f"stamps are only rounded: on average they are {np.mean(steps):.9g} s apart"
         )
+    return grid
 
 
 def check_inputs(

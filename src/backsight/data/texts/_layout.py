@@ -1,0 +1,312 @@
+"""How a text is laid out: what separates cells, where names, units and numbers are."""
+
+import collections
+import dataclasses
+import re
+from collections.abc import Sequence
+
+from backsight.data._request import TextForm
+from backsight.data.texts._cells import Line, cells_of, is_blank, lines, trimmed
+from backsight.data.texts._numbers import MISSING, Numbers, is_numeric, signs
+from backsight.data.texts._units import split, units_of
+from backsight.data.times.dates import is_date
+from backsight.errors import DataError
+
+DELIMITERS = ";\t|,"
+"""The first that is in nearly every line; without any, cells are separated by blanks."""
+
+COMMENTS = ("#", "%", "!", "//")
+"""What comments begin with; all but the first only where the first line does so."""
+
+_HEAD, _SPOT, _MOST = 1 << 18, 1 << 14, 300
+_WORDS = re.compile(r'[^",;\t|]*[A-Za-z][^",;\t|]*')
+_PLAIN_COMMA = re.compile(r"[+-]?\d+,\d+")
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """Names and units of columns; delimiter (None: blanks); the bytes that the numbers take."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    delimiter: str | None
+    numbers: Numbers
+    comment: str
+    start: int
+    first_line: int
+    stop: int
+    understood: str
+
+    def position(self, name: str) -> int | None:
+        """Of a column by its name, also without the unit behind it; None if there is none."""
+        if name in self.names:
+            return self.names.index(name)
+        bare = [split(full)[0] for full in self.names]
+        return bare.index(name) if bare.count(name) == 1 else None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Spread:
+    """Lines from the top, and some from the middle and the end, to judge the whole by."""
+
+    top: list[Line]
+    all: list[Line]
+
+
+def layout_of(content: bytes, form: TextForm, wanted: Sequence[str]) -> Layout:
+    """Look at a text and see how it is laid out; what `form` says is not asked.
+
+    Raises
+    ------
+    DataError
+        If it holds zeros, or could be understood in two ways.
+    """
+    spread = _spread(content, form.skip_lines)
+    comment = next((c for c in COMMENTS[1:] if spread.top and spread.top[0].text.lstrip().startswith(c)), "#")
+    top = [line for line in spread.top if not _is_comment(line, comment)]
+    remarks = [line for line in spread.top if _is_comment(line, comment)]
+    body = [line for line in spread.all if not _is_comment(line, comment)]
+    delimiter = _delimiter(body, form, wanted)
+    table = {line.start: trimmed(_cells(line, delimiter, comment)) for line in (*top, *body)}
+    width, numeric = _columns([table[line.start] for line in body])
+    first = _first_data(top, table, numeric, form)
+    names, units, noted = _names(top[:first], remarks, table, width, delimiter, form, wanted)
+    begin = top[first] if first < len(top) else None
+    stop, footer = _footer(content, begin, delimiter, numeric, comment)
+    used = [name for name in wanted if name in names]
+    places = [names.index(name) for name in used] or list(numeric)
+    seen = [
+        cells[j]
+        for line in body
+        if begin is not None and begin.start <= line.start < stop
+        for cells in (table[line.start],)
+        for j in places
+        if j < len(cells) and not is_date(cells[j])
+    ]
+    decimal, thousands = form.decimal, form.thousands
+    if decimal is None and not (thousands is None and delimiter == "," and not _quoted(body)):
+        found = signs(seen) if thousands is None else (("," if thousands == "." else "."), thousands)
+        decimal, thousands = found
+    decimal = decimal or "."
+    notes = [
+        *noted,
+        f"decimal sign '{decimal}'" if decimal != "." else "",
+        f"thousands '{thousands}'" if thousands else "",
+        f"the end left off: '{footer}'" if footer else "",
+    ]
+    numbers = Numbers(decimal, thousands, MISSING + tuple(map(str, _words(form))))
+    return Layout(
+        names=tuple(names),
+        units=tuple(units),
+        delimiter=delimiter,
+        numbers=numbers,
+        comment=comment,
+        start=begin.start if begin else len(content),
+        first_line=begin.number if begin else 1,
+        stop=stop,
+        understood="; ".join(filter(None, notes)),
+    )
+
+
+def _words(form: TextForm) -> list[str]:
+    return [code for code in form.missing if isinstance(code, str)]
+
+
+def _spread(content: bytes, skip: int) -> _Spread:
+    top = []
+    for line in lines(content, stop=min(len(content), _HEAD)):
+        if line.number <= skip or is_blank(line.text):
+            continue
+        if "\0" in line.text and not top:
+            raise DataError("this is not plain text; export it again as such, or say its encoding")
+        top.append(line)
+        if len(top) == _MOST:
+            break
+    if len(top) > 1 and len(content) > _HEAD:
+        top = top[:-1]  # may be cut
+    rest = []
+    for start in (len(content) // 2, len(content) - _SPOT):
+        if top and start > top[-1].start + len(top[-1].text) + 1:
+            spot = [*lines(content, start=start, stop=min(start + _SPOT, len(content)))]
+            rest += [line for line in spot[1:-1] if not is_blank(line.text)]
+    return _Spread(top, top + rest)
+
+
+def _is_comment(line: Line, comment: str) -> bool:
+    text = line.text.lstrip()
+    return text.startswith("#") or text.startswith(comment)
+
+
+def _cells(line: Line, delimiter: str | None, comment: str) -> list[str]:
+    return cells_of(line.text, delimiter)
+
+
+def _quoted(body: Sequence[Line]) -> bool:
+    return any('"' in line.text for line in body)
+
+
+def _delimiter(body: Sequence[Line], form: TextForm, wanted: Sequence[str]) -> str | None:
+    if form.delimiter is not None:
+        return None if form.delimiter.strip(" ") == "" else form.delimiter
+    sample = body[len(body) // 3 :] if len(body) > 6 else body[1:] or body
+    for sign in DELIMITERS:
+        if sum(sign in line.text for line in sample) < 0.9 * len(sample) or not sample:
+            continue
+        if sign == "," and _only_decimal(body, sample, form, wanted):
+            return None
+        return sign
+    return None
+
+
+def _only_decimal(
+    body: Sequence[Line], sample: Sequence[Line], form: TextForm, wanted: Sequence[str]
+) -> bool:
+    """Whether commas are decimal signs: between blanks, or in the only column."""
+    if form.decimal == "," and not _quoted(sample):
+        return True
+    if form.decimal == ".":
+        return False
+    rows = [line.text.split() for line in sample]
+    if any(not (_PLAIN_COMMA.fullmatch(c) or Numbers().value(c) is not None) for r in rows for c in r):
+        return False
+    if len({len(row) for row in rows}) != 1:
+        return False
+    if len(rows[0]) > 1:
+        return True
+    head = body[0].text.strip()
+    if _WORDS.fullmatch(head):
+        return True  # one name for what would be two columns
+    if not _PLAIN_COMMA.fullmatch(head):
+        return False
+    halves = [row[0].split(",") for row in ([head], *rows)]
+    known = set(wanted)
+    if "1" in known:
+        return False
+    digits = {len(fraction) for _, fraction in halves}
+    padded = any(len(f) > 1 and f.startswith("0") for _, f in halves)
+    still = len({whole.lstrip("+-") for whole, _ in halves}) == 1
+    if any(w.startswith("-0") for w, _ in halves) or (len(digits) == 1 and (padded or still)):
+        return True
+    raise DataError(
+        f"'{head}' may be one number with a decimal comma or two numbers; say decimal = \",\" or "
+        'delimiter = ","'
+    )
+
+
+def _columns(rows: Sequence[list[str]]) -> tuple[int, list[int]]:
+    """Number of cells in most lines, and the columns that hold numbers or dates in most."""
+    later = rows[len(rows) // 3 :] if len(rows) > 6 else rows[1:] or rows
+    widths = collections.Counter(len(row) for row in later if row)
+    width = max(widths, key=lambda w: widths[w], default=0)
+    shares = []
+    for j in range(width):
+        known = [row[j] for row in later if j < len(row) and row[j]]
+        shares.append(sum(map(_is_value, known)) >= 0.5 * len(known) if known else True)
+    return width, [j for j, share in enumerate(shares) if share]
+
+
+def _is_value(cell: str) -> bool:
+    return is_numeric(cell) or is_date(cell)
+
+
+def _first_data(
+    top: Sequence[Line], table: dict[int, list[str]], numeric: Sequence[int], form: TextForm
+) -> int:
+    """Index of the first line of numbers."""
+    if form.header is not None:
+        return next((k for k, line in enumerate(top) if line.number > form.header), len(top))
+    if not numeric:
+        return min(1, len(top))
+    for k, line in enumerate(top):
+        cells = table[line.start]
+        if _is_row(cells, numeric):
+            return k
+    return len(top)
+
+
+def _is_row(cells: Sequence[str], numeric: Sequence[int]) -> bool:
+    there = [cells[j] for j in numeric if j < len(cells)]
+    if not there or not any(there):
+        return False
+    values = sum(_is_value(cell) for cell in there)
+    return _is_value(there[0]) and 2 * values >= len(there)
+
+
+def _names(
+    above: Sequence[Line],
+    remarks: Sequence[Line],
+    table: dict[int, list[str]],
+    width: int,
+    delimiter: str | None,
+    form: TextForm,
+    wanted: Sequence[str],
+) -> tuple[list[str], list[str], list[str]]:
+    """Names, units, and what to say about where they were."""
+    candidates = [*above]
+    if form.header:
+        named = [line for line in above if line.number == form.header]
+        if not named:
+            raise DataError(f"line {form.header}, the header, is blank, a comment or skipped")
+        candidates = named
+    elif form.header == 0:
+        candidates = []
+    if candidates:
+        cells = cells_of(candidates[-1].text, delimiter)
+        rows = [cells_of(line.text, delimiter) for line in candidates[-2:]]
+        units = units_of(trimmed(rows[-1])) if len(rows) == 2 else None
+        is_units = units is not None and not set(wanted) & set(rows[-1])
+        if is_units and units is not None and len(trimmed(rows[0])) >= len(units):
+            names = rows[0]
+            return names, _padded(units, names), ["a line of units", *_preamble(candidates[:-2])]
+        if len(trimmed(cells)) < width:
+            raise DataError(
+                f"the line of names has {len(cells)} cells, the first line of numbers {width}"
+            )
+        return cells, [split(n)[1] for n in cells], _preamble(candidates[:-1])
+    numbered = [str(k) for k in range(width)]
+    if form.header == 0:
+        return numbered, [""] * width, []
+    rows = [cells_of(line.text.strip(" #%!/"), delimiter) for line in remarks]
+    for k in range(len(rows) - 1, -1, -1):
+        if len(rows[k]) == width and not (units_of(rows[k]) and not set(wanted) & set(rows[k])):
+            units = units_of(rows[k + 1]) if k + 1 < len(rows) and len(rows[k + 1]) == width else None
+            return rows[k], units or [split(n)[1] for n in rows[k]], []
+    for row in reversed(rows):  # a single comment that looks like units may be names as well
+        if len(row) == width:
+            return row, [""] * width, []
+    return numbered, [""] * width, []
+
+
+def _preamble(before: Sequence[Line]) -> list[str]:
+    if not before:
+        return []
+    text = before[0].text.strip()[:40]
+    return [f"{len(before)} lines before the names left off, from '{text}' on"]
+
+
+def _padded(units: list[str], names: Sequence[str]) -> list[str]:
+    return units + [""] * (len(names) - len(units))
+
+
+def _footer(
+    content: bytes,
+    begin: Line | None,
+    delimiter: str | None,
+    numeric: Sequence[int],
+    comment: str,
+) -> tuple[int, str]:
+    """Where the numbers end, and the first line after them: lines without any number in a cell."""
+    if begin is None or not numeric:
+        return len(content), ""
+    start = max(begin.start, len(content) - _SPOT)
+    last = [*lines(content, start=start)]
+    last = last if start == begin.start else last[1:]
+    stop, first = len(content), ""
+    for line in reversed(last):
+        if is_blank(line.text) or _is_comment(line, comment):
+            continue
+        cells = cells_of(line.text, delimiter)
+        if "\0" in line.text or any(_is_value(cell) for cell in cells):
+            break
+        stop, first = line.start, line.text.strip()[:60]
+    return stop, first
