@@ -33,7 +33,7 @@ def check_time(time: Array, where: str) -> None:
     if wrong.any():
         k = int(np.argmax(wrong))
         raise DataError(f"{where}: time is {time[k]} at sample {k}; every sample needs a time")
-    wrong = np.diff(time) <= 0
+    wrong = time[1:] <= time[:-1]
     if wrong.any():
         k = int(np.argmax(wrong)) + 1
         raise DataError(
@@ -54,9 +54,11 @@ def check_regular(time: Array, dt: float | None, where: str) -> Grid | None:
     Stamps that are the times of an even grid, rounded, are that grid, which is returned.
     """
     steps = np.diff(time)
+    shortest, longest = float(steps.min()), float(steps.max())
+    if dt is None and longest - shortest <= IRREGULARITY * shortest:
+        return None  # whatever the median, which takes long in many millions of samples
     period = float(np.median(steps))
-    k = int(np.argmax(np.abs(steps - period)))
-    even = abs(steps[k] - period) <= IRREGULARITY * period
+    even = max(longest - period, period - shortest) <= IRREGULARITY * period
     grid = None if even else rounded_grid(time)
     period = period if grid is None else grid.dt
     if dt is not None and abs(dt - period) > IRREGULARITY * period:
@@ -65,6 +67,7 @@ def check_regular(time: Array, dt: float | None, where: str) -> Grid | None:
             f"give one of the two, or mend the unit of time"
         )
     if not even and grid is None:
+        k = int(np.argmax(np.abs(steps - period)))
         raise DataError(
             f"{where}: time is irregular: samples {k} and {k + 1} (t = {time[k]:.9g} s) are "
             f"{steps[k]:.6g} s apart, the others {period:.6g} s; put them on a fine "

@@ -1,4 +1,4 @@
-"""Signals out of what holds them by name: data frames, datasets, dictionaries, structured arrays."""
+"""Signals out of what holds them by name: data frames, datasets, dictionaries, records."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

@@ -30,8 +30,8 @@ def pick(
 ) -> dict[str, Array]:
     """Take vectors, or columns of matrices, out of named arrays.
 
-    Time runs along the axis of a matrix that is as long as the other columns; without any, along the
-    one that is much longer. Where that does not decide, `axis` must.
+    Time runs along the axis of a matrix that is as long as the other columns; without any, along
+    the one that is much longer. Where that does not decide, `axis` must.
 
     Parameters
     ----------
@@ -84,12 +84,11 @@ def pick(
 def _vector(matrix: Array, name: str) -> Array:
     values = np.squeeze(matrix)
     if values.ndim == 2:
+        time = _longer(values.shape) or 0
+        kinds = ("columns", "samples") if time else ("samples", "columns")
         raise DataError(
-            f"'{name}' is a matrix of {values.shape[0]} samples and {values.shape[1]} columns: "
-            f"take one as '{name}[0]' to '{name}[{values.shape[1] - 1}]'"
-            if _longer(values.shape) != 1
-            else f"'{name}' is a matrix of {values.shape[0]} channels and {values.shape[1]} samples: "
-            f"take one as '{name}[0]' to '{name}[{values.shape[0] - 1}]'"
+            f"'{name}' is a matrix of {values.shape[0]} {kinds[0]} and {values.shape[1]} "
+            f"{kinds[1]}: take one as '{name}[0]' to '{name}[{values.shape[1 - time] - 1}]'"
         )
     if values.ndim > 2:
         raise DataError(f"'{name}' has the shape {values.shape}; a signal needs one axis, time")

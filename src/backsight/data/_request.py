@@ -78,8 +78,14 @@ class Contents:
         Of the columns of which the file says it.
     understood : str
         How the file was understood, where that could be seen otherwise; one line.
+    time : (n,) array, optional
+        Times of the samples [s] where the file has them without a column for them.
+    begin : str
+        Date of the zero of `time`.
     """
 
     columns: Mapping[str, np.ndarray]
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     understood: str = ""
+    time: np.ndarray | None = None
+    begin: str = ""

@@ -60,9 +60,12 @@ class Column(Description):
 
     def physical(self, raw: Array) -> Array:
         """Values of the signal [unit] from those in the file, (n,)."""
-        values = self.factor * raw + self.offset
+        same = self.factor == 1.0 and self.offset == 0.0
+        values = raw if same else self.factor * raw + self.offset
+        if not self.remove_mean:
+            return values
         known = values[np.isfinite(values)]
-        return values - known.mean() if self.remove_mean and known.size else values
+        return values - known.mean() if known.size else values
 
 
 ColumnLike: TypeAlias = str | Column | Mapping[str, object]

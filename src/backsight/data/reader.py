@@ -1,77 +1,26 @@
 """Read a recording from a file."""
 
-import contextlib
-import dataclasses
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
 from backsight.data import _checks as checks
-from backsight.data._pick import pick
-from backsight.data._request import Axis, Contents, Request, TextForm
-from backsight.data._room import check_room
+from backsight.data._request import Axis, Request, TextForm
 from backsight.data.columns import Column, ColumnLike, column, columns
-from backsight.data.formats.arrays import read_hdf5, read_mat, read_netcdf, read_npy, read_npz
-from backsight.data.formats.kinds import TEXT, kind_of
+from backsight.data.formats.loading import load
 from backsight.data.recording import Group, as_recording, time_axis
-from backsight.data.texts.reading import read_text
 from backsight.data.times.clock import seconds
 from backsight.description import Whole, checked
-from backsight.errors import DataError, PluginError, nearest
-from backsight.plugins import Extended
+from backsight.errors import DataError, nearest
 from backsight.schema import SIGMA_FACTOR
 from backsight.types import Array
 
-Reader: TypeAlias = Callable[[Path, Request], Contents]
-"""What reads the files of a kind."""
 
-CONTAINERS: Mapping[str, Reader] = {
-    ".mat": read_mat,
-    ".h5": read_hdf5,
-    ".hdf5": read_hdf5,
-    ".nc": read_netcdf,
-    ".npz": read_npz,
-    ".npy": read_npy,
-}
-"""Extension to reader of the files that hold named arrays."""
-
-UNREADABLE = (OSError, ValueError, LookupError, EOFError, MemoryError)
-"""What a sound reader may raise on files that are cut off or of another kind."""
-
-ExtensionReader: TypeAlias = Callable[[Path, Sequence[str]], Mapping[str, Array]]
-"""``(path, names of the wanted columns) -> {name: values}``, what an extension brings."""
-
-
-def _adopted(key: str, found: object) -> Reader:
-    """Somebody else's reader, which may return more columns than are wanted, and lists."""
-    if not callable(found):
-        raise DataError(f"it must be a function (path, wanted) -> columns by name, not {found!r}")
-
-    def reader(path: Path, request: Request) -> Contents:
-        columns = found(path, list(request.wanted))
-        if not isinstance(columns, Mapping):
-            raise DataError(f"the reader of '{key}' files returned no columns by name")
-        arrays = {name: np.asarray(values) for name, values in columns.items()}
-        return Contents(pick(arrays, request.wanted, axis=request.axis))
-
-    return reader
-
-
-READERS = Extended(
-    "backsight.readers",
-    "reader",
-    {**dict.fromkeys(TEXT, read_text), **CONTAINERS},
-    _adopted,
-    prefix=".",
-)
-"""Extension to reader: ours, and those of installed extensions (``rl2`` reads ``.rl2``)."""
-
-
-@checked(DataError, only=("skip_lines",))
+@checked(DataError, only=("decimal", "thousands", "header", "skip_lines"))
 def read(
     path: str | os.PathLike[str],
     *,
@@ -89,8 +38,8 @@ def read(
     time_format: str | None = None,
     missing: Sequence[str | float] = (),
     delimiter: str | None = None,
-    decimal: str | None = None,
-    thousands: str | None = None,
+    decimal: Literal[".", ","] | None = None,
+    thousands: Literal[".", ",", "'", " "] | None = None,
     encoding: str | None = None,
     header: Whole | None = None,
     skip_lines: Whole = 0,
@@ -101,18 +50,21 @@ def read(
     Parameters
     ----------
     path : path
-        Text (first line or last comment names the columns), MATLAB, HDF5, NetCDF, NumPy, and what
-        an installed extension reads. What is in the file decides; the suffix is a hint.
+        Text (first line or last comment names the columns; also packed), MATLAB, HDF5, NetCDF,
+        NumPy, LVM, WAV, OpenFAST, with ``pip install 'backsight[formats]'`` TDMS, UFF 58, Parquet,
+        Feather and XLSX, and what an installed extension reads. What is in the file decides; the
+        suffix is a hint.
     inputs, outputs : dict
         Name of the signal in the model to the column: its name, a `Column` with unit and factor,
         or a mapping with the fields of one. ``group/name`` reads from a structure or group, or a
         column of a table; ``acc[2]`` is the third channel of a matrix. An empty cell or ``NaN`` in
         an output is "not measured". A unit that the file says is used where none is given.
     time : column, optional
-        Time stamps [s], ``Column("t_ms", factor=1e-3)`` for milliseconds; or dates, which count from
-        the first sample (the date is the attribute ``begin`` of the recording), or clock times.
+        Time stamps [s], ``Column("t_ms", factor=1e-3)`` for milliseconds; or dates, which count
+        from the first sample (its date is the attribute ``begin``), or clock times.
     dt : float, optional
-        Sampling period [s]; needed if there is no `time`.
+        Sampling period [s]; needed if there is no `time`, nor a time of the file's own (LVM, TDMS,
+        UFF, WAV, OpenFAST).
     truth : dict, optional
         Reference values of states, as `outputs`; they become ``x_true (time, state)``.
     start, stop : float, optional
@@ -129,8 +81,8 @@ def read(
         Axis of matrices along which time runs; if not given, the one that is as long as the other
         columns, or much longer than the other one.
     time_format : str, optional
-        How dates are written, as in ``strptime``: "%m/%d/%Y %H:%M:%S.%f"; of stamps that are numbers
-        "excel" or "matlab" (days), "unix", "unix_ms", "unix_us", "unix_ns" or "ros".
+        How dates are written, as in ``strptime``: "%m/%d/%Y %H:%M:%S.%f"; of stamps that are
+        numbers "excel" or "matlab" (days), "unix", "unix_ms", "unix_us", "unix_ns" or "ros".
     missing : sequence of str or float
         Values that stand for "not measured", as -999 or "ERR".
     delimiter, decimal, thousands, encoding, header, skip_lines : optional
@@ -172,6 +124,8 @@ def read(
     >>> folder.cleanup()
     """
     path = Path(path)
+    if axis not in (None, 0, 1):
+        raise DataError(f"{path}: axis is {axis!r}; give 0 (samples by channels) or 1")
     signals = [
         columns(inputs, "input"),
         columns(outputs, "output"),
@@ -203,16 +157,19 @@ def read(
             missing=tuple(missing),
         ),
     )
-    contents = _load(path, request, format)
+    contents = load(path, request, format)
     where = str(path)
     raw = {n: _measured(v, n, missing) for n, v in contents.columns.items() if n != request.clock}
-    given, begin = None, ""
+    given, begin = contents.time, contents.begin
     if clock:
-        stamps = contents.columns[clock.name]
-        given, begin = seconds(stamps, time_format=time_format, where=where)
+        marks = contents.columns[clock.name]
+        given, begin = seconds(marks, time_format=time_format, where=where)
         raw[clock.name] = given
         given = clock.physical(given)
-    n = checks.check_lengths({name: len(values) for name, values in raw.items()}, where)
+    lengths = {name: len(values) for name, values in raw.items()}
+    if given is not None and not clock:
+        lengths["the file's own time"] = len(given)
+    n = checks.check_lengths(lengths, where)
     stamps = time_axis(given, n, dt=dt, where=where)
     kept = _selected(stamps, start, stop, where)
     u, y, x, factors = (_group(group, raw, contents.units, kept) for group in signals)
@@ -231,62 +188,12 @@ def read(
     )
 
 
-def _load(path: Path, request: Request, wish: str | None) -> Contents:
-    _check_file(path, READERS)
-    kind = kind_of(path, wish, READERS)
-    if request.text != TextForm(missing=request.text.missing) and kind not in TEXT:
-        option = next(
-            f.name
-            for f in dataclasses.fields(TextForm)
-            if f.name != "missing" and getattr(request.text, f.name) != f.default
-        )
-        raise DataError(f"{path}: {option} is for text files, not for '{kind}'")
-    reader = READERS[kind]
-    try:
-        if kind in TEXT:
-            check_room(path.stat().st_size, "the file")
-        with READERS.blamed(kind, but=UNREADABLE):
-            return reader(path, request)
-    except PluginError:
-        raise
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from None
-    except MemoryError:
-        raise DataError(f"{path} does not fit into memory; cut the recording") from None
-    # Readers that others wrote may raise anything on files that are damaged or made to harm.
-    except Exception as error:
-        reason = str(error).partition("\n")[0]
-        raise DataError(f"{path} cannot be read as a '{kind}' file: {reason}") from error
-
-
 def _measured(values: Array, name: str, missing: Sequence[str | float]) -> Array:
     """Numbers, with NaN for those that stand for "not measured"."""
     if values.dtype.kind not in "fiub":
         raise DataError(f"'{name}' holds dates; only time may be given by them")
     codes = [code for code in missing if not isinstance(code, str)]
     return np.where(np.isin(values, codes), np.nan, values) if codes else values
-
-
-def _check_file(path: Path, known: Collection[str]) -> None:
-    """Raise `DataError` unless there is a file, which ends; a device or a pipe may not."""
-    try:
-        if not path.exists():
-            raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
-        if path.is_dir():
-            raise DataError(f"'{path}' is a folder; give a file")
-        if not path.is_file():
-            raise DataError(f"'{path}' is a device or a pipe; give a file")
-    except OSError as error:
-        raise DataError(f"cannot read '{path}': {error.strerror or error}") from None
-
-
-def _neighbour(path: Path, known: Collection[str]) -> str:
-    if not path.parent.is_dir():
-        return f": there is no folder '{path.parent}'"
-    with contextlib.suppress(OSError):  # a folder that may be entered but not listed
-        names = [p.name for p in path.parent.iterdir() if p.suffix.lower() in known]
-        return f": {nearest(path.name, names)}" if names else ""
-    return ""
 
 
 def _selected(time: Array, start: float | None, stop: float | None, where: str) -> slice:

@@ -9,9 +9,9 @@ import xarray as xr
 
 from backsight import schema
 from backsight.data import _checks as checks
-from backsight.data.times.clock import seconds
 from backsight.data._named import index_of, is_named, named_columns
 from backsight.data.resampling import resample as resampled
+from backsight.data.times.clock import seconds
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -54,9 +54,9 @@ def from_arrays(
     Parameters
     ----------
     u, y : (n, nu) and (n, ny) arrays, or (n,) for a single signal
-        Inputs and outputs; ``NaN`` in `y` is "not measured". Without inputs, leave out `u`. What has
-        names goes in by name, whatever its order: a data frame (pandas, polars), a dataset or a
-        labelled array of xarray, a dictionary, a structured array.
+        Inputs and outputs; ``NaN`` in `y` is "not measured". Without inputs, leave out `u`. What
+        has names goes in by name, whatever its order: a data frame (pandas, polars), a dataset or
+        a labelled array of xarray, a dictionary, a structured array.
     inputs, outputs : dict
         Name to unit of every column, in order of the columns unless these have names.
     time : (n,) array, optional
@@ -80,8 +80,8 @@ def from_arrays(
     Raises
     ------
     DataError
-        If sizes or names differ, time is missing or not regular, an input is not known, an output is
-        infinite, or a factor is not positive; if `u` and `y` have indices of time that differ.
+        If sizes or names differ, time is missing or not regular, an input is not known, an output
+        is infinite, or a factor is not positive; if `u` and `y` have indices of time that differ.
 
     Examples
     --------
@@ -120,10 +120,10 @@ def _stamps(
     time: Any, dt: float | None, given: Mapping[str, Any], where: str
 ) -> tuple[Array | None, str]:
     """Times [s] and the date of their zero, from `time` or from the index of what is given."""
-    indices = {name: index for name, values in given.items() if (index := index_of(values)) is not None}
     read = {
         name: seconds(index, time_format=None, where=f"{where}: {name}")
-        for name, index in indices.items()
+        for name, values in given.items()
+        if (index := index_of(values)) is not None
     }
     for name, (own, begin) in read.items():
         first, (others, zero) = next(iter(read.items()))
@@ -193,7 +193,8 @@ def as_recording(
     if resample is None:
         grid = checks.check_regular(time, dt, where)
         if grid is not None:
-            time, understood = grid.times(len(time)), "; ".join(filter(None, (understood, str(grid))))
+            time = grid.times(len(time))
+            understood = "; ".join(filter(None, (understood, str(grid))))
     else:
         checks.check_period(resample, "resample", where)
     checks.check_inputs(u.values, u.units, time, first=first, where=where)
@@ -235,7 +236,8 @@ def _matrix(values: Any, what: str, units: Mapping[str, str], where: str) -> Arr
         lengths = {name: np.size(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             raise DataError(f"{where}: the columns of {what} have different lengths: {lengths}")
-        values = np.stack([_numbers(c, f"{what}['{n}']", where) for n, c in columns.items()], axis=1)
+        numbers = [_numbers(c, f"{what}['{name}']", where) for name, c in columns.items()]
+        values = np.stack(numbers, axis=1) if numbers else np.empty((0, 0))
     matrix = _numbers(values, what, where)
     if matrix.ndim == 1 and len(units) == 1:
         matrix = matrix[:, None]

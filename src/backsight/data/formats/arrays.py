@@ -15,10 +15,10 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from backsight.data.formats._hdf5 import check_dataset, check_links, datasets, wanted_names
 from backsight.data._pick import pick
 from backsight.data._request import Contents, Request
 from backsight.data._room import check_density, check_room
+from backsight.data.formats._hdf5 import check_dataset, check_links, datasets, wanted_names
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -131,9 +131,7 @@ def _read_hdf5(path: Path, request: Request, *, column_major: bool) -> Contents:
         return _picked(found, request, column_major=column_major)
 
 
-def _picked(
-    arrays: Mapping[str, Any], request: Request, *, column_major: bool = False
-) -> Contents:
+def _picked(arrays: Mapping[str, Any], request: Request, *, column_major: bool = False) -> Contents:
     return Contents(pick(arrays, request.wanted, axis=request.axis, column_major=column_major))
 
 
@@ -184,7 +182,7 @@ def _mat_bytes(path: Path) -> int:
 
 
 def _flat(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Leaves of structures (``data/u``), arrays of structures (``ch[2]/u``) and cells (``c[2]``)."""
+    """Leaves of structures (``data/u``), arrays of them (``ch[2]/u``) and cells (``c[2]``)."""
     leaves: dict[str, Any] = {}
     for name, entry in tree.items():
         if isinstance(entry, Mapping):

@@ -14,7 +14,9 @@ class Line:
     text: str
 
 
-def lines(content: bytes, *, start: int = 0, number: int = 1, stop: int | None = None) -> Iterator[Line]:
+def lines(
+    content: bytes, *, start: int = 0, number: int = 1, stop: int | None = None
+) -> Iterator[Line]:
     """Lines of the content one by one, from the byte `start` to `stop`."""
     end = len(content) if stop is None else stop
     while start < end:
@@ -33,7 +35,7 @@ def cells_of(line: str, delimiter: str | None) -> list[str]:
     line = line.strip("\r\n")
     if delimiter is None:
         return [cell.strip('"') for cell in line.split()]
-    if line.count('"') % 2:
+    if line.count('"') % 2 or len(line) > csv.field_size_limit():
         return [cell.strip() for cell in line.split(delimiter)]
     rows = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
     return [cell.strip() for cell in next(rows, [])]

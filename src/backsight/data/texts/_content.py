@@ -8,8 +8,8 @@ import zipfile
 from pathlib import Path
 from typing import IO
 
+from backsight.data._kinds import PACKED
 from backsight.data._room import check_density, check_room
-from backsight.data.formats.kinds import PACKED
 from backsight.errors import DataError
 
 _CHUNK = 1 << 24
@@ -23,7 +23,7 @@ _BOMS = {
 
 
 def content_of(path: Path, encoding: str | None) -> bytes:
-    """Read a text, which may be packed (gz, bz2, xz, zip of one file), as UTF-8 with ``\\n``.
+    r"""Read a text, which may be packed (gz, bz2, xz, zip of one file), as UTF-8 with ``\n``.
 
     Without `encoding`, byte order marks tell, and zeros in every other byte; lines that are not
     UTF-8 are taken as Windows-1252: the µ and ° of older loggers.
@@ -35,7 +35,7 @@ def content_of(path: Path, encoding: str | None) -> bytes:
     """
     raw = _unpacked(path)
     content = _utf8(raw, encoding)
-    if content.count(b"\r") != content.count(b"\r\n"):
+    if b"\r" in content and content.count(b"\r") != content.count(b"\r\n"):
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return content
 

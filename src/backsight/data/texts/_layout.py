@@ -2,25 +2,20 @@
 
 import collections
 import dataclasses
-import re
 from collections.abc import Sequence
 
 from backsight.data._request import TextForm
 from backsight.data.texts._cells import Line, cells_of, is_blank, lines, trimmed
+from backsight.data.texts._delimiter import delimiter_of, quoted
 from backsight.data.texts._numbers import MISSING, Numbers, is_numeric, signs
 from backsight.data.texts._units import split, units_of
 from backsight.data.times.dates import is_date
 from backsight.errors import DataError
 
-DELIMITERS = ";\t|,"
-"""The first that is in nearly every line; without any, cells are separated by blanks."""
-
 COMMENTS = ("#", "%", "!", "//")
 """What comments begin with; all but the first only where the first line does so."""
 
 _HEAD, _SPOT, _MOST = 1 << 18, 1 << 14, 300
-_WORDS = re.compile(r'[^",;\t|]*[A-Za-z][^",;\t|]*')
-_PLAIN_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,15 +57,16 @@ def layout_of(content: bytes, form: TextForm, wanted: Sequence[str]) -> Layout:
         If it holds zeros, or could be understood in two ways.
     """
     spread = _spread(content, form.skip_lines)
-    comment = next((c for c in COMMENTS[1:] if spread.top and spread.top[0].text.lstrip().startswith(c)), "#")
+    begins = spread.top[0].text.lstrip() if spread.top else ""
+    comment = next((sign for sign in COMMENTS if begins.startswith(sign)), "#")
     top = [line for line in spread.top if not _is_comment(line, comment)]
     remarks = [line for line in spread.top if _is_comment(line, comment)]
     body = [line for line in spread.all if not _is_comment(line, comment)]
-    delimiter = _delimiter(body, form, wanted)
-    table = {line.start: trimmed(_cells(line, delimiter, comment)) for line in (*top, *body)}
+    delimiter = delimiter_of(body, form, wanted)
+    table = {line.start: trimmed(cells_of(line.text, delimiter)) for line in (*top, *body)}
     width, numeric = _columns([table[line.start] for line in body])
     first = _first_data(top, table, numeric, form)
-    names, units, noted = _names(top[:first], remarks, table, width, delimiter, form, wanted)
+    names, units, noted = _names(top[:first], remarks, width, delimiter, form, wanted)
     begin = top[first] if first < len(top) else None
     stop, footer = _footer(content, begin, delimiter, numeric, comment)
     used = [name for name in wanted if name in names]
@@ -84,9 +80,11 @@ def layout_of(content: bytes, form: TextForm, wanted: Sequence[str]) -> Layout:
         if j < len(cells) and not is_date(cells[j])
     ]
     decimal, thousands = form.decimal, form.thousands
-    if decimal is None and not (thousands is None and delimiter == "," and not _quoted(body)):
-        found = signs(seen) if thousands is None else (("," if thousands == "." else "."), thousands)
-        decimal, thousands = found
+    if decimal is None and not (thousands is None and delimiter == "," and not quoted(body)):
+        if thousands is None:
+            decimal, thousands = signs(seen)
+        else:
+            decimal = "," if thousands == "." else "."
     decimal = decimal or "."
     notes = [
         *noted,
@@ -114,16 +112,14 @@ def _words(form: TextForm) -> list[str]:
 
 def _spread(content: bytes, skip: int) -> _Spread:
     top = []
-    for line in lines(content, stop=min(len(content), _HEAD)):
+    for line in lines(content):
+        if line.start > _HEAD or len(top) == _MOST:
+            break
         if line.number <= skip or is_blank(line.text):
             continue
         if "\0" in line.text and not top:
             raise DataError("this is not plain text; export it again as such, or say its encoding")
         top.append(line)
-        if len(top) == _MOST:
-            break
-    if len(top) > 1 and len(content) > _HEAD:
-        top = top[:-1]  # may be cut
     rest = []
     for start in (len(content) // 2, len(content) - _SPOT):
         if top and start > top[-1].start + len(top[-1].text) + 1:
@@ -134,63 +130,7 @@ def _spread(content: bytes, skip: int) -> _Spread:
 
 def _is_comment(line: Line, comment: str) -> bool:
     text = line.text.lstrip()
-    return text.startswith("#") or text.startswith(comment)
-
-
-def _cells(line: Line, delimiter: str | None, comment: str) -> list[str]:
-    return cells_of(line.text, delimiter)
-
-
-def _quoted(body: Sequence[Line]) -> bool:
-    return any('"' in line.text for line in body)
-
-
-def _delimiter(body: Sequence[Line], form: TextForm, wanted: Sequence[str]) -> str | None:
-    if form.delimiter is not None:
-        return None if form.delimiter.strip(" ") == "" else form.delimiter
-    sample = body[len(body) // 3 :] if len(body) > 6 else body[1:] or body
-    for sign in DELIMITERS:
-        if sum(sign in line.text for line in sample) < 0.9 * len(sample) or not sample:
-            continue
-        if sign == "," and _only_decimal(body, sample, form, wanted):
-            return None
-        return sign
-    return None
-
-
-def _only_decimal(
-    body: Sequence[Line], sample: Sequence[Line], form: TextForm, wanted: Sequence[str]
-) -> bool:
-    """Whether commas are decimal signs: between blanks, or in the only column."""
-    if form.decimal == "," and not _quoted(sample):
-        return True
-    if form.decimal == ".":
-        return False
-    rows = [line.text.split() for line in sample]
-    if any(not (_PLAIN_COMMA.fullmatch(c) or Numbers().value(c) is not None) for r in rows for c in r):
-        return False
-    if len({len(row) for row in rows}) != 1:
-        return False
-    if len(rows[0]) > 1:
-        return True
-    head = body[0].text.strip()
-    if _WORDS.fullmatch(head):
-        return True  # one name for what would be two columns
-    if not _PLAIN_COMMA.fullmatch(head):
-        return False
-    halves = [row[0].split(",") for row in ([head], *rows)]
-    known = set(wanted)
-    if "1" in known:
-        return False
-    digits = {len(fraction) for _, fraction in halves}
-    padded = any(len(f) > 1 and f.startswith("0") for _, f in halves)
-    still = len({whole.lstrip("+-") for whole, _ in halves}) == 1
-    if any(w.startswith("-0") for w, _ in halves) or (len(digits) == 1 and (padded or still)):
-        return True
-    raise DataError(
-        f"'{head}' may be one number with a decimal comma or two numbers; say decimal = \",\" or "
-        'delimiter = ","'
-    )
+    return text.startswith(("#", comment))
 
 
 def _columns(rows: Sequence[list[str]]) -> tuple[int, list[int]]:
@@ -235,7 +175,6 @@ def _is_row(cells: Sequence[str], numeric: Sequence[int]) -> bool:
 def _names(
     above: Sequence[Line],
     remarks: Sequence[Line],
-    table: dict[int, list[str]],
     width: int,
     delimiter: str | None,
     form: TextForm,
@@ -269,7 +208,8 @@ def _names(
     rows = [cells_of(line.text.strip(" #%!/"), delimiter) for line in remarks]
     for k in range(len(rows) - 1, -1, -1):
         if len(rows[k]) == width and not (units_of(rows[k]) and not set(wanted) & set(rows[k])):
-            units = units_of(rows[k + 1]) if k + 1 < len(rows) and len(rows[k + 1]) == width else None
+            below = rows[k + 1] if k + 1 < len(rows) else []
+            units = units_of(below) if len(below) == width else None
             return rows[k], units or [split(n)[1] for n in rows[k]], []
     for row in reversed(rows):  # a single comment that looks like units may be names as well
         if len(row) == width:

@@ -17,14 +17,18 @@ from backsight.data.times.clock import NUMERIC
 from backsight.data.times.dates import is_date
 from backsight.errors import DataError
 
+_LOOK = 1 << 16
+"""Bytes at the beginning of the numbers that tell how cells are written."""
+
 
 def read_text(path: Path, request: Request) -> Contents:
     """Read columns by name.
 
     The line above the first line of numbers names the columns, or the one above that if it gives
-    units; if there is none, the last comment (``#``) before it does, as NumPy writes it; if that has
-    another number of cells, the columns are called "0", "1", ... Cells are separated by semicolons,
-    tabs, bars, commas or blanks, numbers have a decimal point or comma, and an empty cell is NaN.
+    units; if there is none, the last comment (``#``) before it does, as NumPy writes it; if that
+    has another number of cells, the columns are called "0", "1", ... Cells are separated by
+    semicolons, tabs, bars, commas or blanks, numbers have a decimal point or comma, and an empty
+    cell is NaN.
 
     Parameters
     ----------
@@ -39,7 +43,11 @@ def read_text(path: Path, request: Request) -> Contents:
         If a column is missing or not unique, a cell is not a number (names line and column), or
         the text could be understood in two ways.
     """
-    content = content_of(path, request.text.encoding)
+    return read_content(content_of(path, request.text.encoding), request)
+
+
+def read_content(content: bytes, request: Request) -> Contents:
+    r"""Read columns of a text, given in UTF-8 with ``\n``; see `read_text`."""
     layout = layout_of(content, request.text, request.wanted)
     absent = [no_column(n, layout.names) for n in request.wanted if layout.position(n) is None]
     if absent:
@@ -79,7 +87,8 @@ def _kind(content: bytes, layout: Layout, request: Request, name: str) -> type:
             continue
         if cells[place] in layout.numbers.missing:
             continue
-        return str if is_date(cells[place]) and layout.numbers.value(cells[place]) is None else float
+        number = layout.numbers.value(cells[place]) is not None
+        return float if number or not is_date(cells[place]) else str
     return float
 
 
@@ -89,13 +98,15 @@ def _fast(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, n
     for sign in {'"', "#", layout.comment, "\0"}:
         if content.find(sign.encode(), layout.start) >= 0:
             raise ValueError("pandas lets quotes and comments swallow what follows")
+    if any(kind is float and _is_word(content, layout, name) for name, kind in kinds.items()):
+        raise ValueError("pandas takes True and False for numbers")
     if layout.stop == len(content):
         file = io.BytesIO(content)  # shares the bytes
         file.seek(layout.start)
     else:
         file = io.BytesIO(content[layout.start : layout.stop])
     places = {name: _place(layout, name) for name in kinds}
-    dtypes = {place: {float: float, int: np.int64, str: str}[kinds[n]] for n, place in places.items()}
+    dtypes = {place: np.int64 if kinds[n] is int else kinds[n] for n, place in places.items()}
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)  # more cells than columns
         table = pd.read_csv(
@@ -106,7 +117,8 @@ def _fast(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, n
             index_col=False,
             dtype=dtypes,
             decimal=layout.numbers.decimal,
-            skipinitialspace=True,
+            # Blanks before numbers do not matter, those before words do; looking costs time.
+            skipinitialspace=b" " in content[layout.start : layout.start + _LOOK],
             keep_default_na=False,
             na_values=list(layout.numbers.missing),
             low_memory=False,  # or long columns of text and numbers cause a warning
@@ -118,6 +130,14 @@ def _fast(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, n
         else table[place].to_numpy()
         for name, place in places.items()
     }
+
+
+def _is_word(content: bytes, layout: Layout, name: str) -> bool:
+    """Whether the first cell of a column is no number; pandas takes a column of words at once."""
+    first = next(lines(content, start=layout.start, stop=layout.stop), None)
+    cells = cells_of(first.text, layout.delimiter) if first else []
+    place = _place(layout, name)
+    return place < len(cells) and layout.numbers.value(cells[place]) is None
 
 
 def _careful(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, np.ndarray]:

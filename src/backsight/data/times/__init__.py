@@ -1,1 +1,1 @@
-"""Time stamps: of any kind to seconds, dates as loggers write them, even grids behind rounded stamps."""
+"""Time stamps: of any kind to seconds, dates as loggers write them, grids behind rounded ones."""

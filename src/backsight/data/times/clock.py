@@ -50,7 +50,9 @@ def seconds(values: Any, *, time_format: str | None, where: str) -> tuple[Array,
         return _seconds(array), ""
     if array.dtype.kind not in "fiub":
         raise DataError(f"{where}: time is of {array.dtype}; give numbers [s] or dates")
-    return (array.astype(float), "") if time_format is None else _of_numbers(array, time_format, where)
+    if time_format is None:
+        return np.asarray(array, float), ""
+    return _of_numbers(array, time_format, where)
 
 
 def _plain(values: Any) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Dates and times as loggers write them, to ``datetime64`` or ``timedelta64``.
 
-Told apart by the form of the first cells: ISO 8601, day or month first, year first with other signs,
-names of months, and clock times without date, which may go past midnight.
+Told apart by the form of the first cells: ISO 8601, day or month first, year first with other
+signs, names of months, and clock times without date, which may go past midnight.
 """
 
 import re
@@ -57,7 +57,8 @@ def parsed(cells: pd.Series, time_format: str | None, where: str) -> np.ndarray:
         return _spread(_clock_times(known, where), known, cells)
     if _ISO.fullmatch(first):
         # A comma before the fraction is ISO 8601, too, but not what pandas reads.
-        return _spread(_dates(known.str.replace(",", ".", regex=False), "ISO8601", where), known, cells)
+        points = known.str.replace(",", ".", regex=False)
+        return _spread(_dates(points, "ISO8601", where), known, cells)
     if named := _NAMED.fullmatch(first):
         sign = "-" if "-" in first[:4] else " "
         return _spread(_dates(*_joined(known, f"%d{sign}%b{sign}%Y", named), where), known, cells)

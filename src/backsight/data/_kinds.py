@@ -1,5 +1,6 @@
 """What kind of file a file is: by what is in it, and by its suffix where that does not tell."""
 
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,10 @@ SIGNS = {
     b"CDF\x02": ".nc",
     b"CDF\x05": ".nc",
     b"\x93NUMPY": ".npy",
+    b"LabVIEW Measurement": ".lvm",
+    b"TDSm": ".tdms",
+    b"PAR1": ".parquet",
+    b"ARROW1": ".feather",
 }
 """First bytes of files, to the suffix whose reader takes them."""
 
@@ -58,6 +63,10 @@ def _by_content(path: Path, head: bytes, suffix: str) -> str | None:
     for sign, kind in SIGNS.items():
         if head.startswith(sign):
             return suffix if (kind, suffix) in ((".h5", ".nc"), (".h5", ".hdf5")) else kind
+    if head.startswith((b"RIFF", b"RIFX")) and head[8:12] == b"WAVE":
+        return ".wav"
+    if re.match(rb"\s*-1\s*\r?\n\s*(15|55|58b?|82|151|164)\b", head):
+        return ".uff"
     for sign, kind in PACKED.items():
         if head.startswith(sign):
             return _in_archive(path) if kind == ".zip" else TEXT[0]
@@ -74,6 +83,8 @@ def _in_archive(path: Path) -> str | None:
         return None
     if names and all(name.endswith(".npy") for name in names):
         return ".npz"
+    if "[Content_Types].xml" in names:
+        return ".xlsx"
     return TEXT[0] if len(names) == 1 else None
 
 
