@@ -88,7 +88,7 @@ def test_recorders_bring_their_time_and_units(tmp_path, name):
     np.testing.assert_allclose(r.y[:, 0], A, atol=1e-4)
     np.testing.assert_allclose(r.u[:, 0], B, atol=1e-2)
     assert (r.output_unit.item(), r.input_unit.item()) == ("V", "m")
-    with pytest.raises(DataError, match="by their time the samples are 0.0005 s apart"):
+    with pytest.raises(DataError, match=r"by their time the samples are 0\.0005 s apart"):
         read(tmp_path / name, inputs={}, outputs={"y": "a"}, dt=0.1)
     with pytest.raises(DataError, match="no column 'acc'"):
         read(tmp_path / name, inputs={}, outputs={"y": "acc"})
@@ -101,13 +101,14 @@ def test_cut_off_files_are_one_clear_line(tmp_path, name, part):
     WRITERS[name](path)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(len(whole) * part)])
+    said = ""
     try:
         r = read(path, inputs={}, outputs={"y": "a"})
-    except DataError as error:
-        assert str(path) in str(error)
-        assert "\n" not in str(error)
-    else:  # a recording that was stopped is as long as it is
+        # A recording that was stopped is as long as it is; its last number may be cut.
         np.testing.assert_allclose(r.y[:-1, 0], A[: r.sizes["time"] - 1], atol=1e-4)
+    except DataError as error:
+        said = str(error)
+    assert not said or (str(path) in said and "\n" not in said)
 
 
 def test_channels_of_other_rates_are_not_mixed(tmp_path):
@@ -116,7 +117,7 @@ def test_channels_of_other_rates_are_not_mixed(tmp_path):
     b = nptdms.ChannelObject("g", "b", B, properties={"wf_increment": 2e-3})
     with nptdms.TdmsWriter(tmp_path / "r.tdms") as writer:
         writer.write_segment([a, b])
-    with pytest.raises(DataError, match="'a' has a sample every 0.001 s .* 'b' every 0.002 s"):
+    with pytest.raises(DataError, match=r"'a' has a sample every 0.001 s .* 'b' every 0.002 s"):
         read(tmp_path / "r.tdms", inputs={}, outputs={"a": "a", "b": "b"})
 
 

@@ -121,7 +121,7 @@ def test_rounded_stamps_are_the_grid_behind_them(dt, cut):
 
 def test_a_lost_sample_is_no_rounding():
     stamps = np.round(np.delete(np.arange(100), 40) * 1.0, 3)
-    with pytest.raises(DataError, match="irregular.*on average they are 1.01"):
+    with pytest.raises(DataError, match=r"irregular.*on average they are 1.01"):
         from_arrays(y=stamps, time=stamps, inputs={}, outputs={"y": ""})
     stamps = np.delete(np.arange(400), [50, 130, 131, 300]) * 0.005
     with pytest.raises(DataError, match="irregular"):

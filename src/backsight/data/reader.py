@@ -11,7 +11,7 @@ import xarray as xr
 from backsight.data import _checks as checks
 from backsight.data._request import Axis, Request, TextForm
 from backsight.data.columns import Column, ColumnLike, column, columns
-from backsight.data.formats.loading import load
+from backsight.data.formats.loading import read_contents
 from backsight.data.recording import Group, as_recording, time_axis
 from backsight.data.times.clock import seconds
 from backsight.description import Whole, checked
@@ -157,7 +157,7 @@ def read(
             missing=tuple(missing),
         ),
     )
-    contents = load(path, request, format)
+    contents = read_contents(path, request, format)
     where = str(path)
     raw = {n: _measured(v, n, missing) for n, v in contents.columns.items() if n != request.clock}
     given, begin = contents.time, contents.begin

@@ -12,9 +12,9 @@ from backsight.data._kinds import TEXT, kind_of
 from backsight.data._pick import pick
 from backsight.data._request import Contents, Request, TextForm
 from backsight.data._room import check_room
-from backsight.data.formats.arrays import read_hdf5, read_mat, read_netcdf, read_npy, read_npz
-from backsight.data.formats.recorders import read_lvm, read_outb, read_tdms, read_uff, read_wav
-from backsight.data.formats.tables import read_feather, read_parquet, read_xlsx
+from backsight.data.formats._arrays import read_hdf5, read_mat, read_netcdf, read_npy, read_npz
+from backsight.data.formats._recorders import read_lvm, read_outb, read_tdms, read_uff, read_wav
+from backsight.data.formats._tables import read_feather, read_parquet, read_xlsx
 from backsight.data.texts.reading import read_text
 from backsight.errors import DataError, PluginError, nearest
 from backsight.plugins import Extended
@@ -78,7 +78,7 @@ READERS = Extended(
 """Extension to reader: ours, and those of installed extensions (``rl2`` reads ``.rl2``)."""
 
 
-def load(path: Path, request: Request, wish: str | None) -> Contents:
+def read_contents(path: Path, request: Request, wish: str | None) -> Contents:
     """Read what is wanted of a file; raises `DataError` or `PluginError`, which name it."""
     _check_file(path, READERS)
     kind = kind_of(path, wish, READERS)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from backsight.data._request import TextForm
 from backsight.data.texts._cells import Line
-from backsight.data.texts._numbers import Numbers
+from backsight.data.texts._numbers import NumberForm
 from backsight.errors import DataError
 
 DELIMITERS = ";\t|,"
@@ -27,14 +27,23 @@ def delimiter_of(body: Sequence[Line], form: TextForm, wanted: Sequence[str]) ->
     sample = body[len(body) // 3 :] if len(body) > 6 else body[1:] or body
     # What stands before and after the numbers is prose.
     sample = [line for line in sample if any(map(str.isdigit, line.text))] or sample
+    found = _common(sample, body)
+    if found == "," and _only_decimal(body, sample, form, wanted):
+        return None
+    return found
+
+
+def _common(sample: Sequence[Line], body: Sequence[Line]) -> str | None:
+    """The sign that is in nearly all lines; in all but one, which may be cut off, second best."""
+    second = None
     for sign in DELIMITERS if sample else ():
         lacking = sum(sign not in line.text for line in sample)
-        if lacking > max(0.1 * len(sample), min(1, len(sample) // 2)):
-            continue
-        if sign == "," and _only_decimal(body, sample, form, wanted):
-            return None
-        return sign
-    return None
+        named = lacking <= 1 < len(sample) and sign in body[0].text
+        if named or lacking <= 0.1 * len(sample):
+            return sign
+        if lacking == 1 and len(sample) > 3:
+            second = second or sign
+    return second
 
 
 def _only_decimal(
@@ -49,7 +58,7 @@ def _only_decimal(
         return False  # names with commas between them
     rows = [line.text.split() for line in sample]
     cells = [cell for row in rows for cell in row]
-    if any(not _PLAIN_COMMA.fullmatch(c) and Numbers().value(c) is None for c in cells):
+    if any(not _PLAIN_COMMA.fullmatch(c) and NumberForm().value(c) is None for c in cells):
         return False
     if len({len(row) for row in rows}) != 1:
         return False

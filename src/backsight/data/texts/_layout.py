@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from backsight.data._request import TextForm
 from backsight.data.texts._cells import Line, cells_of, is_blank, lines, trimmed
 from backsight.data.texts._delimiter import delimiter_of, quoted
-from backsight.data.texts._numbers import MISSING, Numbers, is_numeric, signs
+from backsight.data.texts._numbers import MISSING, NumberForm, is_numeric, signs
 from backsight.data.texts._units import split, units_of
 from backsight.data.times.dates import is_date
 from backsight.errors import DataError
@@ -25,7 +25,7 @@ class Layout:
     names: tuple[str, ...]
     units: tuple[str, ...]
     delimiter: str | None
-    numbers: Numbers
+    numbers: NumberForm
     comment: str
     start: int
     first_line: int
@@ -92,7 +92,7 @@ def layout_of(content: bytes, form: TextForm, wanted: Sequence[str]) -> Layout:
         f"thousands '{thousands}'" if thousands else "",
         f"the end left off: '{footer}'" if footer else "",
     ]
-    numbers = Numbers(decimal, thousands, MISSING + tuple(map(str, _words(form))))
+    numbers = NumberForm(decimal, thousands, MISSING + tuple(map(str, _words(form))))
     return Layout(
         names=tuple(names),
         units=tuple(units),

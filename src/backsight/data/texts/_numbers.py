@@ -1,4 +1,4 @@
-"""Numbers as texts write them: decimal points and commas, thousands, words for missing ones."""
+"""NumberForm as texts write them: decimal points and commas, thousands, words for missing ones."""
 
 import dataclasses
 import math
@@ -32,7 +32,7 @@ _EITHER = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}")
 
 
 @dataclasses.dataclass(frozen=True)
-class Numbers:
+class NumberForm:
     """Signs in numbers, and further words for missing ones."""
 
     decimal: str = "."
@@ -65,7 +65,7 @@ class Numbers:
 def is_numeric(cell: str) -> bool:
     """Whether a cell is a number by any signs, or a word for a missing one."""
     return (
-        Numbers().value(cell) is not None
+        NumberForm().value(cell) is not None
         or bool(_COMMA.fullmatch(cell))
         or bool(_BOTH.fullmatch(cell))
         or bool(_MANY.fullmatch(cell))
@@ -95,7 +95,7 @@ def signs(cells: Iterable[str]) -> tuple[str, str | None]:
             either.setdefault(match[1], cell)
         elif _COMMA.fullmatch(cell):
             decimal.add(",")
-        elif "." in cell and cell not in MISSING and Numbers().value(cell) is not None:
+        elif "." in cell and cell not in MISSING and NumberForm().value(cell) is not None:
             decimal.add(".")
     if not decimal and "." in either and not thousands & {"."}:
         decimal.add(".")  # what programs write by themselves

@@ -3,7 +3,7 @@
 import io
 import warnings
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pandas as pd
@@ -11,8 +11,8 @@ import pandas as pd
 from backsight.data._pick import no_column
 from backsight.data._request import Contents, Request
 from backsight.data.texts._cells import cells_of, is_blank, lines, trimmed
-from backsight.data.texts._content import content_of
 from backsight.data.texts._layout import Layout, layout_of
+from backsight.data.texts.content import content_of
 from backsight.data.times.clock import NUMERIC
 from backsight.data.times.dates import is_date
 from backsight.errors import DataError
@@ -106,7 +106,9 @@ def _fast(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, n
     else:
         file = io.BytesIO(content[layout.start : layout.stop])
     places = {name: _place(layout, name) for name in kinds}
-    dtypes = {place: np.int64 if kinds[n] is int else kinds[n] for n, place in places.items()}
+    dtypes: dict[Any, Any] = {
+        place: np.int64 if kinds[n] is int else kinds[n] for n, place in places.items()
+    }
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)  # more cells than columns
         table = pd.read_csv(

@@ -27,7 +27,7 @@ class Grid:
 
     def times(self, n: int) -> Array:
         """The first `n` times, (n,)."""
-        return self.start + self.dt * np.arange(n)
+        return self.start + self.dt * np.arange(n, dtype=float)
 
     def __str__(self) -> str:
         return f"time is rounded to {self.quantum:g} s; even steps of {self.dt:.9g} s"

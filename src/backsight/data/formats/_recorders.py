@@ -17,7 +17,7 @@ from backsight.data._pick import no_column, pick
 from backsight.data._request import Contents, Request
 from backsight.data._room import check_density, check_room
 from backsight.data.formats._libraries import library
-from backsight.data.texts._content import content_of
+from backsight.data.texts.content import content_of
 from backsight.data.texts.reading import read_content
 from backsight.errors import DataError
 from backsight.types import Array
@@ -230,4 +230,4 @@ def _even(clocks: list[tuple[str, float, float]], columns: Mapping[str, Array]) 
                 f"'{name}' has a sample every {step:g} s from {start:g} s on, '{other}' every "
                 f"{period:g} s from {begin:g} s on; read each by itself and merge them"
             )
-    return start + step * np.arange(len(columns[name]))
+    return start + step * np.arange(len(columns[name]), dtype=float)

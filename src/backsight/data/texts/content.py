@@ -3,6 +3,7 @@
 import bz2
 import codecs
 import gzip
+import io
 import lzma
 import zipfile
 from pathlib import Path
@@ -64,7 +65,7 @@ def _unpacked(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def _limited(packed: IO[bytes], path: Path) -> bytes:
+def _limited(packed: io.BufferedIOBase | IO[bytes], path: Path) -> bytes:
     """Unpack, but no more than fits: what a packed file claims cannot be trusted."""
     stored, parts, total = path.stat().st_size, [], 0
     try:
