@@ -3,7 +3,9 @@
 import bz2
 import gzip
 import lzma
+import re
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,7 +41,9 @@ LAYOUTS = {
     "bars": "t|y\n" + POINTS.replace(",", "|"),
     "a line of units": "t,y\ns,m/s^2\n" + POINTS,
     "units in brackets": "t\ty\n(s)\t(m/s2)\n" + POINTS.replace(",", "\t"),
+    "a line of units, not of all": "t,y\n,mm\n" + POINTS + "\nEnd,\n",
     "units behind names": "t [s],y [kN]\n" + POINTS,
+    "units behind names, blanks": "t [s] y [kN]\n" + POINTS.replace(",", " "),
     "a preamble": "Logger 3000\nserial;17\nRate 10 Hz\nt,y\n" + POINTS,
     "a preamble and units": "Run\nof today\n\nt,y\ns,mm\n" + POINTS,
     "a footer": "t,y\n" + POINTS + "\nOverflows none\nEnd\n",
@@ -65,6 +69,7 @@ def test_every_layout_gives_the_same_numbers(values, layout):
         ("a line of units", "m/s^2"),
         ("units in brackets", "m/s2"),
         ("units behind names", "kN"),
+        ("units behind names, blanks", "kN"),
         ("names and units in comments", "m"),
     ],
 )
@@ -116,6 +121,7 @@ def test_a_column_alone(values, text, more, expected):
         ("t;y\n0;1,234\n1;2,345\n", {}, "'1,234' may be 1234 or 1.234"),
         ("t;y\n0;1,5\n1;2.5\n", {}, "points and commas in several ways"),
         ("t,y\n0,1\n1,OOPS\n2,3\n", {}, "line 3, column 'y': 'OOPS' is not a number"),
+        ("t u y\n0 1 2\n1  3\n2 4 5\n", {}, "line 3 has 2 cells.*not plain which are missing"),
         ("t,y\n0,True\n1,True\n", {}, "line 2, column 'y': 'True' is not a number"),
         ("t,y\n0,1\n1,2\nMean,1.5\n", {}, "line 4, column 't': 'Mean'"),
         ("t,y\n0,1\n1,2\n", {"encoding": "klingon"}, "there is no encoding 'klingon'"),
@@ -222,3 +228,14 @@ def test_the_line_of_names_may_be_said(values):
     np.testing.assert_array_equal(values(text, header=2)[1], [1, 2])
     given = {"outputs": {"y": "1"}, "time": "0"}
     np.testing.assert_array_equal(values("0,1\n1,2\n", header=0, **given)[1], [1, 2])
+
+
+def test_the_page_on_files_runs(capsys):
+    """Every example of docs/your-file.md, one after the other."""
+    page = Path(__file__).parents[2] / "docs" / "your-file.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    exec("\n".join(blocks), {})
+    said = capsys.readouterr().out
+    assert "2026-03-27T10:51:00 0.1 mm" in said
+    assert "not plain which axis is time" in said
+    assert "0.001024 time is rounded to 0.001 s" in said

@@ -166,10 +166,9 @@ def _first_data(
 
 def _is_row(cells: Sequence[str], numeric: Sequence[int]) -> bool:
     there = [cells[j] for j in numeric if j < len(cells)]
-    if not there or not any(there):
-        return False
-    values = sum(_is_value(cell) for cell in there)
-    return _is_value(there[0]) and 2 * values >= len(there)
+    known = [cell for cell in there if cell]
+    values = sum(_is_value(cell) for cell in known)
+    return values > 0 and _is_value(there[0]) and 2 * values >= len(known)
 
 
 def _names(
@@ -191,6 +190,7 @@ def _names(
         candidates = []
     if candidates:
         cells = cells_of(candidates[-1].text, delimiter)
+        cells = _with_units(cells) if delimiter is None and len(cells) > width else cells
         rows = [cells_of(line.text, delimiter) for line in candidates[-2:]]
         units = units_of(trimmed(rows[-1])) if len(rows) == 2 else None
         is_units = units is not None and not set(wanted) & set(rows[-1])
@@ -217,11 +217,23 @@ def _names(
     return numbered, [""] * width, []
 
 
+def _with_units(words: Sequence[str]) -> list[str]:
+    """Names and their units in brackets together, where blanks separate both."""
+    names: list[str] = []
+    for word in words:
+        if names and word[0] in "([" and word[-1] in ")]":
+            names[-1] += f" {word}"
+        else:
+            names.append(word)
+    return names
+
+
 def _preamble(before: Sequence[Line]) -> list[str]:
     if not before:
         return []
     text = before[0].text.strip()[:40]
-    return [f"{len(before)} lines before the names left off, from '{text}' on"]
+    count = "1 line" if len(before) == 1 else f"{len(before)} lines"
+    return [f"{count} before the names left off, from '{text}' on"]
 
 
 def _padded(units: list[str], names: Sequence[str]) -> list[str]:
@@ -246,7 +258,8 @@ def _footer(
         if is_blank(line.text) or _is_comment(line, comment):
             continue
         cells = cells_of(line.text, delimiter)
-        if "\0" in line.text or any(_is_value(cell) for cell in cells):
+        known = [cell for cell in cells if cell]
+        if "\0" in line.text or not known or any(map(_is_value, known)):
             break
         stop, first = line.start, line.text.strip()[:60]
     return stop, first

@@ -126,6 +126,8 @@ def _fast(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, n
             low_memory=False,  # or long columns of text and numbers cause a warning
             encoding_errors="replace",
         )
+    if layout.delimiter is None and table.iloc[:, -1].isna().any():
+        raise ValueError("between blanks, a cell that is missing moves the others")
     return {
         name: table[place].fillna("").to_numpy(object)
         if kinds[name] is str
@@ -155,6 +157,11 @@ def _careful(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str
         if len(cells) > width:
             raise DataError(
                 f"line {line.number} has {len(cells)} cells, but there are {width} columns"
+            )
+        if layout.delimiter is None and len(cells) < width:
+            raise DataError(
+                f"line {line.number} has {len(cells)} cells, but there are {width} columns; "
+                "between blanks it is not plain which are missing, write nan"
             )
         cells += [""] * (width - len(cells))
         for name, place in sorted(places.items(), key=lambda item: item[1]):
