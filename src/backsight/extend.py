@@ -11,7 +11,7 @@ from backsight.algebra.symmetric import vech as vech
 from backsight.algebra.update import masked as masked
 from backsight.algebra.update import measured as measured
 from backsight.algebra.update import noise_of as noise_of
-from backsight.data.reader import READERS as READERS
+from backsight.data.formats.loading import READERS as READERS
 from backsight.engine.loops import iterate as iterate
 from backsight.engine.loops import scan as scan
 from backsight.engine.recursion import Channel as Channel

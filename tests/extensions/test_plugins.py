@@ -7,7 +7,7 @@ import pytest
 
 import backsight as bs
 import small_problem
-from backsight.data.reader import READERS
+from backsight.data.formats.loading import READERS
 from backsight.errors import BacksightError, PluginError, ProblemError
 from backsight.estimators import ALL_ESTIMATORS, EKF, ESTIMATORS
 from backsight.problem import load

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from backsight.data.times.grid import Grid, rounded_grid
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -32,7 +33,7 @@ def check_time(time: Array, where: str) -> None:
     if wrong.any():
         k = int(np.argmax(wrong))
         raise DataError(f"{where}: time is {time[k]} at sample {k}; every sample needs a time")
-    wrong = np.diff(time) <= 0
+    wrong = time[1:] <= time[:-1]
     if wrong.any():
         k = int(np.argmax(wrong)) + 1
         raise DataError(
@@ -47,23 +48,34 @@ def check_period(dt: float, what: str, where: str) -> None:
         raise DataError(f"{where}: {what} is {dt!r}; it must be a positive number of seconds")
 
 
-def check_regular(time: Array, dt: float | None, where: str) -> None:
-    """Raise `DataError` unless the samples are evenly spaced, and as `dt` says if it is given."""
+def check_regular(time: Array, dt: float | None, where: str) -> Grid | None:
+    """Raise `DataError` unless the samples are evenly spaced, and as `dt` says if it is given.
+
+    Stamps that are the times of an even grid, rounded, are that grid, which is returned.
+    """
     steps = np.diff(time)
+    shortest, longest = float(steps.min()), float(steps.max())
+    if dt is None and longest - shortest <= IRREGULARITY * shortest:
+        return None  # whatever the median, which takes long in many millions of samples
     period = float(np.median(steps))
+    even = max(longest - period, period - shortest) <= IRREGULARITY * period
+    grid = None if even else rounded_grid(time)
+    period = period if grid is None else grid.dt
     if dt is not None and abs(dt - period) > IRREGULARITY * period:
         raise DataError(
             f"{where}: dt is {dt:.6g} s, but by their time the samples are {period:.6g} s apart; "
             f"give one of the two, or mend the unit of time"
         )
-    k = int(np.argmax(np.abs(steps - period)))
-    if abs(steps[k] - period) > IRREGULARITY * period:
+    if not even and grid is None:
+        k = int(np.argmax(np.abs(steps - period)))
         raise DataError(
             f"{where}: time is irregular: samples {k} and {k + 1} (t = {time[k]:.9g} s) are "
             f"{steps[k]:.6g} s apart, the others {period:.6g} s; interpolate with "
             f"resample = {period:.6g} (which smooths the noise), put them on a fine grid with NaN "
-            "where nothing was measured, or give dt instead of time if the stamps are only rounded"
+            "where nothing was measured, or give dt instead of time if the stamps are only "
+            f"rounded: on average they are {np.mean(steps):.9g} s apart"
         )
+    return grid
 
 
 def check_inputs(

@@ -24,7 +24,7 @@ class Column(Description):
         Name in the file; ``group/name`` inside a structure or group, ``acc[2]`` for the third
         column of a matrix.
     unit : str
-        Unit of the signal, after `factor`.
+        Unit of the signal, after `factor`; if not given, that of the file, where it says one.
     factor : float
         From the file's unit to `unit`.
     offset : float
@@ -54,11 +54,18 @@ class Column(Description):
             if sound(name) and not math.isfinite(value):
                 yield f"{name} is {value}, not a finite number"
 
+    def unit_by(self, found: str) -> str:
+        """Unit of the signal: as given, or that of the file, `found`, if nothing is converted."""
+        return self.unit or (found if self.factor == 1.0 else "")
+
     def physical(self, raw: Array) -> Array:
         """Values of the signal [unit] from those in the file, (n,)."""
-        values = self.factor * raw + self.offset
+        same = self.factor == 1.0 and self.offset == 0.0
+        values = raw if same else self.factor * raw + self.offset
+        if not self.remove_mean:
+            return values
         known = values[np.isfinite(values)]
-        return values - known.mean() if self.remove_mean and known.size else values
+        return values - known.mean() if known.size else values
 
 
 ColumnLike: TypeAlias = str | Column | Mapping[str, object]

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from backsight import schema
-from backsight.data.recording import Group, with_sigma_factor, with_truth
+from backsight.data.recording import BEGIN, UNDERSTOOD, Group, with_sigma_factor, with_truth
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -26,7 +26,8 @@ def merge(*recordings: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     *recordings : xarray.Dataset
-        With different names for all signals, and one common zero of time.
+        With different names for all signals, and one common zero of time; those with dates are put
+        on the clock of the earliest one.
 
     Returns
     -------
@@ -41,6 +42,7 @@ def merge(*recordings: xr.Dataset) -> xr.Dataset:
     """
     if not recordings:
         raise DataError("merge: give at least one recording")
+    recordings, begin = _on_one_clock(recordings)
     fastest = min(recordings, key=lambda r: r.attrs["dt"])
     dt = fastest.attrs["dt"]
     time = _common(recordings, fastest.time.to_numpy(), dt)
@@ -56,9 +58,35 @@ def merge(*recordings: xr.Dataset) -> xr.Dataset:
         outputs=dict(y.units),
         dt=dt,
     )
+    notes = {BEGIN: begin, UNDERSTOOD: "; ".join(_notes(recordings))}
+    merged.attrs |= {name: text for name, text in notes.items() if text}
     if factors.units:
         merged = with_sigma_factor(merged, factors.values, where="merge")
     return with_truth(merged, x) if x.units else merged
+
+
+def _on_one_clock(recordings: tuple[xr.Dataset, ...]) -> tuple[tuple[xr.Dataset, ...], str]:
+    """Recordings whose times count from the earliest date of them, and that date."""
+    dates = [r.attrs.get(BEGIN, "") for r in recordings]
+    if not any(dates) or len(recordings) == 1:
+        return recordings, dates[0]
+    if not all(dates):
+        raise DataError(
+            "merge: some recordings have dates, their time counts from the first sample, and "
+            "others have none: read all with numbers as time, or all with dates"
+        )
+    stamps = [np.datetime64(date, "ns") for date in dates]
+    first = min(stamps)
+    shifts = [float((stamp - first).astype(np.int64)) / 1e9 for stamp in stamps]
+    shifted = tuple(
+        r.assign_coords(time=("time", r.time.to_numpy() + shift, r.time.attrs))
+        for r, shift in zip(recordings, shifts, strict=True)
+    )
+    return shifted, dates[stamps.index(first)]
+
+
+def _notes(recordings: Sequence[xr.Dataset]) -> list[str]:
+    return list(dict.fromkeys(r.attrs[UNDERSTOOD] for r in recordings if UNDERSTOOD in r.attrs))
 
 
 def _with_factors(recording: xr.Dataset) -> xr.Dataset:

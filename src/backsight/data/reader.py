@@ -1,80 +1,26 @@
 """Read a recording from a file."""
 
-import contextlib
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
 from backsight.data import _checks as checks
-from backsight.data._containers import read_hdf5, read_mat, read_netcdf, read_npz
-from backsight.data._pick import pick
-from backsight.data._room import check_room
-from backsight.data._text_files import read_text
+from backsight.data._request import Axis, Request, TextForm
 from backsight.data.columns import Column, ColumnLike, column, columns
+from backsight.data.formats.loading import read_contents
 from backsight.data.recording import Group, as_recording, time_axis
+from backsight.data.times.clock import seconds
 from backsight.description import Whole, checked
-from backsight.errors import DataError, PluginError, nearest
-from backsight.plugins import Extended
+from backsight.errors import DataError, nearest
 from backsight.schema import SIGMA_FACTOR
 from backsight.types import Array
 
-TEXT = (".csv", ".tsv", ".txt")
-"""Extensions of text files."""
 
-Reader: TypeAlias = Callable[[Path, Sequence[str], Collection[str]], Mapping[str, Array]]
-"""``(path, names of the wanted columns, outside) -> {name: values}``, time first."""
-
-CONTAINERS: Mapping[str, Reader] = {
-    ".mat": read_mat,
-    ".h5": read_hdf5,
-    ".hdf5": read_hdf5,
-    ".nc": read_netcdf,
-    ".npz": read_npz,
-}
-"""Extension to reader of the files that hold named arrays."""
-
-
-UNREADABLE = (OSError, ValueError, LookupError, EOFError, MemoryError)
-"""What a sound reader may raise on files that are cut off or of another kind."""
-
-ExtensionReader: TypeAlias = Callable[[Path, Sequence[str]], Mapping[str, Array]]
-"""``(path, names of the wanted columns) -> {name: values}``, what an extension brings."""
-
-
-def _text(path: Path, wanted: Sequence[str], _outside: Collection[str]) -> Mapping[str, Array]:
-    return read_text(path, wanted, 0)
-
-
-def _adopted(key: str, found: object) -> Reader:
-    """Somebody else's reader, which may return more columns than are wanted, and lists."""
-    if not callable(found):
-        raise DataError(f"it must be a function (path, wanted) -> columns by name, not {found!r}")
-
-    def reader(path: Path, wanted: Sequence[str], _outside: Collection[str]) -> Mapping[str, Array]:
-        columns = found(path, wanted)
-        if not isinstance(columns, Mapping):
-            raise DataError(f"the reader of '{key}' files returned no columns by name")
-        return pick({name: np.asarray(values) for name, values in columns.items()}, wanted)
-
-    return reader
-
-
-READERS = Extended(
-    "backsight.readers",
-    "reader",
-    # Text is told apart because lines can be skipped in it.
-    {**dict.fromkeys(TEXT, _text), **CONTAINERS},
-    _adopted,
-    prefix=".",
-)
-"""Extension to reader: ours, and those of installed extensions (``rl2`` reads ``.rl2``)."""
-
-
-@checked(DataError, only=("skip_lines",))
+@checked(DataError, only=("decimal", "thousands", "header", "skip_lines"))
 def read(
     path: str | os.PathLike[str],
     *,
@@ -86,8 +32,17 @@ def read(
     start: float | None = None,
     stop: float | None = None,
     resample: float | None = None,
-    skip_lines: Whole = 0,
     sigma_factor: Mapping[str, ColumnLike] | None = None,
+    format: str | None = None,  # noqa: A002  the word of problem files
+    axis: Axis | None = None,
+    time_format: str | None = None,
+    missing: Sequence[str | float] = (),
+    delimiter: str | None = None,
+    decimal: Literal[".", ","] | None = None,
+    thousands: Literal[".", ",", "'", " "] | None = None,
+    encoding: str | None = None,
+    header: Whole | None = None,
+    skip_lines: Whole = 0,
     outside: Collection[str] = (),
 ) -> xr.Dataset:
     r"""Read a recording and check it.
@@ -95,30 +50,46 @@ def read(
     Parameters
     ----------
     path : path
-        Text (``.csv``, ``.tsv``, ``.txt``; first line or last comment names the columns), MATLAB
-        (``.mat``), HDF5 (``.h5``, ``.hdf5``), NetCDF (``.nc``), NumPy (``.npz``), or what an
-        installed extension reads.
+        Text (first line or last comment names the columns; also packed), MATLAB, HDF5, NetCDF,
+        NumPy, LVM, WAV, OpenFAST, with ``pip install 'backsight[formats]'`` TDMS, UFF 58, Parquet,
+        Feather and XLSX, and what an installed extension reads. What is in the file decides; the
+        suffix is a hint.
     inputs, outputs : dict
         Name of the signal in the model to the column: its name, a `Column` with unit and factor,
-        or a mapping with the fields of one. ``group/name`` reads from a structure or group,
-        ``acc[2]`` the third column of a matrix. An empty cell or ``NaN`` in an output is "not
-        measured".
+        or a mapping with the fields of one. ``group/name`` reads from a structure or group, or a
+        column of a table; ``acc[2]`` is the third channel of a matrix. An empty cell or ``NaN`` in
+        an output is "not measured". A unit that the file says is used where none is given.
     time : column, optional
-        Time stamps [s]; ``Column("t_ms", factor=1e-3)`` for milliseconds.
+        Time stamps [s], ``Column("t_ms", factor=1e-3)`` for milliseconds; or dates, which count
+        from the first sample (its date is the attribute ``begin``), or clock times.
     dt : float, optional
-        Sampling period [s]; needed if there is no `time`.
+        Sampling period [s]; needed if there is no `time`, nor a time of the file's own (LVM, TDMS,
+        UFF, WAV, OpenFAST).
     truth : dict, optional
         Reference values of states, as `outputs`; they become ``x_true (time, state)``.
     start, stop : float, optional
         Keep the samples with ``start <= t < stop`` [s].
     resample : float, optional
         Interpolate to this sampling period [s]; see `backsight.data.resample`.
-    skip_lines : int
-        Lines to pass over at the top of a text file.
     sigma_factor : dict, optional
         Outputs whose samples have a noise of their own, as `outputs`: the column holds its standard
         deviation by the `sigma_y` of the estimator, or, with ``Column(name, factor=1 / sigma_y)``,
         the standard deviation itself. An empty cell is "not measured".
+    format : str, optional
+        How to read the file whatever it is called: "text", or a suffix as "mat".
+    axis : 0 or 1, optional
+        Axis of matrices along which time runs; if not given, the one that is as long as the other
+        columns, or much longer than the other one.
+    time_format : str, optional
+        How dates are written, as in ``strptime``: "%m/%d/%Y %H:%M:%S.%f"; of stamps that are
+        numbers "excel" or "matlab" (days), "unix", "unix_ms", "unix_us", "unix_ns" or "ros".
+    missing : sequence of str or float
+        Values that stand for "not measured", as -999 or "ERR".
+    delimiter, decimal, thousands, encoding, header, skip_lines : optional
+        Of texts: what separates cells (" ": blanks), the signs in numbers, the encoding, the number
+        of the line with the names (from 1 on; 0: there is none), and lines to pass over at the top.
+        What is not given is taken from the file; the attribute ``understood`` of the recording says
+        how.
     outside : collection of str
         Other files from which an HDF5, NetCDF or MAT file may take measurements (external storage,
         external links, virtual datasets), by the names that it has for them. The file must be
@@ -135,7 +106,8 @@ def read(
         If the file or a column is missing or cannot be read, does not fit into memory, or takes
         measurements from other files or needs other programs to be read; the recording is empty,
         its time is not regular, an input is not known at every sample, an output is infinite, or a
-        factor of the noise is not positive or belongs to no output.
+        factor of the noise is not positive or belongs to no output; if a number, a date or an axis
+        could be understood in two ways.
     PluginError
         If the reader of an extension is broken.
 
@@ -152,6 +124,8 @@ def read(
     >>> folder.cleanup()
     """
     path = Path(path)
+    if axis not in (None, 0, 1):
+        raise DataError(f"{path}: axis is {axis!r}; give 0 (samples by channels) or 1")
     signals = [
         columns(inputs, "input"),
         columns(outputs, "output"),
@@ -167,14 +141,38 @@ def read(
     if not signals[0] and not signals[1]:
         raise DataError(f"{path}: name at least one column as input or output")
     chosen = [c for group in signals for c in group.values()] + ([clock] if clock else [])
-    raw = _load(path, list(dict.fromkeys(c.name for c in chosen)), skip_lines, outside)
-
+    request = Request(
+        wanted=tuple(dict.fromkeys(c.name for c in chosen)),
+        clock=clock.name if clock else None,
+        time_format=time_format,
+        axis=axis,
+        outside=outside,
+        text=TextForm(
+            delimiter=delimiter,
+            decimal=decimal,
+            thousands=thousands,
+            encoding=encoding,
+            header=header,
+            skip_lines=skip_lines,
+            missing=tuple(missing),
+        ),
+    )
+    contents = read_contents(path, request, format)
     where = str(path)
-    n = checks.check_lengths({name: len(values) for name, values in raw.items()}, where)
-    given = clock.physical(raw[clock.name]) if clock else None
+    raw = {n: _measured(v, n, missing) for n, v in contents.columns.items() if n != request.clock}
+    given, begin = contents.time, contents.begin
+    if clock:
+        marks = contents.columns[clock.name]
+        given, begin = seconds(marks, time_format=time_format, where=where)
+        raw[clock.name] = given
+        given = clock.physical(given)
+    lengths = {name: len(values) for name, values in raw.items()}
+    if given is not None and not clock:
+        lengths["the file's own time"] = len(given)
+    n = checks.check_lengths(lengths, where)
     stamps = time_axis(given, n, dt=dt, where=where)
     kept = _selected(stamps, start, stop, where)
-    u, y, x, factors = (_group(group, raw, kept) for group in signals)
+    u, y, x, factors = (_group(group, raw, contents.units, kept) for group in signals)
     return as_recording(
         stamps[kept],
         u=u,
@@ -184,59 +182,18 @@ def read(
         dt=dt,
         resample=resample,
         first=kept.start,
+        begin=begin,
+        understood=contents.understood,
         where=where,
     )
 
 
-def _load(
-    path: Path, wanted: Sequence[str], skip_lines: int, outside: Collection[str]
-) -> Mapping[str, Array]:
-    kind = path.suffix.lower()
-    _check_file(path, READERS)
-    if kind not in READERS:
-        hint = nearest(kind, READERS)
-        raise DataError(f"{path}: files of the kind '{kind}' are not read: {hint}")
-    if skip_lines and kind not in TEXT:
-        raise DataError(f"{path}: skip_lines is for text files, not for '{kind}'")
-    reader = READERS[kind]
-    try:
-        if kind in TEXT:
-            check_room(path.stat().st_size, "the file")
-            return read_text(path, wanted, skip_lines)
-        with READERS.blamed(kind, but=UNREADABLE):
-            return reader(path, wanted, outside)
-    except PluginError:
-        raise
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from None
-    except MemoryError:
-        raise DataError(f"{path} does not fit into memory; cut the recording") from None
-    # Readers that others wrote may raise anything on files that are damaged or made to harm.
-    except Exception as error:
-        reason = str(error).partition("\n")[0]
-        raise DataError(f"{path} cannot be read as a '{kind}' file: {reason}") from error
-
-
-def _check_file(path: Path, known: Collection[str]) -> None:
-    """Raise `DataError` unless there is a file, which ends; a device or a pipe may not."""
-    try:
-        if not path.exists():
-            raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
-        if path.is_dir():
-            raise DataError(f"'{path}' is a folder; give a file")
-        if not path.is_file():
-            raise DataError(f"'{path}' is a device or a pipe; give a file")
-    except OSError as error:
-        raise DataError(f"cannot read '{path}': {error.strerror or error}") from None
-
-
-def _neighbour(path: Path, known: Collection[str]) -> str:
-    if not path.parent.is_dir():
-        return f": there is no folder '{path.parent}'"
-    with contextlib.suppress(OSError):  # a folder that may be entered but not listed
-        names = [p.name for p in path.parent.iterdir() if p.suffix.lower() in known]
-        return f": {nearest(path.name, names)}" if names else ""
-    return ""
+def _measured(values: Array, name: str, missing: Sequence[str | float]) -> Array:
+    """Numbers, with NaN for those that stand for "not measured"."""
+    if values.dtype.kind not in "fiub":
+        raise DataError(f"'{name}' holds dates; only time may be given by them")
+    codes = [code for code in missing if not isinstance(code, str)]
+    return np.where(np.isin(values, codes), np.nan, values) if codes else values
 
 
 def _selected(time: Array, start: float | None, stop: float | None, where: str) -> slice:
@@ -256,10 +213,12 @@ def _spread(factors: Group, y: Group) -> Array:
     return np.stack([given.get(name, np.ones(len(y.values))) for name in y.units], axis=1)
 
 
-def _group(signals: Mapping[str, Column], raw: Mapping[str, Array], kept: slice) -> Group:
+def _group(
+    signals: Mapping[str, Column], raw: Mapping[str, Array], units: Mapping[str, str], kept: slice
+) -> Group:
     values = [c.physical(raw[c.name][kept]) for c in signals.values()]
     n = kept.stop - kept.start
     return Group(
         np.stack(values, axis=1) if values else np.empty((n, 0)),
-        {name: c.unit for name, c in signals.items()},
+        {name: c.unit_by(units.get(c.name, "")) for name, c in signals.items()},
     )

@@ -2,16 +2,24 @@
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from backsight import schema
 from backsight.data import _checks as checks
+from backsight.data._named import index_of, is_named, named_columns
 from backsight.data.resampling import resample as resampled
+from backsight.data.times.clock import seconds
 from backsight.errors import DataError
 from backsight.types import Array
+
+BEGIN = "begin"
+"""Attribute of a recording with the date of the zero of its time (UTC if the zone is known)."""
+
+UNDERSTOOD = "understood"
+"""Attribute of a recording: how its file was understood where it could be seen otherwise."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,25 +40,29 @@ class Group:
 
 def from_arrays(
     *,
-    u: ArrayLike | None = None,
-    y: ArrayLike,
+    u: Any = None,
+    y: Any,
     inputs: Mapping[str, str],
     outputs: Mapping[str, str],
-    time: ArrayLike | None = None,
+    time: Any = None,
     dt: float | None = None,
     resample: float | None = None,
-    sigma_factor: ArrayLike | None = None,
+    sigma_factor: Any = None,
 ) -> xr.Dataset:
     """Make a recording of arrays.
 
     Parameters
     ----------
     u, y : (n, nu) and (n, ny) arrays, or (n,) for a single signal
-        Inputs and outputs; ``NaN`` in `y` is "not measured". Without inputs, leave out `u`.
+        Inputs and outputs; ``NaN`` in `y` is "not measured". Without inputs, leave out `u`. What
+        has names goes in by name, whatever its order: a data frame (pandas, polars), a dataset or
+        a labelled array of xarray, a dictionary, a structured array.
     inputs, outputs : dict
-        Name to unit of every column, in order.
+        Name to unit of every column, in order of the columns unless these have names.
     time : (n,) array, optional
-        Time of every sample [s].
+        Time of every sample [s]; or dates (``datetime64``, `pandas.DatetimeIndex`, Python's, text),
+        which count from the first one, or intervals (``timedelta64``); or the name of the column of
+        `y` with them. If not given, a data frame's own index of dates or intervals.
     dt : float, optional
         Sampling period [s]; needed if there is no `time`.
     resample : float, optional
@@ -68,8 +80,8 @@ def from_arrays(
     Raises
     ------
     DataError
-        If sizes differ, time is missing or not regular, an input is not known, an output is
-        infinite, or a factor is not positive.
+        If sizes or names differ, time is missing or not regular, an input is not known, an output
+        is infinite, or a factor is not positive; if `u` and `y` have indices of time that differ.
 
     Examples
     --------
@@ -80,14 +92,15 @@ def from_arrays(
     """
     where = "recording"
     measured = _matrix(y, "y", outputs, where)
-    known = np.empty((len(measured), 0)) if u is None else u
+    nothing = u is None or (not inputs and is_named(u))
+    known = np.empty((len(measured), 0)) if nothing else u
     given = _matrix(known, "u", inputs, where)
     lengths = {"u": len(given), "y": len(measured)}
     factors = None
     if sigma_factor is not None:
         factors = _matrix(sigma_factor, schema.SIGMA_FACTOR, outputs, where)
         lengths[schema.SIGMA_FACTOR] = len(factors)
-    stamps = None if time is None else _matrix(time, "time", {"time": "s"}, where)[:, 0]
+    stamps, begin = _stamps(time, dt, {"u": u, "y": y, schema.SIGMA_FACTOR: sigma_factor}, where)
     if stamps is not None:
         lengths["time"] = len(stamps)
     n = checks.check_lengths(lengths, where)
@@ -98,8 +111,34 @@ def from_arrays(
         sigma_factor=factors,
         dt=dt,
         resample=resample,
+        begin=begin,
         where=where,
     )
+
+
+def _stamps(
+    time: Any, dt: float | None, given: Mapping[str, Any], where: str
+) -> tuple[Array | None, str]:
+    """Times [s] and the date of their zero, from `time` or from the index of what is given."""
+    read = {
+        name: seconds(index, time_format=None, where=f"{where}: {name}")
+        for name, values in given.items()
+        if (index := index_of(values)) is not None
+    }
+    for name, (own, begin) in read.items():
+        first, (others, zero) = next(iter(read.items()))
+        if begin != zero or not np.array_equal(own, others):
+            raise DataError(
+                f"{where}: {first} and {name} have indices of different times; bring them together "
+                "first (reindex, or one recording each and merge)"
+            )
+    if time is None:
+        return next(iter(read.values())) if read and dt is None else (None, "")
+    if isinstance(time, str):
+        if not is_named(given["y"]):
+            raise DataError(f"{where}: time is '{time}', but y has no columns by name")
+        time = named_columns(given["y"], [time], "y", where)[time]
+    return seconds(time, time_format=None, where=where)
 
 
 def time_axis(time: Array | None, n: int, *, dt: float | None, where: str) -> Array:
@@ -124,6 +163,8 @@ def as_recording(
     dt: float | None = None,
     resample: float | None = None,
     first: int = 0,
+    begin: str = "",
+    understood: str = "",
     where: str,
 ) -> xr.Dataset:
     """Check a recording and put it together.
@@ -142,11 +183,18 @@ def as_recording(
         Interpolate to this period [s]; time may then be irregular.
     first : int
         Number of the first sample in the file, for messages.
+    begin : str
+        Date of the zero of time, if it is known.
+    understood : str
+        How the file was understood.
     where : str
         What messages begin with.
     """
     if resample is None:
-        checks.check_regular(time, dt, where)
+        grid = checks.check_regular(time, dt, where)
+        if grid is not None:
+            time = grid.times(len(time))
+            understood = "; ".join(filter(None, (understood, str(grid))))
     else:
         checks.check_period(resample, "resample", where)
     checks.check_inputs(u.values, u.units, time, first=first, where=where)
@@ -159,6 +207,8 @@ def as_recording(
         outputs=dict(y.units),
         dt=dt or (time[-1] - time[0]) / (len(time) - 1),
     )
+    notes = {BEGIN: begin, UNDERSTOOD: understood}
+    recording.attrs |= {name: text for name, text in notes.items() if text}
     if sigma_factor is not None:
         recording = with_sigma_factor(recording, sigma_factor, where=where)
     if x is not None:
@@ -180,16 +230,31 @@ def with_sigma_factor(recording: xr.Dataset, factor: Array, *, where: str) -> xr
     return recording.assign({schema.SIGMA_FACTOR: (("time", "output"), finite)})
 
 
-def _matrix(values: ArrayLike, what: str, units: Mapping[str, str], where: str) -> Array:
-    try:
-        matrix = np.asarray(values, float)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{where}: {what} is not an array of real numbers: {error}") from None
+def _matrix(values: Any, what: str, units: Mapping[str, str], where: str) -> Array:
+    if is_named(values):
+        columns = named_columns(values, units, what, where)
+        lengths = {name: np.size(column) for name, column in columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise DataError(f"{where}: the columns of {what} have different lengths: {lengths}")
+        numbers = [_numbers(c, f"{what}['{name}']", where) for name, c in columns.items()]
+        values = np.stack(numbers, axis=1) if numbers else np.empty((0, 0))
+    matrix = _numbers(values, what, where)
     if matrix.ndim == 1 and len(units) == 1:
         matrix = matrix[:, None]
     if matrix.ndim != 2 or matrix.shape[1] != len(units):
+        hint = " (transpose it)" if matrix.ndim == 2 and matrix.shape[0] == len(units) else ""
         raise DataError(
             f"{where}: {what} has the shape {matrix.shape}; it needs time as the first axis and "
-            f"{len(units)} columns: {', '.join(units) or 'none'}"
+            f"{len(units)} columns: {', '.join(units) or 'none'}{hint}"
         )
     return matrix
+
+
+def _numbers(values: Any, what: str, where: str) -> Array:
+    kind = np.asarray(values).dtype.kind
+    if kind in "mM":  # would become nanoseconds, or ticks of any other length
+        raise DataError(f"{where}: {what} is not an array of real numbers, but of dates")
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{where}: {what} is not an array of real numbers: {error}") from None

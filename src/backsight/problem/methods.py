@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from backsight.data.reader import READERS
+from backsight.data.formats.loading import READERS
 from backsight.description import words
 from backsight.errors import PluginError
 from backsight.estimators import ALL_ESTIMATORS

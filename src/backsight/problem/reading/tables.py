@@ -1,7 +1,7 @@
 """The tables of a problem file: which keys there are and what they hold."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import pydantic
 
@@ -43,6 +43,15 @@ class RecordingTable(StrictTable):
     start: float | None = None
     stop: float | None = None
     resample: float | None = None
+    format: str | None = None
+    axis: Literal[0, 1] | None = None
+    time_format: str | None = None
+    missing: list[float | str] = []
+    delimiter: str | None = pydantic.Field(default=None, min_length=1, max_length=1)
+    decimal: Literal[".", ","] | None = None
+    thousands: Literal[".", ",", "'", " "] | None = None
+    encoding: str | None = None
+    header: int | None = pydantic.Field(default=None, ge=0)
     skip_lines: int = pydantic.Field(default=0, ge=0)
 
 

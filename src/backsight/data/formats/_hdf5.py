@@ -53,6 +53,11 @@ def datasets(file: "h5py.File", wanted: Sequence[str], outside: Collection[str])
 
     file.visititems(collect)  # follows no links
     for name in wanted_names(wanted, found):
+        table, _, field = name.rpartition("/")
+        if name not in found and table in found and field in (found[table].dtype.names or ()):
+            check_dataset(found[table], table, outside, field=field)
+            found[name] = Field(found[table], field)
+            continue
         if name not in found:
             entry = _linked(file, name, outside)
             if not isinstance(entry, h5py.Dataset):
@@ -88,8 +93,25 @@ def _links(file: "h5py.File") -> dict[str, Any]:
     return links
 
 
-def check_dataset(entry: "h5py.Dataset", name: str, outside: Collection[str]) -> None:
-    """Raise `DataError` unless a dataset can be read without harm and holds numbers."""
+class Field:
+    """A column of a table (a dataset of compound type), read when it is made an array."""
+
+    def __init__(self, table: "h5py.Dataset", name: str) -> None:
+        self.table, self.name = table, name
+        self.shape = table.shape
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Read it."""
+        return np.array(self.table.fields(self.name)[()], dtype=dtype, copy=copy)
+
+
+def check_dataset(
+    entry: "h5py.Dataset", name: str, outside: Collection[str], *, field: str | None = None
+) -> None:
+    """Raise `DataError` unless a dataset can be read without harm and holds numbers.
+
+    Of a table, `field` is the column that is wanted.
+    """
     import h5py
 
     plan = entry.id.get_create_plist()
@@ -108,8 +130,14 @@ def check_dataset(entry: "h5py.Dataset", name: str, outside: Collection[str]) ->
             )
     if entry.shape is None:
         raise DataError(f"'{name}' is empty")
-    if entry.dtype.kind not in "fiub":
-        raise DataError(f"'{name}' is not an array of real numbers, but of {entry.dtype}")
+    dtype = entry.dtype if field is None else entry.dtype[field]
+    if dtype.names:
+        raise DataError(
+            f"'{name}' is not an array of real numbers, but a table: take a column as "
+            f"'{name}/{dtype.names[0]}'"
+        )
+    if dtype.kind not in "fiub":
+        raise DataError(f"'{name}' is not an array of real numbers, but of {dtype}")
     claimed = math.prod(entry.shape) * max(entry.dtype.itemsize, np.dtype(float).itemsize)
     if not elsewhere:
         check_density(claimed, entry.id.get_storage_size(), f"'{name}'")

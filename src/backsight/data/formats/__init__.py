@@ -1,0 +1,1 @@
+"""Files that hold more than text, one small reader each."""

@@ -1,0 +1,112 @@
+"""Tables of data frames and spreadsheets: Parquet, Feather, XLSX."""
+
+import dataclasses
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from backsight.data._pick import no_column
+from backsight.data._request import Contents, Request
+from backsight.data._room import check_density, check_room
+from backsight.data.formats._libraries import library
+from backsight.data.texts.reading import read_content
+from backsight.errors import DataError
+
+
+def read_parquet(path: Path, request: Request) -> Contents:
+    """Read columns of a Parquet file; dates stay dates."""
+    library("pyarrow")
+    file = library("pyarrow.parquet").ParquetFile(path, memory_map=True)
+    names = file.schema_arrow.names
+    _check(names, request.wanted)
+    claimed = file.metadata.num_rows * 8 * len(request.wanted)
+    check_density(claimed, path.stat().st_size, "the table")
+    check_room(claimed, "the table")
+    return _columns(file.read(columns=list(request.wanted)), request)
+
+
+def read_feather(path: Path, request: Request) -> Contents:
+    """Read columns of a Feather file (Arrow IPC)."""
+    arrow = library("pyarrow")
+    with arrow.memory_map(str(path)) as source:
+        reader = library("pyarrow.ipc").open_file(source)
+        _check(reader.schema.names, request.wanted)
+        check_room(path.stat().st_size, "the table")
+        rows = 0
+        for k in range(reader.num_record_batches):
+            rows += reader.get_batch(k).num_rows
+            check_room(rows * 8 * len(request.wanted), "the table")
+        return _columns(reader.read_all().select(list(request.wanted)), request)
+
+
+def _check(names: Sequence[str], wanted: Sequence[str]) -> None:
+    absent = [no_column(name, names) for name in wanted if name not in names]
+    if absent:
+        raise DataError("; ".join(absent))
+
+
+def _columns(table: Any, request: Request) -> Contents:
+    units = {}
+    for field in table.schema:
+        found = (field.metadata or {}).get(b"unit") or (field.metadata or {}).get(b"units")
+        if found:
+            units[field.name] = found.decode(errors="replace")
+    columns = {name: _values(table[name], name, request) for name in request.wanted}
+    return Contents(columns, units)
+
+
+def _values(column: Any, name: str, request: Request) -> np.ndarray:
+    values = column.to_pandas()
+    if name == request.clock:
+        return values.to_numpy()
+    if values.dtype.kind not in "fiub":
+        raise DataError(f"'{name}' is not a column of real numbers, but of {column.type}")
+    return values.to_numpy(float)
+
+
+def read_xlsx(path: Path, request: Request) -> Contents:
+    """Read columns of a spreadsheet, as of a text: names, units, preamble and footer are found.
+
+    The first sheet is read, or that of ``sheet/column``. Values are those that were last computed;
+    formulas are not run.
+    """
+    openpyxl = library("openpyxl")
+    with zipfile.ZipFile(path) as archive:
+        claimed = sum(member.file_size for member in archive.infolist())
+    check_density(claimed, path.stat().st_size, "the workbook")
+    check_room(claimed, "the workbook")
+    book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
+    try:
+        sheets = {name.rpartition("/")[0] for name in request.wanted} & set(book.sheetnames)
+        if len(sheets) > 1:
+            raise DataError(f"the columns are on several sheets: {', '.join(sorted(sheets))}")
+        title = sheets.pop() if sheets else book.sheetnames[0]
+        rows = book[title].iter_rows(values_only=True)
+        content = "\n".join("\t".join(map(_cell, row)) for row in rows)
+    finally:
+        book.close()
+    bare = {name: name.removeprefix(f"{title}/") for name in request.wanted}
+    text = dataclasses.replace(request.text, delimiter="\t", decimal=".")
+    asked = dataclasses.replace(
+        request,
+        wanted=tuple(bare.values()),
+        clock=bare.get(request.clock or ""),
+        text=text,
+    )
+    found = read_content(content.encode(), asked)
+    return Contents(
+        {name: found.columns[own] for name, own in bare.items()},
+        {name: found.units[own] for name, own in bare.items() if own in found.units},
+        found.understood,
+    )
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if hasattr(value, "isoformat"):
+        return value.isoformat()
+    return repr(value) if isinstance(value, float) else " ".join(str(value).split())

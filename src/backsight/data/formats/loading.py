@@ -1,0 +1,129 @@
+"""Which reader takes a file, and what is said if it cannot be read."""
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from backsight.data._kinds import TEXT, kind_of
+from backsight.data._pick import pick
+from backsight.data._request import Contents, Request, TextForm
+from backsight.data._room import check_room
+from backsight.data.formats._arrays import read_hdf5, read_mat, read_netcdf, read_npy, read_npz
+from backsight.data.formats._recorders import read_lvm, read_outb, read_tdms, read_uff, read_wav
+from backsight.data.formats._tables import read_feather, read_parquet, read_xlsx
+from backsight.data.texts.reading import read_text
+from backsight.errors import DataError, PluginError, nearest
+from backsight.plugins import Extended
+from backsight.types import Array
+
+Reader: TypeAlias = Callable[[Path, Request], Contents]
+"""What reads the files of a kind."""
+
+CONTAINERS: Mapping[str, Reader] = {
+    ".mat": read_mat,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".nc": read_netcdf,
+    ".npz": read_npz,
+    ".npy": read_npy,
+}
+"""Extension to reader of the files that hold named arrays."""
+
+RECORDERS: Mapping[str, Reader] = {
+    ".lvm": read_lvm,
+    ".tdms": read_tdms,
+    ".uff": read_uff,
+    ".unv": read_uff,
+    ".wav": read_wav,
+    ".outb": read_outb,
+    ".parquet": read_parquet,
+    ".feather": read_feather,
+    ".xlsx": read_xlsx,
+}
+"""Of recorders, simulators and spreadsheets."""
+
+UNREADABLE = (OSError, ValueError, LookupError, EOFError, MemoryError)
+"""What a sound reader may raise on files that are cut off or of another kind."""
+
+ExtensionReader: TypeAlias = Callable[[Path, Sequence[str]], Mapping[str, Array]]
+"""``(path, names of the wanted columns) -> {name: values}``, what an extension brings."""
+
+
+def _adopted(key: str, found: object) -> Reader:
+    """Somebody else's reader, which may return more columns than are wanted, and lists."""
+    if not callable(found):
+        raise DataError(f"it must be a function (path, wanted) -> columns by name, not {found!r}")
+
+    def reader(path: Path, request: Request) -> Contents:
+        columns = found(path, list(request.wanted))
+        if not isinstance(columns, Mapping):
+            raise DataError(f"the reader of '{key}' files returned no columns by name")
+        arrays = {name: np.asarray(values) for name, values in columns.items()}
+        return Contents(pick(arrays, request.wanted, axis=request.axis))
+
+    return reader
+
+
+READERS = Extended(
+    "backsight.readers",
+    "reader",
+    {**dict.fromkeys(TEXT, read_text), **CONTAINERS, **RECORDERS},
+    _adopted,
+    prefix=".",
+)
+"""Extension to reader: ours, and those of installed extensions (``rl2`` reads ``.rl2``)."""
+
+
+def read_contents(path: Path, request: Request, wish: str | None) -> Contents:
+    """Read what is wanted of a file; raises `DataError` or `PluginError`, which name it."""
+    _check_file(path, READERS)
+    kind = kind_of(path, wish, READERS)
+    if request.text != TextForm(missing=request.text.missing) and kind not in TEXT:
+        option = next(
+            f.name
+            for f in dataclasses.fields(TextForm)
+            if f.name != "missing" and getattr(request.text, f.name) != f.default
+        )
+        raise DataError(f"{path}: {option} is for text files, not for '{kind}'")
+    reader = READERS[kind]
+    try:
+        if kind in TEXT:
+            check_room(path.stat().st_size, "the file")
+        with READERS.blamed(kind, but=UNREADABLE):
+            return reader(path, request)
+    except PluginError:
+        raise
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
+    except MemoryError:
+        raise DataError(f"{path} does not fit into memory; cut the recording") from None
+    # Readers that others wrote may raise anything on files that are damaged or made to harm.
+    except Exception as error:
+        reason = str(error).partition("\n")[0]
+        raise DataError(f"{path} cannot be read as a '{kind}' file: {reason}") from error
+
+
+def _check_file(path: Path, known: Collection[str]) -> None:
+    """Raise `DataError` unless there is a file, which ends; a device or a pipe may not."""
+    try:
+        if not path.exists():
+            raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
+        if path.is_dir():
+            raise DataError(f"'{path}' is a folder; give a file")
+        if not path.is_file():
+            raise DataError(f"'{path}' is a device or a pipe; give a file")
+    except OSError as error:
+        raise DataError(f"cannot read '{path}': {error.strerror or error}") from None
+
+
+def _neighbour(path: Path, known: Collection[str]) -> str:
+    if not path.parent.is_dir():
+        return f": there is no folder '{path.parent}'"
+    with contextlib.suppress(OSError):  # a folder that may be entered but not listed
+        names = [p.name for p in path.parent.iterdir() if p.suffix.lower() in known]
+        return f": {nearest(path.name, names)}" if names else ""
+    return ""

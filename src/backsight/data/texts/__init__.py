@@ -1,0 +1,1 @@
+"""Texts: CSV, TSV and what loggers and NumPy write, and the dates in them."""

@@ -1,0 +1,36 @@
+"""Units in a text: a line of them under the names, or in brackets behind a name."""
+
+import re
+from collections.abc import Sequence
+
+_PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])?"
+_BASE = (
+    "m|s|g|A|K|N|Pa|J|W|V|C|F|H|T|Hz|Ohm|Ω|rad|deg|°|°C|degC|°F|min|h|d|L|l|t|bar|psi|rpm|RPM|"
+    "rev|cycles|in|ft|lb|lbf|kip|mile|mi|grav|dB|%|ppm|ue|strain|count|counts|sec|Sec|cts"
+)
+_FACTOR = rf"{_PREFIX}(?:{_BASE}|1)(?:\^?[-+]?\d|[²³⁻¹]+)?"
+_UNIT = re.compile(rf"{_FACTOR}(?:\s*[*/·. -]\s*\(?{_FACTOR}\)?)*")
+_BRACKETS = re.compile(r"[(\[<]\s*(?P<unit>[^()\[\]<>]*)\s*[)\]>]")
+_BEHIND = re.compile(r"(?P<name>.+?)\s*[(\[]\s*(?P<unit>[^()\[\]]*)\s*[)\]]\s*")
+
+
+def units_of(cells: Sequence[str]) -> list[str] | None:
+    """Units in a line, "" where there is none, or None if the line holds something else."""
+    found = [_unit(cell) for cell in cells]
+    units = [unit for unit in found if unit is not None]
+    return units if len(units) == len(found) and any(units) else None
+
+
+def _unit(cell: str) -> str | None:
+    bracketed = _BRACKETS.fullmatch(cell)
+    if bracketed:
+        return "" if bracketed["unit"] in ("-", "1") else bracketed["unit"].strip()
+    if cell in ("", "-", "1"):
+        return ""
+    return cell if _UNIT.fullmatch(cell) else None
+
+
+def split(name: str) -> tuple[str, str]:
+    """Name and unit of ``Current [A]``; the unit is "" if there is none."""
+    behind = _BEHIND.fullmatch(name)
+    return (behind["name"], behind["unit"].strip()) if behind else (name, "")

@@ -1,0 +1,207 @@
+"""Columns of a text file: CSV, TSV and what loggers and NumPy write."""
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pandas as pd
+
+from backsight.data._pick import no_column
+from backsight.data._request import Contents, Request
+from backsight.data.texts._cells import cells_of, is_blank, lines, trimmed
+from backsight.data.texts._layout import Layout, layout_of
+from backsight.data.texts.content import content_of
+from backsight.data.times.clock import NUMERIC
+from backsight.data.times.dates import is_date
+from backsight.errors import DataError
+
+_LOOK = 1 << 16
+"""Bytes at the beginning of the numbers that tell how cells are written."""
+
+
+def read_text(path: Path, request: Request) -> Contents:
+    """Read columns by name.
+
+    The line above the first line of numbers names the columns, or the one above that if it gives
+    units; if there is none, the last comment (``#``) before it does, as NumPy writes it; if that
+    has another number of cells, the columns are called "0", "1", ... Cells are separated by
+    semicolons, tabs, bars, commas or blanks, numbers have a decimal point or comma, and an empty
+    cell is NaN.
+
+    Parameters
+    ----------
+    path : Path
+        The file, perhaps packed.
+    request : Request
+        Columns to read, the others may hold anything; and what the caller knows of the text.
+
+    Raises
+    ------
+    DataError
+        If a column is missing or not unique, a cell is not a number (names line and column), or
+        the text could be understood in two ways.
+    """
+    return read_content(content_of(path, request.text.encoding), request)
+
+
+def read_content(content: bytes, request: Request) -> Contents:
+    r"""Read columns of a text, given in UTF-8 with ``\n``; see `read_text`."""
+    layout = layout_of(content, request.text, request.wanted)
+    absent = [no_column(n, layout.names) for n in request.wanted if layout.position(n) is None]
+    if absent:
+        raise DataError("; ".join(absent))
+    for name in request.wanted:
+        if layout.names.count(name) > 1:
+            raise DataError(f"{layout.names.count(name)} columns are called '{name}'; rename them")
+    kinds = {name: _kind(content, layout, request, name) for name in request.wanted}
+    try:
+        table = _fast(content, layout, kinds)
+    except (ValueError, OverflowError, pd.errors.ParserWarning):
+        # The fast parser also stumbles over harmless cells, and cannot say where.
+        table = _careful(content, layout, kinds)
+    units = {name: layout.units[_place(layout, name)] for name in request.wanted}
+    return Contents(table, {n: unit for n, unit in units.items() if unit}, layout.understood)
+
+
+def _place(layout: Layout, name: str) -> int:
+    place = layout.position(name)
+    if place is None:
+        raise DataError(no_column(name, layout.names))
+    return place
+
+
+def _kind(content: bytes, layout: Layout, request: Request, name: str) -> type:
+    """Of the cells of a column: numbers, whole numbers (ticks of a clock), or text (dates)."""
+    if name != request.clock:
+        return float
+    if request.time_format in NUMERIC:
+        return int if request.time_format not in ("excel", "matlab") else float
+    if request.time_format is not None:
+        return str
+    place = _place(layout, name)
+    for line in lines(content, start=layout.start, stop=layout.stop):
+        cells = cells_of(line.text, layout.delimiter)
+        if is_blank(line.text) or len(cells) <= place or not cells[place]:
+            continue
+        if cells[place] in layout.numbers.missing:
+            continue
+        number = layout.numbers.value(cells[place]) is not None
+        return float if number or not is_date(cells[place]) else str
+    return float
+
+
+def _fast(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, np.ndarray]:
+    if layout.numbers.thousands is not None:
+        raise ValueError("pandas takes signs of thousands anywhere")
+    for sign in {'"', "#", layout.comment, "\0"}:
+        if content.find(sign.encode(), layout.start) >= 0:
+            raise ValueError("pandas lets quotes and comments swallow what follows")
+    if any(kind is float and _is_word(content, layout, name) for name, kind in kinds.items()):
+        raise ValueError("pandas takes True and False for numbers")
+    if layout.stop == len(content):
+        file = io.BytesIO(content)  # shares the bytes
+        file.seek(layout.start)
+    else:
+        file = io.BytesIO(content[layout.start : layout.stop])
+    places = {name: _place(layout, name) for name in kinds}
+    dtypes: dict[Any, Any] = {
+        place: np.int64 if kinds[n] is int else kinds[n] for n, place in places.items()
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)  # more cells than columns
+        table = pd.read_csv(
+            file,
+            sep=layout.delimiter or r"\s+",
+            header=None,
+            names=list(range(len(layout.names))),
+            index_col=False,
+            dtype=dtypes,
+            decimal=layout.numbers.decimal,
+            # Blanks before numbers do not matter, those before words do; looking costs time.
+            skipinitialspace=b" " in content[layout.start : layout.start + _LOOK],
+            keep_default_na=False,
+            na_values=list(layout.numbers.missing),
+            low_memory=False,  # or long columns of text and numbers cause a warning
+            encoding_errors="replace",
+        )
+    if layout.delimiter is None and table.iloc[:, -1].isna().any():
+        raise ValueError("between blanks, a cell that is missing moves the others")
+    return {
+        name: table[place].fillna("").to_numpy(object)
+        if kinds[name] is str
+        else table[place].to_numpy()
+        for name, place in places.items()
+    }
+
+
+def _is_word(content: bytes, layout: Layout, name: str) -> bool:
+    """Whether the first cell of a column is no number; pandas takes a column of words at once."""
+    first = next(lines(content, start=layout.start, stop=layout.stop), None)
+    cells = cells_of(first.text, layout.delimiter) if first else []
+    place = _place(layout, name)
+    return place < len(cells) and layout.numbers.value(cells[place]) is None
+
+
+def _careful(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, np.ndarray]:
+    places = {name: _place(layout, name) for name in kinds}
+    found: dict[str, list[object]] = {name: [] for name in kinds}
+    width = len(layout.names)
+    begin = {"start": layout.start, "number": layout.first_line}
+    for line in lines(content, **begin, stop=layout.stop):
+        text = line.text
+        if is_blank(text, layout.delimiter) or text.lstrip().startswith(("#", layout.comment)):
+            continue
+        cells = _without_comment(text, layout, width)
+        if len(cells) > width:
+            raise DataError(
+                f"line {line.number} has {len(cells)} cells, but there are {width} columns"
+            )
+        if layout.delimiter is None and len(cells) < width:
+            raise DataError(
+                f"line {line.number} has {len(cells)} cells, but there are {width} columns; "
+                "between blanks it is not plain which are missing, write nan"
+            )
+        cells += [""] * (width - len(cells))
+        for name, place in sorted(places.items(), key=lambda item: item[1]):
+            cell = cells[place]
+            if kinds[name] is str:
+                found[name].append(cell)
+                continue
+            if kinds[name] is int and cell.lstrip("+-").isdecimal():
+                found[name].append(int(cell))
+                continue
+            value = layout.numbers.value(cell)
+            if value is None:
+                _not_a_number(layout, line.number, name, cell)
+            found[name].append(value)
+    return {
+        name: np.array(values, object if kinds[name] is str else None if values else float)
+        for name, values in found.items()
+    }
+
+
+def _without_comment(text: str, layout: Layout, width: int) -> list[str]:
+    """Cells of a line; a comment ends it only where it follows all cells that it may have.
+
+    The sign may also be in a cell of text: ``run #1``.
+    """
+    cells = trimmed(cells_of(text, layout.delimiter))
+    before, sign, after = text.partition("#")
+    if sign and (layout.delimiter is None or layout.delimiter not in after or len(cells) > width):
+        short = trimmed(cells_of(before, layout.delimiter))
+        last = cells[len(short) - 1] if 0 < len(short) <= len(cells) else ""
+        if before[-1:].isspace() or layout.numbers.value(last) is None or len(cells) > width:
+            numeric = short and layout.numbers.value(short[-1]) is not None
+            return short if numeric or len(cells) > width else cells
+    return cells
+
+
+def _not_a_number(layout: Layout, number: int, name: str, cell: str) -> NoReturn:
+    hint = ""
+    if layout.numbers.decimal == "." and layout.numbers.value(cell.replace(",", ".")) is not None:
+        hint = '; numbers need a decimal point, or say decimal = ","'
+    elif number == layout.first_line:
+        hint = "; if the line gives units, begin it with '#'"
+    raise DataError(f"line {number}, column '{name}': '{cell}' is not a number{hint}")

@@ -1,0 +1,1 @@
+"""Time stamps: of any kind to seconds, dates as loggers write them, grids behind rounded ones."""

@@ -1,0 +1,124 @@
+"""Time stamps of any kind to seconds, exact to the nanosecond where they are whole numbers."""
+
+import datetime
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from backsight.data.times.dates import parsed
+from backsight.errors import DataError
+from backsight.types import Array
+
+_DAY_OF_1970 = {"excel": 25569.0, "matlab": 719529.0}
+"""Day numbers of 1970-01-01: Excel counts from 1899-12-30 on, MATLAB from the year 0 on."""
+
+_TICKS = {"unix": 1, "unix_ms": 10**3, "unix_us": 10**6, "unix_ns": 10**9, "ros": 10**9}
+"""Ticks per second since 1970-01-01T00:00 UTC."""
+
+NUMERIC = (*_DAY_OF_1970, *_TICKS)
+"""Words of ``time_format`` for stamps that are numbers."""
+
+
+def seconds(values: Any, *, time_format: str | None, where: str) -> tuple[Array, str]:
+    """Time of every sample [s], (n,), and the date of its zero, "" if there is none.
+
+    Dates count from the first one, so that no digit of the interval is lost in the year; intervals
+    and numbers stay as they are.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Numbers [s], or ``datetime64``, ``timedelta64``, dates of Python or pandas, or text.
+    time_format : str, optional
+        For numbers one of `NUMERIC`, for text a format of ``strptime``.
+    where : str
+        What messages begin with.
+
+    Raises
+    ------
+    DataError
+        If they are none of these, or text that could be read in several ways.
+    """
+    array = _plain(values)
+    array = array if array.ndim == 1 else np.atleast_1d(np.squeeze(array))
+    if array.dtype.kind == "O" or array.dtype.kind in "SU":
+        array = _of_objects(array, time_format, where)
+    if array.dtype.kind == "M":
+        return _since_first(array)
+    if array.dtype.kind == "m":
+        return _seconds(array), ""
+    if array.dtype.kind not in "fiub":
+        raise DataError(f"{where}: time is of {array.dtype}; give numbers [s] or dates")
+    if time_format is None:
+        return np.asarray(array, float), ""
+    return _of_numbers(array, time_format, where)
+
+
+def _plain(values: Any) -> np.ndarray:
+    """An array without time zone: dates with one become UTC."""
+    if isinstance(values, pd.Series | pd.Index) and isinstance(values.dtype, pd.DatetimeTZDtype):
+        index = pd.DatetimeIndex(values)
+        return index.tz_convert("UTC").tz_localize(None).to_numpy()
+    return np.asarray(values)
+
+
+def _of_objects(array: np.ndarray, time_format: str | None, where: str) -> np.ndarray:
+    first = next((v for v in array if v is not None and v == v), None)
+    if isinstance(first, str | bytes):
+        texts = [v.decode("latin-1") if isinstance(v, bytes) else v for v in array.tolist()]
+        return parsed(pd.Series(texts, dtype=object), time_format, where)
+    try:
+        if isinstance(first, datetime.timedelta | np.timedelta64):
+            return pd.to_timedelta(array).to_numpy()
+        if isinstance(first, datetime.time):
+            return parsed(pd.Series([str(v) for v in array], dtype=object), None, where)
+        if isinstance(first, datetime.date | np.datetime64):
+            return _plain(pd.DatetimeIndex(pd.to_datetime(array, utc=True)))
+        return array.astype(float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DataError(f"{where}: time is not an array of numbers or dates: {error}") from None
+
+
+def _since_first(stamps: np.ndarray) -> tuple[Array, str]:
+    known = stamps[~np.isnat(stamps)]
+    if not known.size:
+        return np.full(len(stamps), np.nan), ""
+    first = known[0]
+    return _seconds(stamps - first), pd.Timestamp(first).isoformat()
+
+
+def _seconds(intervals: np.ndarray) -> Array:
+    """Whole ticks divided once: the float nearest to the true time."""
+    unit, count = np.datetime_data(intervals.dtype)
+    if unit == "generic" or unit in ("Y", "M"):
+        return intervals.astype("timedelta64[s]").astype(float)
+    if unit in ("s", "m", "h", "D", "W"):
+        whole = intervals.astype("timedelta64[s]")
+        return np.where(np.isnat(intervals), np.nan, whole.astype(np.int64).astype(float))
+    per_second = {"ms": 10**3, "us": 10**6, "ns": 10**9, "ps": 10**12, "fs": 10**15, "as": 10**18}
+    ticks = intervals.astype(np.int64)
+    return np.where(np.isnat(intervals), np.nan, ticks * count / per_second[unit])
+
+
+def _of_numbers(array: np.ndarray, time_format: str, where: str) -> tuple[Array, str]:
+    if time_format not in NUMERIC:
+        raise DataError(
+            f"{where}: time holds numbers; as time_format give one of {', '.join(NUMERIC)}, "
+            f"not '{time_format}'"
+        )
+    first = array[0] if len(array) else array.dtype.type(0)
+    if time_format in _TICKS:
+        per_second = _TICKS[time_format]
+        ticks = array - first  # whole numbers stay exact
+        return ticks.astype(float) / per_second, _date(float(first) / per_second)
+    since = float(first) - _DAY_OF_1970[time_format]
+    return (array.astype(float) - float(first)) * 86400.0, _date(since * 86400.0)
+
+
+def _date(since_1970: float) -> str:
+    try:
+        moment = datetime.datetime.fromtimestamp(since_1970, datetime.UTC)
+    except (OverflowError, ValueError, OSError):
+        return ""
+    return moment.replace(tzinfo=None).isoformat()
