@@ -69,6 +69,8 @@ class Row(Printed):
         What else is to be said of the result, a sentence each.
     hits : Hits or None
         Unknown forces that were found; None if the estimator does not look for any.
+    doubts : tuple of str
+        Which parameters the recording hardly tells, or not from an unknown force, a sentence each.
     """
 
     estimator: str
@@ -88,3 +90,4 @@ class Row(Printed):
     failed: bool
     remarks: tuple[str, ...] = ()
     hits: FoundHits | None = None
+    doubts: tuple[str, ...] = ()

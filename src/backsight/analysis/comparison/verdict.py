@@ -84,7 +84,8 @@ def sentence(row: Row) -> str:
         return "diverged, its estimates are worthless; see the status"
     against = _against_reference(row)
     found = str(row.hits) if row.hits is not None and not row.remarks else ""
-    return "; ".join(text for text in (found, agreement(row), against, *row.remarks) if text)
+    clauses = (found, agreement(row), against, *row.remarks, *row.doubts)
+    return "; ".join(text for text in clauses if text)
 
 
 def _compared(ratio: float) -> str:
