@@ -13,6 +13,7 @@ from backsight.analysis.consistency import nis as nis
 from backsight.analysis.consistency import nis_band as nis_band
 from backsight.analysis.consistency import noise_factors as noise_factors
 from backsight.analysis.consistency import windowed_nis as windowed_nis
+from backsight.analysis.observability import Identifiability as Identifiability
 from backsight.analysis.observability import Observability as Observability
 from backsight.analysis.observability import check_force_locations as check_force_locations
 from backsight.analysis.observability import check_observability as check_observability
@@ -21,3 +22,4 @@ from backsight.analysis.observability import transmission_zeros as transmission_
 from backsight.models.sampling import check_sampling as check_sampling
 from backsight.run.diagnosis import certify as certify
 from backsight.run.diagnosis import check_alignment as check_alignment
+from backsight.run.diagnosis import check_identifiability as check_identifiability

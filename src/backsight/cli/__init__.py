@@ -103,9 +103,10 @@ def check(
 ) -> None:
     """Say whether the recording can show what is asked for, and which sensor would help.
 
-    It also says whether outputs and inputs belong to the same samples,
-    whether units and signs are those of the model, and how the estimators
-    go from sample to sample. The exit code is 0
+    It also says how well constant parameters can be told, and whether an
+    unknown force can explain them; whether outputs and inputs belong to the
+    same samples, whether units and signs are those of the model, and how
+    the estimators go from sample to sample. The exit code is 0
     if nothing is wrong, 1 if a state that does not fade by itself cannot
     be seen, if times, units or signs are wrong, if an integration step is
     too coarse, or if an estimator is not what it is asked to be, and 2 if
@@ -115,7 +116,7 @@ def check(
         from backsight.problem import load
         from backsight.problem.recorded import recording_of
         from backsight.problem.seeing import coarse_steps, examine, integration
-        from backsight.run.diagnosis import aligned
+        from backsight.run.diagnosis import aligned, expected
         from backsight.run.diagnosis import certify as certified
 
         read = load(problem)
@@ -123,10 +124,16 @@ def check(
         data = recording_of(read, outside=outside or ())
         found = examine(read, data)
         timing = aligned(read.estimators, read.model, data)
+        bands = expected(read.estimators, read.model, data) if found.observable else None
         steps, coarse = integration(read, data), coarse_steps(read, data)
         say(f"{read.title}\n\n{read.model}\n")
-        about_time = timing.lines() if timing else []
-        for sentence in [*found.lines(), *about_time, *steps, *coarse]:
+        for sentence in [
+            *found.lines(),
+            *(bands.lines() if bands else []),
+            *(timing.lines() if timing else []),
+            *steps,
+            *coarse,
+        ]:
             say(textwrap.fill(sentence, width(), subsequent_indent="  "))
         certificate = None if chosen is None else certified(chosen, read.model, data)
         if certificate is not None:

@@ -2,6 +2,7 @@
 
 from backsight.analysis.comparison._summary import ALIGNED as ALIGNED
 from backsight.analysis.comparison._summary import ALIGNMENT as ALIGNMENT
+from backsight.analysis.comparison._summary import DOUBTS as DOUBTS
 from backsight.analysis.comparison._summary import failed as failed
 from backsight.analysis.comparison._summary import ranked_table as ranked_table
 from backsight.analysis.comparison._summary import summary as summary

@@ -28,6 +28,9 @@ ALIGNMENT, ALIGNED = "alignment", "aligned"
 """Attributes of a result: what was found out about its recording, a line per sentence; and 1 if
 outputs and inputs belong to the same samples, 0 if not (not there if that is not known)."""
 
+DOUBTS = "doubts"
+"""Attribute of a result: which parameters the recording hardly tells, a line per sentence."""
+
 MOST_HITS = 50
 """So many of the largest hits are in a summary; all are in the result."""
 
@@ -82,6 +85,7 @@ def assess(
         remarks=tuple(force_remarks(result)),
         hits=hits(result),
         coarse=str(result.attrs.get(COARSE, "")),
+        doubts=tuple(str(result.attrs.get(DOUBTS, "")).splitlines()),
     )
 
 
@@ -98,7 +102,8 @@ def summary(
     its lag, the share that past inputs explain, and the shares within 1, 2 and 3 deviations),
     ``within`` (per state whose truth is known: the shares within 1, 2 and 3 deviations), and
     ``noise_factors`` (by how much the variances R and Q should be larger) or None; ``hits`` (number
-    of unknown forces found, and the largest of them), or None if the estimator looks for none.
+    of unknown forces found, and the largest of them), or None if the estimator looks for none;
+    ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force).
     Arguments and errors as in `assess`.
     """
     row = assess(result, reference, burn_in=burn_in)
@@ -120,6 +125,7 @@ def summary(
         "within": {state: list(shares) for state, shares in row.consistency.states.items()},
         "noise_factors": _noise_factors(row.consistency.noise),
         "hits": None if row.hits is None else _hits(row.hits),
+        "doubts": list(row.doubts),
     }
 
 

@@ -71,6 +71,8 @@ class Row(Printed):
         Unknown forces that were found; None if the estimator does not look for any.
     coarse : str
         Why the integration step is too coarse; empty if it is not.
+    doubts : tuple of str
+        Which parameters the recording hardly tells, or not from an unknown force, a sentence each.
     """
 
     estimator: str
@@ -91,3 +93,4 @@ class Row(Printed):
     remarks: tuple[str, ...] = ()
     hits: FoundHits | None = None
     coarse: str = ""
+    doubts: tuple[str, ...] = ()

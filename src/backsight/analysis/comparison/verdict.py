@@ -85,8 +85,8 @@ def sentence(row: Row) -> str:
         return f"{row.coarse}; {failed}" if row.coarse else failed
     against = _against_reference(row)
     found = str(row.hits) if row.hits is not None and not row.remarks else ""
-    texts = (row.coarse, found, agreement(row), against, *row.remarks)
-    return "; ".join(text for text in texts if text)
+    clauses = (row.coarse, found, agreement(row), against, *row.remarks, *row.doubts)
+    return "; ".join(text for text in clauses if text)
 
 
 def _compared(ratio: float) -> str:

@@ -5,10 +5,8 @@ from backsight.analysis.consistency._noise_factors import LIKELY, NEAR_Q, NoiseF
 from backsight.analysis.consistency.whiteness import Colour
 from backsight.rounding import significant
 
-_NOISY = (
-    ", or the input is measured with noise (then make it a state that walks, and what is measured "
-    "an output)"
-)
+_MEND = "make it a state that walks, and what is measured an output"
+_NOISY = f", or the input is measured with noise (then {_MEND})"
 
 
 def pattern(found: Consistency) -> str:
@@ -33,9 +31,25 @@ def cause(found: Consistency, aligned: bool | None = None) -> str:
     """
     if found.consistent:
         return ""
-    driven = found.driven
+    noisy, driven = found.noisy, found.driven
+    if noisy is not None and aligned is not False:
+        return "; ".join(text for text in (_noise_of_input(noisy), _of_noise(found)) if text)
     if driven is not None:
         return _answered(driven, aligned)
+    return _of_noise(found)
+
+
+def _noise_of_input(colour: Colour) -> str:
+    share = significant(100 * colour.noise, 2)
+    return (
+        f"what is new in the input '{colour.noisy}' explains {share} % of the innovations of "
+        f"'{colour.output}', more than its whole past does: it is "
+        f"measured with noise ({_MEND}), unless a controller makes it from the outputs"
+    )
+
+
+def _of_noise(found: Consistency) -> str:
+    """Cause by the noise that was assumed."""
     colour = found.coloured
     if found.noise is None:
         return _by_signs(found, 0.0 if colour is None else colour.lag1)

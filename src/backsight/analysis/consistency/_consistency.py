@@ -32,6 +32,9 @@ WEAK = 0.1
 LITTLE = 0.02
 """Share of the innovations that inputs may explain without harm."""
 
+APART = 1.05
+"""So many times more what is new in the inputs must explain than all of their past, to be noise."""
+
 NOISE_FACTORS = "noise_factors"
 """Attribute of a result with the values of `NoiseFactors`, in their order."""
 
@@ -90,6 +93,21 @@ class Consistency(Printed):
         level = SHARE / max(len(self.colours), 1) if self.kind != "forced" else 0.0
         doubted = [c for c in self.colours if c.p_input < level and c.explained > LITTLE]
         return max(doubted, key=lambda c: c.explained, default=None)
+
+    @property
+    def noisy(self) -> Colour | None:
+        """The output whose innovations follow noise in an input, if any do and it matters.
+
+        What is new in the input must explain more than its whole past does. It is no doubt by
+        itself: process noise may well have been made as large as it takes.
+        """
+        level = SHARE / max(len(self.colours), 1) if self.kind != "forced" else 0.0
+        found = [
+            c
+            for c in self.colours
+            if c.p_noise < level and c.noise > max(LITTLE, APART * _or_zero(c.explained))
+        ]
+        return max(found, key=lambda c: c.noise, default=None)
 
     @property
     def misjudged(self) -> bool:
@@ -160,6 +178,10 @@ def check_consistency(result: xr.Dataset) -> Consistency:
         noise=None if factors is None else NoiseFactors(*map(float, factors)),
         kind=result.attrs.get(INNOVATIONS, "white"),
     )
+
+
+def _or_zero(share: float) -> float:
+    return 0.0 if math.isnan(share) else share
 
 
 def _by_name(shares: xr.DataArray, dim: str) -> dict[str, tuple[float, float, float]]:

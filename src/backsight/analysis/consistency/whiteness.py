@@ -20,6 +20,8 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.analysis.consistency._input_noise import noise_of_inputs
+from backsight.analysis.consistency._projection import orthonormal, without
 from backsight.description import Printed
 from backsight.schema import INNOVATIONS
 from backsight.types import Array
@@ -64,6 +66,11 @@ class Colour(Printed):
     input, delay : str, int
         Input, and the number of samples since it, with the largest correlation; "" and 0 if there
         are no inputs.
+    noise, p_noise : float
+        Share that the unpredictable part of past inputs explains, its noise, and the probability of
+        at least such a share by chance; NaN if that cannot be told, see `_input_noise`.
+    noisy : str
+        The input with the largest such share; "" if there are no inputs.
     """
 
     output: str
@@ -75,6 +82,9 @@ class Colour(Printed):
     p_input: float
     input: str
     delay: int
+    noise: float = math.nan
+    p_noise: float = math.nan
+    noisy: str = ""
 
 
 def colours(result: xr.Dataset) -> tuple[Colour, ...]:
@@ -179,6 +189,7 @@ def _colour(name: str, r: Array, u: Array, inputs: list[str], own: int) -> Colou
     p_white = math.nan if few else float(scipy.special.chdtrc(sound.sum(), scores[sound].sum()))
     at = int(np.argmax(np.where(sound, np.abs(correlation), 0.0)))
     explained, p_input, (column, delay) = _explained(e, u, own)
+    noise = noise_of_inputs(e, u, own)
     return Colour(
         output=name,
         lag1=float(correlation[0]),
@@ -189,6 +200,9 @@ def _colour(name: str, r: Array, u: Array, inputs: list[str], own: int) -> Colou
         p_input=p_input,
         input=inputs[column] if delay else "",
         delay=delay,
+        noise=noise.share,
+        p_noise=noise.p,
+        noisy=inputs[noise.input] if inputs else "",
     )
 
 
@@ -246,8 +260,8 @@ def _explained(e: Array, u: Array, memory: int) -> tuple[float, float, tuple[int
     past, v, z = np.nan_to_num(e), u - u.mean(axis=0), e[rows]
     own = np.column_stack([past[rows - lag] for lag in range(1, memory + 1)])
     inputs = np.column_stack([v[rows - lag] for lag in range(1, PAST + 1)])
-    z, inputs = _without(own, z), _without(own, inputs)
-    total, basis = float(z @ z), _basis(inputs)
+    z, inputs = without(own, z), without(own, inputs)
+    total, basis = float(z @ z), orthonormal(inputs)
     if basis.shape[1] == 0 or total == 0:
         return 0.0, math.nan, (0, 0)
     share = float(np.sum((basis.T @ z) ** 2)) / total
@@ -257,18 +271,3 @@ def _explained(e: Array, u: Array, memory: int) -> tuple[float, float, tuple[int
     strength = np.abs(inputs.T @ z) / np.where(size > 0, size, np.inf)
     lag, column = divmod(int(strength.argmax()), nu)
     return share, p, (column, lag + 1)
-
-
-def _without(basis: Array, values: Array) -> Array:
-    """Take out of each column what the columns of the basis explain."""
-    unit = _basis(basis)
-    return values - unit @ (unit.T @ values)
-
-
-def _basis(columns: Array) -> Array:
-    """Orthonormal basis of the columns, directions that they hardly have left out."""
-    size = np.sqrt((columns**2).sum(axis=0))
-    unit = columns[:, size > 0] / size[size > 0]
-    values, vectors = np.linalg.eigh(unit.T @ unit)
-    kept = values > 1e-9 * len(values)
-    return unit @ (vectors[:, kept] / np.sqrt(values[kept]))

@@ -11,7 +11,9 @@ NEGLIGIBLE = 1e-6
 """Entries below this share of the largest are rounding errors."""
 
 
-def combinations(basis: Array, states: Sequence[Signal], size: Array) -> tuple[str, ...]:
+def combinations(
+    basis: Array, states: Sequence[Signal], size: Array, *, negligible: float = NEGLIGIBLE
+) -> tuple[str, ...]:
     """Name the directions that span a subspace, with as few states in each as possible.
 
     Parameters
@@ -21,6 +23,8 @@ def combinations(basis: Array, states: Sequence[Signal], size: Array) -> tuple[s
     states : sequence of Signal
     size : (nx,) array
         Typical sizes of the states.
+    negligible : float
+        Entries below this share of the largest are not named.
     """
     rows = basis.T.copy()
     free = list(range(rows.shape[1]))
@@ -33,17 +37,19 @@ def combinations(basis: Array, states: Sequence[Signal], size: Array) -> tuple[s
         rows[i] /= rows[i, pivot]
         others = np.arange(len(rows)) != i
         rows[others] -= np.outer(rows[others, pivot], rows[i])
-    order = sorted(rows, key=lambda row: int(np.argmax(np.abs(row) > NEGLIGIBLE)))
-    return tuple(direction_in_words(row, states, size) for row in order)
+    order = sorted(rows, key=lambda row: int(np.argmax(np.abs(row) > negligible)))
+    return tuple(direction_in_words(row, states, size, negligible=negligible) for row in order)
 
 
-def direction_in_words(direction: Array, states: Sequence[Signal], size: Array) -> str:
+def direction_in_words(
+    direction: Array, states: Sequence[Signal], size: Array, *, negligible: float = NEGLIGIBLE
+) -> str:
     """Name a direction in physical units: ``q``, or ``q1 and q2 in the ratio 1 : -2``.
 
     Parameters as those of `combinations`, with one direction (nx,).
     """
     relative = np.abs(direction)
-    kept = [int(i) for i in np.flatnonzero(relative > NEGLIGIBLE * relative.max())]
+    kept = [int(i) for i in np.flatnonzero(relative > negligible * relative.max())]
     names = [states[i].name for i in kept]
     if len(names) == 1:
         return names[0]

@@ -8,13 +8,13 @@ from typing import Annotated
 import numpy as np
 import xarray as xr
 
-from backsight.analysis.alignment import Alignment, Ratio, decide, ratio, vertex
+from backsight.analysis.alignment import Alignment, decide, vertex
 from backsight.description import Called, Count, checked
-from backsight.engine.execute import choose_engine, prepare, run_recursion
-from backsight.engine.recursion import Recursion
+from backsight.engine.execute import choose_engine, prepare
 from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
+from backsight.run.diagnosis._units import outputs_of_run, reconsidered, response_ratios
 from backsight.run.estimation import match
 from backsight.types import Array
 
@@ -83,7 +83,9 @@ def check_alignment(
     prepare(recursion, engine)
     u, y, mask = data
     names = [s.name for s in model.outputs]
-    ratios = _ratios(recursion, u, y, mask, engine=engine, names=names) if model.nu else ()
+    ratios = response_ratios(recursion, u, y, mask, engine=engine, names=names) if model.nu else ()
+    if any(r.factor != 1.0 for r in ratios):
+        ratios = reconsidered(ratios, predicting, model, dt=dt, data=(u, y, mask), engine=engine)
     if model.nu == 0 or len(u) < 20 * reach:
         return decide({}, {}, ratios)
     y = y / np.array([r.factor for r in ratios])
@@ -97,7 +99,7 @@ def check_alignment(
             columns = [v.copy() for v in (y[:until], mask[:until])]
             for column in columns:
                 column[:, which] = _moved(column[:, which], shift)
-            e, S = _run(recursion, [command[:until], *columns], engine, ("e", "S"))
+            e, S = outputs_of_run(recursion, [command[:until], *columns], engine, ("e", "S"))
             back = shift if which == slice(None) else 0
             at = slice(kept.start, min(kept.stop, until - reach))
             seen = (mask if back or not shift else columns[1])[:until]
@@ -130,23 +132,6 @@ def _later(u: Array, part: float) -> Array:
     size = abs(part)
     other = np.vstack([u[:1], u[:-1]]) if part > 0 else np.vstack([u[1:], u[-1:]])
     return (1 - size) * u + size * other
-
-
-def _ratios(
-    recursion: Recursion, u: Array, y: Array, mask: Array, *, engine: str, names: list[str]
-) -> tuple[Ratio, ...]:
-    # A filter that measures nothing simulates.
-    (response,) = _run(recursion, [u, np.zeros_like(y), np.zeros_like(mask)], engine, ("y_hat",))
-    measured = np.where(mask > 0, y, np.nan)
-    return tuple(ratio(n, measured[:, i], response[:, i]) for i, n in enumerate(names))
-
-
-def _run(
-    recursion: Recursion, data: list[Array], engine: str, wanted: tuple[str, ...]
-) -> list[Array]:
-    outputs = run_recursion(recursion, data, engine=engine)
-    named = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
-    return [named[name] for name in wanted]
 
 
 def _score(e: Array, S: Array, mask: Array) -> tuple[Array, float] | None:

@@ -5,14 +5,17 @@ from collections.abc import Mapping
 import xarray as xr
 
 from backsight.analysis.alignment import Alignment
-from backsight.analysis.comparison import ALIGNED, ALIGNMENT
+from backsight.analysis.comparison import ALIGNED, ALIGNMENT, DOUBTS, failed
 from backsight.analysis.consistency import NoiseFactors
+from backsight.analysis.observability import Identifiability
 from backsight.errors import BacksightError, ModelError, TuningError
 from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
+from backsight.run.diagnosis._identifiability import check_identifiability
+from backsight.run.diagnosis._walks import Walks
 from backsight.run.estimation import estimate
 
 
@@ -32,9 +35,28 @@ def audited(
     if found is not None and found.aligned is not None:
         about[ALIGNED] = int(found.aligned)
     factors = noise_found(results, estimators, model, recording)
+    doubts = doubts_found(results, estimators, model, recording)
     return {
-        name: with_factors(result, factors[name]).assign_attrs(about)
+        name: with_factors(result, factors[name]).assign_attrs(
+            about | ({DOUBTS: "\n".join(doubts[name])} if doubts[name] else {})
+        )
         for name, result in results.items()
+    }
+
+
+def doubts_found(
+    results: Mapping[str, xr.Dataset],
+    estimators: Mapping[str, AbstractEstimator],
+    model: Model,
+    recording: xr.Dataset,
+) -> dict[str, list[str]]:
+    """Say of every result which parameters the recording hardly tells, or not from a force."""
+    walks = Walks(model, recording)
+    return {
+        name: []
+        if model.nx > MOST_STATES or estimator.innovations == "forced" or failed(results[name])
+        else walks.doubts(estimator, results[name])
+        for name, estimator in estimators.items()
     }
 
 
@@ -95,4 +117,22 @@ def aligned(
             return check_alignment(estimator, model, recording)
         except (TuningError, ModelError):
             continue
+    return None
+
+
+def expected(
+    estimators: Mapping[str, AbstractEstimator], model: Model, recording: xr.Dataset
+) -> Identifiability | None:
+    """Foretell the bands of constant parameters by the first estimator with a noise and a prior.
+
+    None if there are none, the model has many states, or its motion does not stay finite.
+    """
+    if model.nx > MOST_STATES:
+        return None
+    for estimator in estimators.values():
+        try:
+            found = check_identifiability(estimator, model, recording)
+        except (TuningError, ModelError):
+            continue
+        return found if found.parameters else None
     return None
