@@ -83,6 +83,8 @@ def test_times_are_right_to_the_nanosecond(kind):
 def test_the_index_of_a_frame_is_its_time():
     r = from_arrays(y=FRAME.set_index(INDEX), inputs={}, outputs=OUTPUTS)
     assert r.attrs["dt"] == pytest.approx(2e-4, rel=1e-12)
+    with pytest.raises(DataError, match=r"dt is 0\.1 s, but by their time"):
+        from_arrays(y=FRAME.set_index(INDEX), dt=0.1, inputs={}, outputs=OUTPUTS)
     later = FRAME.set_index(INDEX + pd.Timedelta("1ms"))
     with pytest.raises(DataError, match="u and y have indices of different times"):
         from_arrays(

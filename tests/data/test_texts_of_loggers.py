@@ -127,6 +127,7 @@ def test_a_column_alone(values, text, more, expected):
         ("t,y\n0,1\n1,2\n", {"encoding": "klingon"}, "there is no encoding 'klingon'"),
         ("t,y\n0,1\n1,2\n", {"format": "xyz"}, "there is no format 'xyz'"),
         ("t,y\n1/2/2026 1:00,1\n2/3/2026 1:00,2\n", {}, "the day or the month may be first"),
+        ("t,y\n10:00,1\n10:01,2\n", {}, "hours or minutes first; give time_format"),
         ("t,y\nsoon,1\nlater,2\n", {}, "there is no column|not a number"),
         ("t,y\n13,1\n14,2\n", {"time_format": "excle"}, "time"),
     ],
@@ -180,6 +181,7 @@ def test_dates_and_times_past_midnight(values, form):
         ("unix_ns", ["1711583999900000001", "1711583999900000101", "1711583999900000201"], 1e-7),
         ("ros", ["1711583999900000001", "1711583999900000101", "1711583999900000201"], 1e-7),
         ("unix_ms", ["1711583999900", "1711583999901", "1711583999902"], 1e-3),
+        ("%d.%m.%Y %H:%M", ["27.03.2026 23:59", "28.03.2026 00:00", "28.03.2026 00:01"], 60.0),
         ("%Y%m%d-%H%M%S", ["20260327-235959", "20260328-000000", "20260328-000001"], 1.0),
     ],
 )

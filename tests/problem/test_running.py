@@ -11,6 +11,7 @@ import small_problem
 from backsight.errors import ProblemError
 from backsight.estimators import EKF, MHO
 from backsight.problem import load, run_problem
+from backsight.problem.recorded import recording_of
 from backsight.schema import check_result
 
 
@@ -110,6 +111,28 @@ def test_the_recording_is_read_as_the_file_says(tmp_path, monkeypatch):
     kept = 10 * table[:, 0] >= 0.5
     np.testing.assert_allclose(results["EKF"]["y"].values[:, 0], 2 * table[kept, 2] + 1)
     np.testing.assert_allclose(results["EKF"]["time"].values, 10 * table[kept, 0])
+
+
+def test_how_the_file_is_written_may_be_said(tmp_path):
+    keys = """
+format = "text"
+delimiter = "|"
+decimal = ","
+encoding = "utf-16"
+header = 2
+missing = [-999, "ERR"]
+"""
+    path = small_problem.write(tmp_path, small_problem.changed('"spring.csv"', '"s.mat"' + keys))
+    rows = "0,0|1,5|ERR\n0,1|1,5|-999\n0,2|1,5|2,5\n"
+    (tmp_path / "s.mat").write_text("by hand\nt|force|place\n" + rows, encoding="utf-16")
+    recording = recording_of(load(path))
+    np.testing.assert_array_equal(recording.y[:, 0], [np.nan, np.nan, 2.5])
+    np.testing.assert_array_equal(recording.u[:, 0], [1.5, 1.5, 1.5])
+    for wrong in ('decimal = "x"', "axis = 2", "missing = 3", "header = -1"):
+        text = small_problem.changed("[model]", wrong + "\n[model]")
+        path = small_problem.write(tmp_path, text)
+        with pytest.raises(ProblemError, match=rf"recording\.{wrong.split()[0]}"):
+            load(path)
 
 
 def test_every_estimator_is_compiled_once(tmp_path, monkeypatch):

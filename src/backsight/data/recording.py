@@ -100,7 +100,7 @@ def from_arrays(
     if sigma_factor is not None:
         factors = _matrix(sigma_factor, schema.SIGMA_FACTOR, outputs, where)
         lengths[schema.SIGMA_FACTOR] = len(factors)
-    stamps, begin = _stamps(time, dt, {"u": u, "y": y, schema.SIGMA_FACTOR: sigma_factor}, where)
+    stamps, begin = _stamps(time, {"u": u, "y": y, schema.SIGMA_FACTOR: sigma_factor}, where)
     if stamps is not None:
         lengths["time"] = len(stamps)
     n = checks.check_lengths(lengths, where)
@@ -116,9 +116,7 @@ def from_arrays(
     )
 
 
-def _stamps(
-    time: Any, dt: float | None, given: Mapping[str, Any], where: str
-) -> tuple[Array | None, str]:
+def _stamps(time: Any, given: Mapping[str, Any], where: str) -> tuple[Array | None, str]:
     """Times [s] and the date of their zero, from `time` or from the index of what is given."""
     read = {
         name: seconds(index, time_format=None, where=f"{where}: {name}")
@@ -133,7 +131,7 @@ def _stamps(
                 "first (reindex, or one recording each and merge)"
             )
     if time is None:
-        return next(iter(read.values())) if read and dt is None else (None, "")
+        return next(iter(read.values())) if read else (None, "")
     if isinstance(time, str):
         if not is_named(given["y"]):
             raise DataError(f"{where}: time is '{time}', but y has no columns by name")

@@ -11,7 +11,9 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, remove_mean]
     outputs.y = { column = "q_m", unit = "m" }
                                   # [truth.STATE; sigma_factor.OUTPUT: noise of single samples;
-                                  # start, stop, resample [s]; skip_lines]
+                                  # start, stop, resample [s]; format, axis, time_format,
+                                  # missing, delimiter, decimal, thousands, encoding, header,
+                                  # skip_lines]
     [model]
     kind = "friction_drive"       # with its arguments; or "equations", "lti", "second_order",
                                   # "beam", "modal", "reduced"

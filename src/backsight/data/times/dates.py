@@ -138,6 +138,11 @@ def _clock_times(known: pd.Series, where: str) -> np.ndarray:
     wrong = parts["s"].isna()
     if wrong.any():
         raise DataError(f"{where}: time is '{known[wrong].iloc[0]}' among clock times")
+    if parts["h"].isna().all() and parts["f"].isna().all():
+        raise DataError(
+            f"{where}: time is '{known.iloc[0]}', hours or minutes first; give time_format, "
+            "'%H:%M' or '%M:%S'"
+        )
     nanoseconds = parts["f"].fillna("0").str.ljust(9, "0").str[:9].astype(np.int64)
     whole = parts[["h", "m", "s"]].fillna("0").astype(np.int64)
     total = (whole["h"] * 3600 + whole["m"] * 60 + whole["s"]) * 10**9 + nanoseconds
