@@ -65,6 +65,9 @@ class Recursion:
         A shorter recording does not fill a window without which the method is not itself.
     lag : int
         The outputs of a step are about the sample so many steps ago.
+    innovation : casadi.Function, optional
+        ``(carry, *data) -> (e, S)`` of the newest sample, where the outputs ``e`` and ``S`` are
+        about an earlier one.
     """
 
     step: ca.Function
@@ -73,6 +76,7 @@ class Recursion:
     dt: float
     least_samples: int = 1
     lag: int = 0
+    innovation: ca.Function | None = None
 
     @property
     def name(self) -> str:

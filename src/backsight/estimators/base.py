@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar, final
 
 import casadi as ca
 import numpy as np
@@ -15,6 +15,8 @@ from backsight.description import Description
 from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightError, TuningError
+from backsight.estimators.outliers import AbstractOutlierRule
+from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
 from backsight.models.model import Model
@@ -76,6 +78,17 @@ class AbstractEstimator(Description, abc.ABC):
             return self.integration.hold
         return getattr(self, "hold", "zoh")
 
+    @property
+    def outliers(self) -> AbstractOutlierRule | None:
+        """The rule for outliers of the field ``noise``; None without one."""
+        noise = getattr(self, "noise", None)
+        return noise.outliers if isinstance(noise, Noise) else None
+
+    @property
+    def constant_gain(self) -> bool:
+        """Whether the noise of a sample changes its covariance only, not how it is corrected."""
+        return False
+
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """The estimator itself, first, and with other arrival costs; by their names."""
         return {"": self}
@@ -90,8 +103,43 @@ class AbstractEstimator(Description, abc.ABC):
         """
         raise TuningError(f"{self.title} has no window to look at; use MHE")
 
-    @abc.abstractmethod
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        if "compile" in vars(cls):
+            raise BacksightError(
+                f"{cls.__name__} defines 'compile'; write 'build', which 'compile' calls"
+            )
+
+    @final
     def compile(self, model: Model, dt: float) -> Recursion:
+        """Turn the description into a recursion: what `build` makes, with the outlier rule.
+
+        Parameters, result and errors are those of `build`; the recursion has the channel
+        ``weight`` if the noise has a rule for outliers, see `backsight.estimators.outliers`.
+        """
+        rule = self.outliers
+        if rule is not None and (problem := self._refusal(rule)):
+            raise TuningError(problem)
+        plain = self.build(model, dt)
+        return plain if rule is None else robust(plain, rule)
+
+    def _refusal(self, rule: AbstractOutlierRule) -> str:
+        """Why the estimator cannot follow a rule for outliers; empty if it can."""
+        kind = type(rule).__name__
+        if not self.weighs:
+            return (
+                f"{self.title} cannot weigh single samples, which outliers = {kind}() needs; use "
+                "an estimator that can, such as EKF"
+            )
+        if self.constant_gain and not rule.leaves_out:
+            return (
+                f"{self.title} has a constant gain, which the weights of {kind}() cannot change; "
+                "use Gate(), or an estimator that computes its gain, such as KalmanFilter"
+            )
+        return ""
+
+    @abc.abstractmethod
+    def build(self, model: Model, dt: float) -> Recursion:
         """Turn the description into ``(carry, u, y, mask) -> (carry, outputs)``.
 
         Parameters
@@ -155,9 +203,16 @@ class Setting:
         return np.array([s.upper for s in self.model.states])
 
     def enter(self) -> ca.Function:
-        """Physical to scaled data: (u, y, mask) -> (u, y, mask)."""
+        """Physical to scaled data: (u, y, mask) -> (u, y, mask).
+
+        In parts, so that what depends on the inputs alone can be told from what the mask changes.
+        """
         u, y, mask = data_symbols(self.model)
-        return ca.Function("enter", [u, y, mask], [u / self.su, y / self.sy, mask])
+        scaled_u = ca.Function("enter_u", [u], [u / self.su])
+        scaled_y = ca.Function("enter_y", [y], [y / self.sy])
+        data = [ca.MX.sym(f"d{i}", k.numel()) for i, k in enumerate((u, y, mask))]
+        results = [scaled_u(data[0]), scaled_y(data[1]), data[2]]
+        return ca.Function("enter", data, results, {"always_inline": True})
 
     def physical(self, x: ca.SX, vP: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Physical state (nx,) and lower triangle of its covariance, of scaled ones."""

@@ -86,8 +86,8 @@ class MHO(AbstractEstimator):
     covariance: Propagation = "transition"
     optimiser: GaussNewton | QuasiNewton = dataclasses.field(default_factory=GaussNewton)
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         s, N = setting(model, dt, noise=self.noise, prior=self.prior), self.N
         kept = Covariance(s.model.nx)
         data = data_inputs(s)

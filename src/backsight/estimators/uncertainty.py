@@ -8,6 +8,7 @@ import numpy as np
 
 from backsight.description import Description, Range, Sound
 from backsight.errors import ModelError, TuningError
+from backsight.estimators.outliers import Gate, Huber, StudentT
 from backsight.models.model import Model
 from backsight.models.signals import Signal, vector
 from backsight.types import Array, ByName
@@ -30,6 +31,9 @@ class Noise(Description):
         Covariance of the process noise per sample; may be singular, is never inverted.
     Qc : (nx, nx) array
         Spectral density of the process noise of a continuous-time model [unit^2/s].
+    outliers : Gate, StudentT or Huber, optional
+        How samples that do not belong are kept from the estimate, see
+        `backsight.estimators.outliers`; by default all are believed.
 
     Raises
     ------
@@ -42,6 +46,7 @@ class Noise(Description):
     R: Array | None = None
     Q: Array | None = None
     Qc: Array | None = None
+    outliers: Gate | StudentT | Huber | None = None
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""

@@ -73,6 +73,7 @@ class NoiseTable(Table):
     R: list[list[float]] | None = None
     Q: list[list[float]] | None = None
     Qc: list[list[float]] | None = None
+    outliers: dict[str, Any] | None = None
 
 
 class PriorTable(Table):

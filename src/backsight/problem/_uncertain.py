@@ -1,13 +1,16 @@
 """The tables ``[noise]`` and ``[prior]``, with what the unknowns say of themselves."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from backsight.errors import ProblemError
+from backsight.estimators.outliers import Gate, Huber, StudentT
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.problem._checking import at
+from backsight.problem._settings import part
 from backsight.problem._tables import EstimateTable, NoiseTable, PriorTable
 from backsight.types import Array
 
@@ -28,10 +31,15 @@ def noise(table: NoiseTable, unknowns: Unknowns, model: Model, *, where: str) ->
             sigma_w=_joined(table.sigma_w, walks, f"{where}.sigma_w", "walk") or None,
             Q=_matrix(table.Q, f"{where}.Q"),
             Qc=_matrix(table.Qc, f"{where}.Qc"),
+            outliers=_rule(table.outliers, f"{where}.outliers"),
         )
         made.measurement(model)
         made.process(model, model.dt or 1.0)
     return made
+
+
+def _rule(given: Mapping[str, Any] | None, where: str) -> Gate | StudentT | Huber | None:
+    return None if given is None else part([Gate, StudentT, Huber], given, where=where)
 
 
 def prior(table: PriorTable, unknowns: Unknowns, model: Model, *, where: str) -> Prior:

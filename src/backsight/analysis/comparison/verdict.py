@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from backsight.analysis.comparison.row import Row
 from backsight.analysis.consistency import cause, pattern
+from backsight.analysis.outliers import sentences
 from backsight.rounding import significant
 
 _CLOSE = 0.10
@@ -79,7 +80,11 @@ def line(row: Row) -> str:
         return "diverged, its estimates are worthless; see the status"
     against = _against_reference(row)
     found = str(row.hits) if row.hits is not None and not row.remarks else ""
-    return "; ".join(text for text in (found, agreement(row), against, *row.remarks) if text)
+    return "; ".join(
+        text
+        for text in (found, agreement(row), against, *row.remarks, *sentences(row.outliers))
+        if text
+    )
 
 
 def _compared(ratio: float) -> str:

@@ -14,13 +14,14 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.analysis.outliers import taken
 from backsight.errors import DataError
 from backsight.types import Array
 
 
 def measured_channels(result: xr.Dataset) -> xr.DataArray:
-    """Return the number of outputs measured at every sample, (time,)."""
-    return result["y"].notnull().sum("output")
+    """Return the number of outputs measured, and not left out, at every sample, (time,)."""
+    return taken(result).sum("output")
 
 
 def nis(result: xr.Dataset) -> xr.DataArray:
@@ -124,7 +125,7 @@ def _whitened(result: xr.Dataset) -> tuple[Array, Array]:
     innovation, which adds nothing to either. `S` is brought to unit diagonal first: outputs may
     differ by ten orders of magnitude, their variances by twenty.
     """
-    measured = result["y"].notnull().values
+    measured = taken(result).values
     e = np.where(measured, result["e"].values, 0.0)
     pairs = measured[:, :, None] & measured[:, None, :]
     unit = np.eye(measured.shape[1])

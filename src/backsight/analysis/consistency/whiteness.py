@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.analysis.outliers import taken
 from backsight.description import Printed
 from backsight.types import Array
 
@@ -80,7 +81,7 @@ def colours(result: xr.Dataset) -> tuple[Colour, ...]:
 def normalised(result: xr.Dataset) -> Array:
     """Innovations per standard deviation, (n, ny); NaN where not measured or S is no variance."""
     variance = np.einsum("kii->ki", result["S"].values)
-    known = result["y"].notnull().values & (variance > 0) & np.isfinite(variance)
+    known = taken(result).values & (variance > 0) & np.isfinite(variance)
     deviation = np.sqrt(np.where(known, variance, 1.0))
     r = np.where(known, result["e"].values / deviation, np.nan)
     return np.where(np.isfinite(r), r, np.nan)

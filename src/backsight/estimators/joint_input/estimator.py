@@ -100,8 +100,8 @@ class JointInput(AbstractEstimator):
         if sound("forces") and not self.forces:
             yield "forces: no unknown force is named"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         try:
             joined = forces_as_inputs(model, self.forces)
         except ModelError as error:

@@ -99,8 +99,8 @@ class EKF(AbstractEstimator):
         ):
             yield "measurement='continuous' goes with covariance='transition' only"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
         parts = ekf_halves(s, self.integrator, self.covariance)
         if self.measurement == "sampled":

@@ -92,8 +92,8 @@ class IEKF(AbstractEstimator):
         if not self.tolerance >= 0:
             raise TuningError(f"tolerance is {self.tolerance}; it must not be negative")
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
         once = ekf_halves(s, self.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)

@@ -65,8 +65,13 @@ class KalmanFilter(AbstractEstimator):
     hold: Hold = "zoh"
     steady_state: bool = False
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    @property
+    def constant_gain(self) -> bool:
+        """See `AbstractEstimator.constant_gain`."""
+        return self.steady_state
+
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         system = self._system(model, dt)
         if self.steady_state:
             return assemble(self.key, system.s, fixed_gain_halves(system, _riccati(system)[0]))

@@ -77,8 +77,8 @@ class UKF(AbstractEstimator):
     beta: float = 2.0
     kappa: float = 0.0
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior)
         points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
         return assemble(self.key, s, ukf_halves(s, self.integrator, points))

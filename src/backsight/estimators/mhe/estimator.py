@@ -134,8 +134,8 @@ class MHE(AbstractEstimator):
         if sound("limits"):
             yield from names_used_twice(self.limits)
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         return recursion(self.key, self._parts(model, dt))
 
     def variants(self) -> Mapping[str, AbstractEstimator]:

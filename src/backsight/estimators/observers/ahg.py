@@ -102,8 +102,8 @@ class AHG(AbstractEstimator):
                 f"adaptive gain: lower = {self.adaptive.lower:g} must be below gain = {self.gain:g}"
             )
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         form = affine_form(model)
         k0 = gain_vector(self.poles, form.n)
         check_step(self.gain, k0, self.integrator, dt)

@@ -70,8 +70,8 @@ class HGO(AbstractEstimator):
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
     interpolation: Interpolation = "model"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         x0, P0 = self.prior.mean(model), self.prior.covariance(model)
         n = len(moving_states(model))
         form = affine_form(_chain(model, n, x0[n:]))

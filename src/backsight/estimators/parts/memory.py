@@ -97,6 +97,7 @@ class Memory:
         dt: float,
         least_samples: int = 1,
         lag: int = 0,
+        innovation: ca.Function | None = None,
     ) -> Recursion:
         """Put a step together.
 
@@ -112,7 +113,7 @@ class Memory:
             Name of a channel to its value.
         channels : sequence of Channel
             What the outputs are, in the order of the recursion.
-        dt, least_samples, lag
+        dt, least_samples, lag, innovation
             See `Recursion`.
 
         Raises
@@ -139,6 +140,7 @@ class Memory:
             dt=dt,
             least_samples=least_samples,
             lag=lag,
+            innovation=innovation,
         )
 
 

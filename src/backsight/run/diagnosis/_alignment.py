@@ -1,5 +1,6 @@
 """Find out whether outputs and inputs of a recording are aligned, and in the model's units."""
 
+import dataclasses
 import math
 from typing import Annotated
 
@@ -13,8 +14,10 @@ from backsight.engine.execute import choose_engine, prepare, run_recursion
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import EKF
+from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
 from backsight.run.estimation import match
+from backsight.schema import WEIGHT
 from backsight.types import Array
 
 REACH = 5
@@ -66,10 +69,15 @@ def check_alignment(
     predicting = yardstick(estimator)
     data = [part[:MOST] for part in match(model, recording, estimator=predicting)]
     dt = float(recording.attrs["dt"])
-    recursion = predicting.compile(model, dt)
+    plain = dataclasses.replace(predicting.noise, outliers=None)
+    recursion = dataclasses.replace(predicting, noise=plain).compile(model, dt)
     engine = choose_engine(None, (2 * reach + 2) * len(data[0]))
     prepare(recursion, engine)
     u, y, mask = data
+    if predicting.outliers is not None:
+        # The same samples for every shift: a gate would leave out more where it fits worse.
+        (weight,) = _run(predicting.compile(model, dt), data, "vm", (WEIGHT,))
+        mask = mask * (weight >= DOUBTED)
     names = [s.name for s in model.outputs]
     ratios = _ratios(recursion, u, y, mask, engine=engine, names=names) if model.nu else ()
     if model.nu == 0 or len(u) < 20 * reach:

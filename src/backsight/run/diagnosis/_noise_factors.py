@@ -5,6 +5,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.analysis.consistency import NOISE_FACTORS, NoiseFactors, Path, gains, noise_factors
+from backsight.analysis.outliers import taken, weighed
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -59,7 +60,7 @@ def factors_of(
     settled = min(MOST, result.sizes["time"] // 2)
     if settled < LEAST or model.nx > MOST_STATES:
         return None
-    if SIGMA_FACTOR in result:
+    if SIGMA_FACTOR in result or weighed(result):
         return None
     last = result.isel(time=slice(-settled, None))
     path = _path(last, estimator, model, noise)
@@ -88,7 +89,7 @@ def _path(result: xr.Dataset, estimator: AbstractEstimator, model: Model, noise:
         F=F,
         H=H,
         P=result["P"].values,
-        e=np.where(result["y"].notnull().values, result["e"].values, np.nan),
+        e=np.where(taken(result).values, result["e"].values, np.nan),
         S=result["S"].values,
         Q=added,
         R=noise.measurement(model),

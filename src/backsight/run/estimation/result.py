@@ -6,11 +6,14 @@ import numpy as np
 import xarray as xr
 
 from backsight.analysis.forces import REMARKS, force_remarks
+from backsight.analysis.outliers import DOUBTED as OUTLIER_WEIGHT
+from backsight.analysis.outliers import RULE, THRESHOLD
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
 from backsight.run.estimation._match import weights
-from backsight.schema import AGO, RESULT_VARIABLES, SCHEMA_VERSION, SIGMA_FACTOR, Status
+from backsight.schema import AGO, RESULT_VARIABLES, SCHEMA_VERSION, SIGMA_FACTOR, WEIGHT, Status
 from backsight.types import Array
 
 
@@ -47,6 +50,12 @@ def as_result(
         "us_per_sample": seconds / result.sizes["time"] * 1e6,
         "schema": SCHEMA_VERSION,
     }
+    if (rule := estimator.outliers) is not None:
+        result.attrs |= {
+            RULE: type(rule).__name__,
+            THRESHOLD: rule.threshold,
+            OUTLIER_WEIGHT: DOUBTED,
+        }
     remarks = force_remarks(result)
     if remarks:
         result.attrs[REMARKS] = "\n".join(remarks)
@@ -65,6 +74,8 @@ def _dataset(
     measured = recording["y"].sel(output=outputs).values
     measured = np.where(weights(model, recording) > 0, measured, np.nan)
     values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
+    if WEIGHT in values:
+        values[WEIGHT] = np.where(np.isfinite(measured), values[WEIGHT], np.nan)
     finite = np.isfinite(values["x_hat"]).all(axis=1)
     raised = np.nan_to_num(values["status"]).astype(np.int32)
     values["status"] = np.where(finite, raised, raised | int(Status.NOT_FINITE)).astype(np.int32)
