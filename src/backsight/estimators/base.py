@@ -15,6 +15,7 @@ from backsight.description import Description
 from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightError, TuningError
+from backsight.estimators.noise_states import widened, without_noise_states
 from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
@@ -33,6 +34,8 @@ class AbstractEstimator(Description, abc.ABC):
     title: ClassVar[str]
     weighs: ClassVar[bool] = False
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
+    noise_states: ClassVar[bool] = False
+    """Whether it is right for noise as states, see `backsight.estimators.noise_states`."""
     kernels: ClassVar[tuple[str, ...]] = ()
     """Kernels in C that it calls; it cannot be built where they are not compiled."""
 
@@ -120,8 +123,41 @@ class AbstractEstimator(Description, abc.ABC):
         rule = self.outliers
         if rule is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
-        plain = self.build(model, dt)
+        plain = self.plain(model, dt)
         return plain if rule is None else robust(plain, rule)
+
+    @final
+    def plain(self, model: Model, dt: float) -> Recursion:
+        """The recursion without the rule for outliers; noise that is not additive as states."""
+        method, wide = self.widened(model, dt)
+        built = method.build(wide, dt)
+        return built if wide is model else without_noise_states(built, model.nx)
+
+    @final
+    def widened(self, model: Model, dt: float) -> tuple[AbstractEstimator, Model]:
+        """Itself and the model, or both with noise states behind the states of the model.
+
+        Raises
+        ------
+        TuningError
+            If the method cannot take the noise as states.
+        """
+        noise = getattr(self, "noise", None)
+        if not (isinstance(noise, Noise) and noise.beyond_additive):
+            return self, model
+        given, (_, prior) = ", ".join(noise.beyond_additive), self.assumed
+        if not self.noise_states:
+            raise TuningError(
+                f"{self.title} cannot take {given} of the noise into account; use KalmanFilter, "
+                "EKF, IEKF, UKF, MHO, LinearMHE or MHE"
+            )
+        if self.input_hold != "zoh":
+            raise TuningError(f"{given} of the noise needs inputs that are held: hold = 'zoh'")
+        if getattr(self, "measurement", "sampled") != "sampled":
+            raise TuningError(f"{given} of the noise goes with measurement = 'sampled' only")
+        found = widened(noise, prior, model, dt, integrator=self.integration)
+        changes: dict[str, Any] = {"noise": found.noise, "prior": found.prior}
+        return dataclasses.replace(self, **changes), found.model
 
     def _refusal(self, rule: AbstractOutlierRule) -> str:
         """Why the estimator cannot follow a rule for outliers; empty if it can."""

@@ -77,6 +77,7 @@ class MHO(AbstractEstimator):
     key: ClassVar[str] = "mho"
     title: ClassVar[str] = "Moving horizon observer"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

@@ -1,7 +1,7 @@
 """What is known before the data: noise of the process and the sensors, and the prior."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -31,6 +31,14 @@ class Noise(Description):
         Covariance of the process noise per sample; may be singular, is never inverted.
     Qc : (nx, nx) array
         Spectral density of the process noise of a continuous-time model [unit^2/s].
+    sigma_u : dict, sequence or number, optional
+        Standard deviation of inputs that were measured with noise, held over the sample like the
+        input itself; inputs that a dict leaves out are exact.
+    sigma_p : dict, optional
+        Parameters of the model that are white noise to their standard deviation: in every sample a
+        new value around that of the parameter, in f and h alike. For noise that is not additive.
+    cross : (nx, ny) array, optional
+        Covariance E[w v'] of process and measurement noise of the same sample.
     outliers : Gate, StudentT or Huber, optional
         How samples that do not belong are kept from the estimate, see
         `backsight.estimators.outliers`; by default all are believed.
@@ -46,6 +54,9 @@ class Noise(Description):
     R: Array | None = None
     Q: Array | None = None
     Qc: Array | None = None
+    sigma_u: Annotated[ByName | None, Range("not be negative", 0.0)] = None
+    sigma_p: Annotated[Mapping[str, float] | None, Range("not be negative", 0.0)] = None
+    cross: Array | None = None
     outliers: Gate | StudentT | Huber | None = None
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
@@ -57,6 +68,33 @@ class Noise(Description):
         for what, given in (("R", self.R), ("Q", self.Q), ("Qc", self.Qc)):
             if given is not None and sound(what):
                 yield from covariance_faults(given, what=what, singular=what != "R")
+
+    @property
+    def beyond_additive(self) -> tuple[str, ...]:
+        """Names of the fields that make noise states, see `backsight.estimators.noise_states`."""
+        return tuple(n for n in ("sigma_u", "sigma_p", "cross") if getattr(self, n) is not None)
+
+    def of_inputs(self, model: Model) -> Array:
+        """Standard deviation of every input, (nu,)."""
+        given = {} if self.sigma_u is None else self.sigma_u
+        return np.sqrt(np.diag(_diagonal(given, model.inputs, what="sigma_u", missing=0.0)))
+
+    def of_parameters(self, model: Model) -> Array:
+        """Standard deviation of every parameter as white noise."""
+        given = {} if self.sigma_p is None else self.sigma_p
+        return np.sqrt(np.diag(_diagonal(given, model.parameters, what="sigma_p", missing=0.0)))
+
+    def per_sample(self, model: Model) -> Array:
+        """Covariance of the process noise per sample, (nx, nx), of `sigma_w` or `Q`."""
+        if self.Qc is not None:
+            raise TuningError(
+                f"{', '.join(self.beyond_additive)} goes with process noise per sample: give "
+                "sigma_w or Q instead of Qc"
+            )
+        if self.Q is not None:
+            return covariance(self.Q, model.states, what="Q", singular=True)
+        given = {} if self.sigma_w is None else self.sigma_w
+        return _diagonal(given, model.states, what="sigma_w", missing=0.0)
 
     def measurement(self, model: Model) -> Array:
         """R, (ny, ny), checked against the model."""

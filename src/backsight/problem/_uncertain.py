@@ -31,10 +31,15 @@ def noise(table: NoiseTable, unknowns: Unknowns, model: Model, *, where: str) ->
             sigma_w=_joined(table.sigma_w, walks, f"{where}.sigma_w", "walk") or None,
             Q=_matrix(table.Q, f"{where}.Q"),
             Qc=_matrix(table.Qc, f"{where}.Qc"),
+            sigma_u=table.sigma_u,
+            sigma_p=table.sigma_p,
+            cross=_matrix(table.cross, f"{where}.cross"),
             outliers=_rule(table.outliers, f"{where}.outliers"),
         )
         made.measurement(model)
         made.process(model, model.dt or 1.0)
+        made.of_inputs(model)
+        made.of_parameters(model)
     return made
 
 

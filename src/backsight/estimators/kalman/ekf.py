@@ -83,6 +83,7 @@ class EKF(AbstractEstimator):
     key: ClassVar[str] = "ekf"
     title: ClassVar[str] = "Extended Kalman filter"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

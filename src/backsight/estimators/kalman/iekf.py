@@ -78,6 +78,7 @@ class IEKF(AbstractEstimator):
     key: ClassVar[str] = "iekf"
     title: ClassVar[str] = "Iterated extended Kalman filter"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

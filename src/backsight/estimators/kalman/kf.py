@@ -59,6 +59,7 @@ class KalmanFilter(AbstractEstimator):
     key: ClassVar[str] = "kf"
     title: ClassVar[str] = "Kalman filter"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

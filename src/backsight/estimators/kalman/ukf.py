@@ -69,6 +69,7 @@ class UKF(AbstractEstimator):
     key: ClassVar[str] = "ukf"
     title: ClassVar[str] = "Unscented Kalman filter"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

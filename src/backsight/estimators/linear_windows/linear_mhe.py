@@ -81,6 +81,7 @@ class LinearMHE(AbstractEstimator):
     key: ClassVar[str] = "lmhe"
     title: ClassVar[str] = "Least-squares moving horizon estimator"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

@@ -110,6 +110,7 @@ class MHE(AbstractEstimator):
     key: ClassVar[str] = "mhe"
     title: ClassVar[str] = "Moving horizon estimator"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

@@ -60,7 +60,7 @@ def factors_of(
     settled = min(MOST, result.sizes["time"] // 2)
     if settled < LEAST or model.nx > MOST_STATES:
         return None
-    if SIGMA_FACTOR in result or weighed(result):
+    if SIGMA_FACTOR in result or weighed(result) or noise.beyond_additive:
         return None
     last = result.isel(time=slice(-settled, None))
     path = _path(last, estimator, model, noise)

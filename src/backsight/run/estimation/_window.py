@@ -49,7 +49,9 @@ def solve_window(
     if not 0 <= k < len(u):
         raise DataError(f"there is no sample {at} in a recording of {len(u)} samples")
     dt = float(recording.attrs["dt"])
-    recursion, inspect = estimator.compile(model, dt), estimator.inspect(model, dt)
+    recursion = estimator.compile(model, dt)
+    method, wide = estimator.widened(model, dt)
+    inspect, nx = method.inspect(wide, dt), model.nx
     carry, _ = vm.run(recursion, [u[:k], y[:k], mask[:k]], carry=recursion.carry0)
     inside, weighed = _entered(estimator, model, dt, carry, [u[k], y[k], mask[k]])
     present, *columns = (np.asarray(c).T for c in inspect(inside, u[k], y[k], weighed))
@@ -58,6 +60,7 @@ def solve_window(
     first = k + 1 - int(here.sum())
     names, outputs = [s.name for s in model.states], [s.name for s in model.outputs]
     P = Channel("P", ("state", "state_"), symmetric=True).unpack(P)
+    x, P, w = x[:, :nx], P[:, :nx, :nx], w[:, :nx]
     deviation = np.sqrt(np.maximum(np.einsum("kii->ki", P), 0.0))
     found = xr.Dataset(
         {
@@ -91,6 +94,6 @@ def _entered(
     """Memory of the method itself, and the mask of a sample as the rule for outliers weighs it."""
     if estimator.outliers is None:
         return carry, data[2]
-    plain = estimator.build(model, dt)
+    plain = estimator.plain(model, dt)
     weight = np.asarray(entering(plain, estimator.outliers)(carry, *data)[0]).ravel()
     return carry[: len(plain.carry0)], data[2] * weight
