@@ -205,14 +205,17 @@ def test_an_inertia_is_right_within_its_band():
         ["J", "b"],
     )
     prior = bs.Prior(sigma_x0={"phi": 1e-3, "w": 0.1, "J": 2e-4, "b": 1e-3})
-    off = {}
+    off, told = {}, {}
     for name, sigma_u in (("exact", None), ("noisy", {"i": 0.3})):
         noise = bs.Noise(sigma_y=1e-4, sigma_w={"w": 1e-5}, sigma_u=sigma_u)
-        last = bs.estimate(bs.EKF(noise, prior), motor, rec, engine="vm").isel(time=-1)
+        found = bs.compare({"EKF": bs.EKF(noise, prior)}, motor, rec, engine="vm")
+        told[name], last = found.verdicts()[-1], found["EKF"].isel(time=-1)
         J_hat = last.sel(state="J")
         off[name] = abs(float((J_hat["x_hat"] - J) / J_hat["x_std"]))
     assert off["noisy"] < 3
     assert off["exact"] > 30
+    assert "over-confident" in told["exact"]
+    assert "consistent, its innovations are as large" in told["noisy"]
 
 
 @pytest.mark.parametrize("engine", ["vm", "native"])

@@ -63,9 +63,10 @@ def cause(found: Consistency, aligned: bool | None = None) -> str:
 def _answered(colour: Colour, aligned: bool | None) -> str:
     samples = "one sample" if colour.delay == 1 else f"{colour.delay} samples"
     reason = {
-        True: "the model answers its input wrongly",
+        True: "the model answers its input wrongly, or the input is noisy (sigma_u)",
         False: "y and u are misaligned",
-        None: "the model answers its input wrongly, or y and u are misaligned",
+        None: "the model answers its input wrongly, the input is noisy (sigma_u), or y and u are "
+        "misaligned",
     }[aligned]
     return (
         f"past inputs explain {significant(100 * colour.explained, 2)} % of the innovations of "
