@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import backsight as bs
-from backsight.errors import TuningError
+from backsight.errors import BacksightWarning, TuningError
 from backsight.schema import Status
 
 DT, N = 0.02, 400
@@ -237,7 +237,8 @@ def test_counts_are_in_verdict_and_summary():
 
 def test_a_rule_that_can_never_act_is_told():
     n = bs.Noise(sigma_y={"y": 1e3, "z": 0.1}, Q=Q, outliers=RULES[0])
-    comparison = bs.compare({"KF": kalman(n)}, plant(), MOTION.recording(MOTION.clean))
+    with pytest.warns(BacksightWarning, match="of 'y' can never act: all values lie within"):
+        comparison = bs.compare({"KF": kalman(n)}, plant(), MOTION.recording(MOTION.clean))
     told = comparison.verdicts()[-1]
     assert "the rule for outliers of y can never act" in told
     assert "of z can never act" not in told

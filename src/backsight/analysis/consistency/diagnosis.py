@@ -65,8 +65,8 @@ def _answered(colour: Colour, aligned: bool | None) -> str:
     reason = {
         True: "the model answers its input wrongly, or the input is noisy (sigma_u)",
         False: "y and u are misaligned",
-        None: "the model answers its input wrongly, the input is noisy (sigma_u), or y and u are "
-        "misaligned",
+        None: "the model answers its input wrongly, or y and u are misaligned, or the input is "
+        "noisy (sigma_u)",
     }[aligned]
     return (
         f"past inputs explain {significant(100 * colour.explained, 2)} % of the innovations of "

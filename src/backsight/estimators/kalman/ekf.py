@@ -36,7 +36,6 @@ Propagation: TypeAlias = Literal["transition", "ode", "discrete"]
 """Ways to carry a covariance over a sampling period, see `predict`."""
 
 COVARIANCES: tuple[Propagation, ...] = get_args(Propagation)
-"""How the covariance goes from sample to sample, see `predict`."""
 
 
 @dataclasses.dataclass(frozen=True)
