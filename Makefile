@@ -8,17 +8,24 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 OUT ?= out
 KERNELS := $(wildcard src/backsight/kernels/*.[ch])
 
-.PHONY: setup demo test test-all wheel-test lint bench docs clean
+.PHONY: setup demo test test-all fast-tests all-tests wheel-test lint bench docs clean
 
 setup: $(VENV)/.dev
 
 demo: $(VENV)/.base
 	$(BIN)/backsight run examples/stage/problem.toml --out $(OUT)/demo
 
-test: $(VENV)/.dev lint
+# Types are checked on one core at most, which would leave the other idle: tests begin meanwhile.
+test: $(VENV)/.dev
+	@$(MAKE) --no-print-directory --jobs 2 lint fast-tests
+
+test-all: $(VENV)/.dev
+	@$(MAKE) --no-print-directory --jobs 2 lint all-tests
+
+fast-tests: $(VENV)/.dev
 	$(PYTEST) -m "not slow"
 
-test-all: $(VENV)/.dev lint
+all-tests: $(VENV)/.dev
 	$(PYTEST)
 
 wheel-test: $(VENV)/.wheel

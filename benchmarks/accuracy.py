@@ -13,7 +13,7 @@ from backsight.types import Array
 from benchmarks import process_noise
 from benchmarks.contest import clock, peer, reason
 from benchmarks.process_noise import INACTIVE
-from benchmarks.stage import NOISE, PRIOR
+from benchmarks.stage import PRIOR, STEPPING
 
 SAMPLES, FROM = 500, 200
 """Length of the recording, and the first sample that is judged."""
@@ -57,7 +57,7 @@ def accuracies() -> list[Accuracy]:
         for name, arrival in arrivals.items()
     }
     ours["Backsight, extended Kalman filter"] = EKF(
-        NOISE, PRIOR, process_noise.HEUN, covariance="discrete"
+        STEPPING, PRIOR, process_noise.HEUN, covariance="discrete"
     )
     return [
         _judged(

@@ -15,10 +15,10 @@ import xarray as xr
 from backsight.discrete.exact import zoh
 from backsight.estimators import Noise, Prior
 from backsight.estimators.cs_mhe import Carryover, CompressiveSensingMHE
-from backsight.models.beam import beam
 from backsight.models.lti import state_space
 from backsight.models.model import Model
-from backsight.models.unknown_forces import forces_as_inputs
+from backsight.models.structures.beam import beam
+from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import recording
 from backsight.types import Array
 
@@ -134,4 +134,5 @@ def estimator(mismatch: float) -> CompressiveSensingMHE:
         arrival="smoothed",
         carryover=Carryover((100.0, 1000.0), "separate"),
         threshold=1.0,
+        bias="kept",
     )

@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import xarray as xr
 
+from backsight.discrete.noise import random_walk
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators import EKF, MHO, Noise, Prior
@@ -17,15 +18,15 @@ from backsight.estimators.observers import AHG, AdaptiveGain
 from backsight.models.augment import augment
 from backsight.models.lti import lti
 from backsight.models.model import Model
-from backsight.models.second_order import second_order
 from backsight.models.signals import Signal
+from backsight.models.structures.second_order import second_order
 from backsight.run.estimation import match
 from backsight.run.simulation import simulate, simulate_closed_loop
 from backsight.signals.profiles import punch_strokes
 from backsight.solvers.box import GaussNewton
 from backsight.types import Array
 from benchmarks import two_masses
-from benchmarks.stage import DT, HEUN, HORIZON, NOISE, PRIOR, joint_model, stage
+from benchmarks.stage import DT, HEUN, HORIZON, NOISE, PRIOR, STEPPING, joint_model, stage
 
 PUNCH_SAMPLES = 8000
 """Samples of the recording of the punch."""
@@ -78,18 +79,27 @@ def observer(
         integrator=integrator,
         covariance="ode",
         optimiser=optimiser,
+        bands="filters",
     )
     return Problem(mho, joint_model(), stage())
 
 
 def observer_of(ekf: EKF) -> MHO:
     """The observer with the noise, prior and integrator of a filter."""
-    return MHO(ekf.noise, ekf.prior, N=HORIZON, integrator=ekf.integrator, optimiser=TWICE)
+    return MHO(
+        ekf.noise,
+        ekf.prior,
+        N=HORIZON,
+        integrator=ekf.integrator,
+        optimiser=TWICE,
+        bands="filters",
+    )
 
 
 def stage_filter(covariance: str = "ode", *, integrator: Integrator = HEUN) -> Problem:
     """The extended Kalman filter of the stage: 6 states, 8 sub-steps."""
-    ekf = EKF(NOISE, PRIOR, integrator=integrator, covariance=covariance)
+    noise = STEPPING if covariance == "discrete" else NOISE
+    ekf = EKF(noise, PRIOR, integrator=integrator, covariance=covariance)
     return Problem(ekf, joint_model(), stage())
 
 
@@ -104,7 +114,7 @@ def free_stage_filter() -> Problem:
         states=tuple(dataclasses.replace(s, lower=-np.inf, upper=np.inf) for s in model.states),
         outputs=tuple(dataclasses.replace(s, scale=None) for s in model.outputs),
     )
-    return Problem(EKF(NOISE, PRIOR, integrator=HEUN, covariance="discrete"), free, stage())
+    return Problem(EKF(STEPPING, PRIOR, integrator=HEUN, covariance="discrete"), free, stage())
 
 
 MASS, DAMPING, STIFFNESS = 125.0, 1500.0, 20e3
@@ -168,7 +178,14 @@ def punch_observer(*, adaptive: bool) -> Problem:
         ]
     )
     gain = AdaptiveGain(lower=100.0, gamma=6e-7, beta=3e7, window=0.04, every=1e-3)
-    ahg = AHG(noise, prior, gain=1000.0, Gamma=Gamma, adaptive=gain if adaptive else None)
+    ahg = AHG(
+        noise,
+        prior,
+        gain=1000.0,
+        Gamma=Gamma,
+        adaptive=gain if adaptive else None,
+        integrator=Integrator("rk4", 2),
+    )
     return Problem(ahg, model, punch())
 
 
@@ -188,7 +205,7 @@ def punch_filter() -> Problem:
     model = augment(plant, list(scales))
     size = np.array([1e-3, 0.1, *scales.values()])
     noise = Noise(
-        R=np.array([[1e-12]]), Qc=np.diag((np.array([0, 0.1, 0.05, 0.05, 0.05]) * size) ** 2)
+        R=np.array([[1e-12]]), Q=DT * np.diag((np.array([0, 0.1, 0.05, 0.05, 0.05]) * size) ** 2)
     )
     prior = Prior(P0=np.diag((np.array([2.0, 0.1, 0.8, 0.8, 0.8]) * size) ** 2))
     return Problem(UKF(noise, prior, integrator=Integrator("heun", 4)), model, punch())
@@ -219,9 +236,10 @@ def chain(masses: int = 30, *, samples: int = 1000) -> Problem:
         outputs={"first": ("displacement", "q1"), "last": ("displacement", f"q{masses}")},
         name="chain",
     )
-    noise = Noise(sigma_y=1e-3, sigma_w={s.name: 1e-2 for s in model.states})
+    dt = 2e-3
+    noise = Noise(sigma_y=1e-3, Qc=random_walk(np.full(model.nx, 1e-2), dt=dt))
     ekf = EKF(noise, Prior(0.1), integrator=Integrator("heun", 1))
-    return Problem(ekf, model, _noisy(model, 2e-3, samples))
+    return Problem(ekf, model, _noisy(model, dt, samples))
 
 
 def dense(states: int = 60, *, samples: int = 1000) -> Problem:

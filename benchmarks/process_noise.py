@@ -7,14 +7,14 @@ import numpy as np
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import native
-from backsight.estimators import EKF, MHE, ConstantArrival, SmoothedArrival
+from backsight.estimators import EKF, MHE, ConstantArrival, Noise, SmoothedArrival
 from backsight.models.model import Model
 from backsight.solvers.box import GaussNewton
 from backsight.types import Array
 from benchmarks.contest import Contender
 from benchmarks.ours import expected
 from benchmarks.problems import TWICE, Problem, chain
-from benchmarks.stage import HORIZON, NOISE, PRIOR, joint_model, stage
+from benchmarks.stage import HORIZON, PRIOR, STEPPING, joint_model, stage
 from benchmarks.windows import PLACES
 
 HEUN = Integrator("heun", substeps=4)
@@ -44,7 +44,7 @@ def problem(bounds: str, optimiser: GaussNewton = TWICE, *, N: int = HORIZON) ->
 
     An active bound acts until the payload is taken off: the recording ends there.
     """
-    mhe = MHE(NOISE, PRIOR, N=N, arrival=ConstantArrival(), integrator=HEUN, optimiser=optimiser)
+    mhe = MHE(STEPPING, PRIOR, N=N, arrival=ConstantArrival(), integrator=HEUN, optimiser=optimiser)
     recording = stage().isel(time=slice(2000)) if bounds == ACTIVE else stage()
     return Problem(mhe, model(bounds), recording)
 
@@ -118,8 +118,9 @@ def large() -> Contender:
     """A row of masses with 30 states; linear, so that the Kalman filter is to be met."""
     row = chain(15, samples=100)
     filtering = row.estimator
+    noise = Noise(sigma_y=1e-3, sigma_w=1e-2)
     mhe = MHE(
-        filtering.noise,
+        noise,
         filtering.prior,
         N=20,
         arrival=SmoothedArrival(),
@@ -133,5 +134,5 @@ def large() -> Contender:
         _, outputs = native.run(of.recursion, of.data, carry=of.recursion.carry0)
         return outputs[0] / of.setting.sx
 
-    kalman = EKF(filtering.noise, filtering.prior, filtering.integrator, covariance="discrete")
+    kalman = EKF(noise, filtering.prior, filtering.integrator, covariance="discrete")
     return Contender(work, len(of.data[0]), expected(dataclasses.replace(row, estimator=kalman)))

@@ -11,6 +11,7 @@ import math
 import numpy as np
 import xarray as xr
 
+from backsight.discrete.noise import random_walk
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import Noise, Prior
 from backsight.models.augment import augment
@@ -33,7 +34,13 @@ PRE_ROLL, REMOVAL = 2000, 2000
 HORIZON = 15
 """Sampling periods: one period of oscillation."""
 
-NOISE = Noise(sigma_y=1e-3, sigma_w={"q": 1e-2, "v": 1e2, "k": 1e4, "b": 5e-2, "c": 1e3, "w": 1e4})
+SIGMA_W = {"q": 1e-2, "v": 1e2, "k": 1e4, "b": 5e-2, "c": 1e3, "w": 1e4}
+NOISE = Noise(sigma_y=1e-3, Qc=random_walk([*SIGMA_W.values()], dt=DT))
+"""The paper's: it acts all the time."""
+
+STEPPING = Noise(sigma_y=1e-3, sigma_w=SIGMA_W)
+"""As much, once per sample."""
+
 PRIOR = Prior(sigma_x0={"q": 1.0, "v": 1e3, "k": 1e6, "b": 1.0, "c": 1e5, "w": 1.0})
 HEUN = Integrator("heun", substeps=8)
 

@@ -1,15 +1,19 @@
 """What every file of the project keeps to: its length, its words, its documentation."""
 
+import ast
+import collections
+import functools
 import inspect
 import re
 from pathlib import Path
 
 import backsight
+from backsight.description import words
+from backsight.engine.execute import Engine
 from backsight.estimators import ESTIMATORS
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = (ROOT / "src" / "backsight", ROOT / "studies" / "backsight_studies")
-SOURCES = sorted(path for package in PACKAGES for path in package.rglob("*.py"))
+SOURCES = sorted((ROOT / "src" / "backsight").rglob("*.py"))
 TEXTS = sorted(
     path
     for folder in ("src", "studies", "tests", "docs", "examples", "benchmarks")
@@ -18,6 +22,10 @@ TEXTS = sorted(
     and not any(part.endswith(".egg-info") for part in path.parts)
 )
 LONGEST = 300
+MOST_FILES = 12
+"""In a folder of the package, beside its `__init__`."""
+
+MOST_OF_ONE_PREFIX = 4
 UNFINISHED = re.compile("|".join(["TO" + "DO", "FIX" + "ME", "X" + "XX", "HA" + "CK"]))
 
 
@@ -34,10 +42,83 @@ def public(owner: object) -> list[tuple[str, object]]:
     return found
 
 
+@functools.cache
+def project() -> list[Path]:
+    """Python files of the project; the package, its studies, what tries it and shows it."""
+    folders = ("src/backsight", "studies/backsight_studies", "tests", "examples", "benchmarks")
+    return sorted(file for folder in folders for file in (ROOT / folder).rglob("*.py"))
+
+
+def module_of(file: Path) -> str:
+    """Dotted name."""
+    parts = file.relative_to(ROOT).with_suffix("").parts
+    return ".".join(part for part in parts if part not in ("src", "studies", "__init__"))
+
+
+@functools.cache
+def imports() -> dict[str, set[Path]]:
+    """Module of the package to the files, all but the tests, that import it or something of it."""
+    users: dict[str, set[Path]] = {module_of(file): set() for file in SOURCES}
+    for file in (*project(), ROOT / "src" / "backsight" / "__init__.pyi"):
+        if ROOT / "tests" in file.parents:
+            continue
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                for name in {f"{node.module}.{a.name}" for a in node.names} | {node.module}:
+                    users.get(name, set()).add(file)
+    return users
+
+
 def test_files_are_short_and_say_what_they_are():
-    texts = {str(p.relative_to(ROOT)): p.read_text(encoding="utf-8") for p in SOURCES}
-    assert not [p for p, text in texts.items() if len(text.splitlines()) > LONGEST]
-    assert not [p for p, text in texts.items() if not text.startswith(('"""', 'r"""'))]
+    texts = {p: p.read_text(encoding="utf-8") for p in project()}
+    assert not [str(p) for p, text in texts.items() if len(text.splitlines()) > LONGEST]
+    assert not [str(p) for p in SOURCES if not texts[p].startswith(('"""', 'r"""'))]
+
+
+def test_folders_hold_about_a_dozen_files():
+    counts = collections.Counter(f.parent for f in SOURCES if f.name != "__init__.py")
+    assert not {str(f.relative_to(ROOT)): n for f, n in counts.items() if n > MOST_FILES}
+
+
+def test_files_of_one_prefix_are_a_folder():
+    prefixes = collections.Counter(
+        (str(f.parent.relative_to(ROOT)), f.stem.lstrip("_").partition("_")[0])
+        for f in project()
+        if ROOT / "tests" not in f.parents
+    )
+    assert not {key: n for key, n in prefixes.items() if n > MOST_OF_ONE_PREFIX}
+
+
+def test_private_modules_are_imported_in_their_folder_only():
+    private = {module_of(f): f.parent for f in SOURCES if re.fullmatch(r"_[a-z0-9].*", f.stem)}
+    users = imports()
+    found = {m: {u for u in users[m] if home not in u.parents} for m, home in private.items()}
+    assert not {m: sorted(map(str, outside)) for m, outside in found.items() if outside}
+
+
+def test_modules_that_only_their_folder_uses_are_private():
+    """A module is for others if one of them imports it, or the folder offers what is in it."""
+    wrong = []
+    for module, users in imports().items():
+        file = ROOT / "src" / Path(*module.split(".")).with_suffix(".py")
+        if not file.is_file() or file.stem.startswith("_") or file.parent.name == "backsight":
+            continue
+        offered = file.with_name("__init__.py") in users
+        if not offered and all(file.parent in user.parents for user in users):
+            wrong.append(module)
+    assert not wrong
+
+
+def test_no_name_means_two_things():
+    """Classes and public functions of modules: one name, one thing; engines answer alike."""
+    alike = {f"backsight.engine.{engine}" for engine in words(Engine)}
+    homes: dict[str, list[str]] = {}
+    for file in SOURCES:
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, []).append(module_of(file))
+    twice = {name: set(modules) for name, modules in homes.items() if len(modules) > 1}
+    assert not {name: modules for name, modules in twice.items() if not modules <= alike}
 
 
 def test_nothing_is_left_unfinished():

@@ -85,7 +85,7 @@ def _estimator(bounds: str) -> Any:
     )
     R = s.R[0, 0]
     dx = (mhe._x["x"] - mhe._x_prev["x"]) / np.sqrt(np.diag(s.P0))
-    w = mhe._w["x_noise"] / np.sqrt(np.diag(s.Q) * s.dt)
+    w = mhe._w["x_noise"] / np.sqrt(np.diag(s.sampled().Q))
     y_first, counts = (mhe._p_set[name] for name in FIRST)
     e = counts * (y_first - output(mhe._x["x"]))
     mhe.set_objective(

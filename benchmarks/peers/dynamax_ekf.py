@@ -22,7 +22,7 @@ def build(problem: Problem) -> Contender:
         initial_mean=jnp.array(s.x0),
         initial_covariance=jnp.array(s.P0),
         dynamics_function=lambda x, u: jnp.array([*stage.ahead(x, u[0]), *x[2:]]),
-        dynamics_covariance=jnp.array(s.Q * s.dt),
+        dynamics_covariance=jnp.array(s.sampled().Q),
         emission_function=lambda x, _u: stage.output * x[:1],
         emission_covariance=jnp.array(s.R),
     )

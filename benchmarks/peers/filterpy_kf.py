@@ -21,7 +21,7 @@ def extended(problem: Problem, samples: int) -> Contender:
 
     def work() -> Array:
         ekf = ExtendedKalmanFilter(dim_x=6, dim_z=1)
-        ekf.x, ekf.P, ekf.Q, ekf.R = s.x0.copy(), s.P0.copy(), s.Q * s.dt, s.R
+        ekf.x, ekf.P, ekf.Q, ekf.R = s.x0.copy(), s.P0.copy(), s.sampled().Q, s.R
         x_hat = np.empty((samples, 6))
         for k in range(samples):
             ekf.update(y[k], lambda _x: H, lambda x: H @ x)
@@ -46,7 +46,7 @@ def unscented(problem: Problem, samples: int) -> Contender:
 
     def work() -> Array:
         ukf = UnscentedKalmanFilter(5, 1, s.dt, lambda x: gain * x[:1], punch.ahead, points)
-        ukf.x, ukf.P, ukf.Q, ukf.R = s.x0.copy(), s.P0.copy(), s.Q * s.dt, s.R
+        ukf.x, ukf.P, ukf.Q, ukf.R = s.x0.copy(), s.P0.copy(), s.sampled().Q, s.R
         ukf.sigmas_f = points.sigma_points(ukf.x, ukf.P)
         x_hat = np.empty((samples, 5))
         for k in range(samples):

@@ -17,16 +17,16 @@ def build(problem: Problem) -> Contender:
     if s.model.continuous:
         integrator = problem.estimator.integrator
         ahead = integrator.substep(s.model.rhs, x, ua=u, ub=u, h=s.dt)
-        half = s.dt / 2 * s.Q
+        half = s.dt / 2 * s.Qc
     else:
-        ahead, half = s.model.rhs(x, u), s.Q / 2
+        ahead, half = s.model.rhs(x, u), 0 * s.Q
     matrices = ca.Function(
         "matrices",
         [x, u],
         [ca.jacobian(ahead, x), ca.jacobian(ahead, u), ca.jacobian(s.model.output(x, u), x)],
     )
     F, G, H = (np.asarray(ca.densify(m)) for m in matrices(0, 0))
-    Q = half + F @ half @ F.T if s.model.continuous else s.Q
+    Q = half + F @ half @ F.T + s.Q
     inputs, outputs = problem.data[0] / s.su, problem.data[1] / s.sy
     eye = np.eye(nx)
 

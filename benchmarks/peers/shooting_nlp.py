@@ -82,7 +82,7 @@ def _solver(bounds: str, solver: str, options: dict[str, Any]) -> ca.Function:
     ahead, output = transition(bounds)
     x_bar, U, Y = ca.SX.sym("x_bar", nx), ca.SX.sym("U", N + 1), ca.SX.sym("Y", N + 1)
     X, W = ca.SX.sym("x", nx, N + 1), ca.SX.sym("w", nx, N)
-    sigma_x, sigma_w = np.sqrt(np.diag(s.P0)), np.sqrt(np.diag(s.Q) * s.dt)
+    sigma_x, sigma_w = np.sqrt(np.diag(s.P0)), np.sqrt(np.diag(s.sampled().Q))
     e = ca.vertcat(*(Y[k] - output(X[:, k]) for k in range(N + 1)))
     prior = (X[:, 0] - x_bar) / sigma_x
     gaps = [X[:, k + 1] - ahead(X[:, k], U[k]) - sigma_w * W[:, k] for k in range(N)]

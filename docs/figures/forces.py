@@ -6,7 +6,7 @@ from pathlib import Path
 import backsight as bs
 from backsight import plot
 from backsight.problem import load
-from backsight.problem.source import recording
+from backsight.problem.recorded import recording
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "beam"
 

@@ -1,5 +1,6 @@
 """Whether a recording can show what is asked for, and whether an estimate is what it promises."""
 
+from backsight.analysis.alignment import Alignment as Alignment
 from backsight.analysis.certificate import Certificate as Certificate
 from backsight.analysis.consistency import Consistency as Consistency
 from backsight.analysis.consistency import NoiseFactors as NoiseFactors
@@ -19,7 +20,6 @@ from backsight.analysis.observability import check_observability_along as check_
 from backsight.analysis.observability import transmission_zeros as transmission_zeros
 from backsight.analysis.outliers import Outliers as Outliers
 from backsight.analysis.outliers import outliers as outliers
-from backsight.analysis.recording import Alignment as Alignment
 from backsight.models.sampling import check_sampling as check_sampling
 from backsight.run.diagnosis import certify as certify
 from backsight.run.diagnosis import check_alignment as check_alignment

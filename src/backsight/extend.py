@@ -25,8 +25,8 @@ from backsight.estimators.base import setting as setting
 from backsight.estimators.kalman.ekf import correct as correct
 from backsight.estimators.kalman.ekf import ekf_halves as ekf_halves
 from backsight.estimators.kalman.ekf import innovation as innovation
-from backsight.estimators.kalman.ekf import predict as predict
 from backsight.estimators.kalman.ekf import updated as updated
+from backsight.estimators.kalman.prediction import predict as predict
 from backsight.estimators.parts.covariance import Covariance as Covariance
 from backsight.estimators.parts.covariance import congruence as congruence
 from backsight.estimators.parts.covariance import joseph_form as joseph_form
@@ -49,6 +49,7 @@ from backsight.estimators.parts.leaf import named_results as named_results
 from backsight.estimators.parts.leaf import notation as notation
 from backsight.estimators.parts.memory import Memory as Memory
 from backsight.estimators.parts.substeps import within_bounds as within_bounds
+from backsight.output import whole as whole
 from backsight.plugins import Extended as Extended
 from backsight.schema import Status as Status
 from backsight.studies import Study as Study

@@ -13,7 +13,7 @@ from backsight.estimators.cs_mhe import Atoms as Atoms
 from backsight.estimators.cs_mhe import Carryover as Carryover
 from backsight.estimators.cs_mhe import HalfSines as HalfSines
 from backsight.estimators.cs_mhe import Impulses as Impulses
-from backsight.models.unknown_forces import forces_as_inputs as forces_as_inputs
+from backsight.models.structures.unknown_forces import forces_as_inputs as forces_as_inputs
 from backsight.run.sparse_forces import find_sparse_forces as find_sparse_forces
 from backsight.sparse import L1 as L1
 from backsight.sparse import Given as Given

@@ -34,7 +34,7 @@ def maker(entry: EntryPoint) -> str:
     return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unnamed distribution"
 
 
-def load(entry: EntryPoint, what: str) -> object:
+def load_entry(entry: EntryPoint, what: str) -> object:
     """Import what an entry point names.
 
     Raises
@@ -98,7 +98,7 @@ class Extended(Mapping[str, T], Generic[T]):
                 f"the {self.what} '{key}' is brought by {' and by '.join(map(maker, found))}; "
                 f"uninstall one of them"
             )
-        loaded = load(found[0], self.what)
+        loaded = load_entry(found[0], self.what)
         try:
             return self.adopt(key, loaded)
         except Exception as error:
@@ -111,8 +111,10 @@ class Extended(Mapping[str, T], Generic[T]):
         return None if key in self.own else maker(self._brought()[key][0])
 
     @contextlib.contextmanager
-    def blamed(self, key: str) -> Iterator[None]:
+    def blamed(self, key: str, *, but: tuple[type[Exception], ...] = ()) -> Iterator[None]:
         """Turn errors that are no sentences into sentences, in a block that runs an extension.
+
+        Errors of the kinds `but` are what the caller expects, and go through.
 
         Raises
         ------
@@ -121,7 +123,7 @@ class Extended(Mapping[str, T], Generic[T]):
         """
         try:
             yield
-        except BacksightError:
+        except (BacksightError, *but):
             raise
         except Exception as error:
             if key in self.own or key not in self:

@@ -42,7 +42,7 @@ def shortest(value: float) -> str:
     return _signed(mantissa) + (f" × {_power(int(exponent))}" if exponent else "")
 
 
-def whole(number: int) -> str:
+def grouped(number: int) -> str:
     """Return a whole number in groups of three digits, with narrow spaces: ``24 841``."""
     return f"{number:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
 

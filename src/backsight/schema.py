@@ -10,6 +10,7 @@ result, ``d_hat (time, force)``, have ``force_unit``, and ``force_position`` if 
 
 import enum
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -33,6 +34,21 @@ AGO = "ago"
 back to where the interval begins that it is about; 0 if not there."""
 
 
+Innovations = Literal["white", "coloured", "forced"]
+"""What the innovations of an estimator are if its model and its noise are right.
+
+``white``
+    Independent of each other: the gain is that of the Kalman filter.
+``coloured``
+    As large as predicted, but correlated, because the gain is another one.
+``forced``
+    They contain forces that are not known yet: without these, as large as predicted.
+"""
+
+INNOVATIONS = "innovations"
+"""Attribute of a result with the `Innovations` of its estimator; "white" if it is not there."""
+
+
 class Status(enum.IntFlag):
     """What happened at a sample; zero is "nothing to report"."""
 
@@ -47,7 +63,8 @@ class Status(enum.IntFlag):
     UNOBSERVED = 128
     INFEASIBLE = 256
     DEPENDENT = 512
-    GATE_OPEN = 1024
+    COARSE_STEP = 1024
+    GATE_OPEN = 2048
 
 
 STATUS_TEXT = {
@@ -65,8 +82,8 @@ STATUS_TEXT = {
         "or more sub-steps"
     ),
     Status.NOT_FINITE: (
-        "the estimate is no longer finite: the filter diverged; use more sub-steps, a better "
-        "start value, or a smaller initial covariance"
+        "the estimate is no longer finite, or beyond all reason: the filter diverged; use more "
+        "sub-steps, a better start value, or a smaller initial covariance"
     ),
     Status.NOT_EXCITED: (
         "a parameter moves the output less than the measurement noise over the window; it cannot "
@@ -83,6 +100,10 @@ STATUS_TEXT = {
     Status.INFEASIBLE: (
         "no trajectory satisfies all constraints; the estimate is the one without them, and the "
         "variable 'infeasible' names the constraints that contradict each other"
+    ),
+    Status.COARSE_STEP: (
+        "the integration step is too coarse for the modes of the model, so that the estimates are "
+        "wrong by what it loses; use substeps = 'auto'"
     ),
     Status.DEPENDENT: (
         "several places or moments of a force explain the measurements equally well to rounding, "
@@ -104,6 +125,12 @@ full, 0 left out; between, its noise was taken so much larger. NaN where not mea
 
 SMALLEST_FACTOR = 1e-6
 """A smaller one would make a sample exact beside the others."""
+
+INTEGRATION = "integration"
+"""Attribute of a result: how the model was carried from sample to sample."""
+
+COARSE = "coarse_step"
+"""Attribute of a result: why the integration step is too coarse, if it is."""
 
 FAILURES = Status.NOT_FINITE
 """The bits after which the estimates are worthless; the driver raises on them."""

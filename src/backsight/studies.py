@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from backsight.errors import PluginError
-from backsight.plugins import entry_points, load, maker
+from backsight.plugins import entry_points, load_entry, maker
 
 GROUP = "backsight.studies"
 
@@ -75,7 +75,7 @@ def studies(*, tell: Callable[[str], None]) -> dict[str, Study]:
     makers: dict[str, str] = {}
     for entry in entries:
         try:
-            brought = _read(load(entry, "study"))
+            brought = _read(load_entry(entry, "study"))
         except PluginError as error:
             tell(str(error))
             continue

@@ -5,7 +5,7 @@ import xarray as xr
 
 from backsight.estimators import KalmanFilter, Noise, Prior
 from backsight.models.lti import lti
-from backsight.run.diagnosis._noise_factors import with_noise_factors
+from backsight.run.diagnosis._factors_of_results import factors_of, with_factors
 
 DT = 0.01
 A = np.array([[0.998, 0.00996], [-0.3984, 0.990]])
@@ -89,4 +89,4 @@ def _result(
         coords={"time": DT * np.arange(len(u)), **{k[:-1]: list(v) for k, v in NAMES.items()}},
         attrs={"dt": DT, "estimator": "kf"},
     )
-    return with_noise_factors(result, FILTER, MODEL)
+    return with_factors(result, factors_of(result, FILTER, MODEL))

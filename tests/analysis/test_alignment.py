@@ -9,13 +9,15 @@ import pytest
 import xarray as xr
 
 from analysis.noiseless import Noiseless
-from backsight.analysis.recording import decide, ratio
+from backsight.analysis.alignment import decide, ratio
+from backsight.data import from_arrays
+from backsight.discrete.exact import zoh
 from backsight.errors import TuningError
 from backsight.estimators import KalmanFilter, Noise, Prior
 from backsight.models.builtin import sdof
 from backsight.models.lti import lti
 from backsight.problem import load
-from backsight.problem.source import recording
+from backsight.problem.recorded import recording_of
 from backsight.run.diagnosis import aligned, check_alignment
 from backsight.run.simulation import simulate
 from backsight.signals import prbs
@@ -158,6 +160,7 @@ def test_delay_at_the_end_of_the_search_is_not_believed():
     scores = {s: np.full(400, 0.1 * s) for s in range(-2, 3)}
     result = decide(scores, {s: 1.0 - 0.1 * s for s in scores}, ())
     assert result.delay == 0
+    assert not result.sound
     assert "the end of the search" in str(result)
 
 
@@ -174,12 +177,83 @@ def test_ratio_looks_through_drift_and_a_resonance_at_the_wrong_place():
     assert result.direction > 0.8
 
 
+OSCILLATOR = np.array([[0.0, 1.0], [-400.0, -2.0]])
+TOGETHER = {
+    name: lti(
+        OSCILLATOR, [[0.0], [400.0]], rows, states={"q": "", "v": ""}, inputs={"u": ""}, outputs=out
+    )
+    for name, rows, out in (
+        ("q", [[1.0, 0.0]], {"q_m": ""}),
+        ("qv", np.eye(2), {"q_m": "", "v_m": ""}),
+    )
+}
+
+
+def sampled_late(late: tuple[float, float], *, force: float = 0.0, n: int = 1500):
+    """A held input, and two outputs that are read so many samples late, by exact fine steps."""
+    fine, dt, rng = 50, 0.01, np.random.default_rng(1)
+    u = np.repeat(0.3 * rng.standard_normal(n // 5), 5)
+    F, G = zoh(OSCILLATOR, [[0.0], [400.0]], dt=dt / fine)
+    x, states, unknown = np.zeros(2), np.empty((n * fine, 2)), 0.0
+    for k in range(n):
+        unknown = 0.98 * unknown + 0.2 * rng.standard_normal()
+        for j in range(fine):
+            states[k * fine + j] = x
+            x = F @ x + G[:, 0] * (u[k] + force * unknown)
+    at = [np.clip(np.arange(n) * fine - round(s * fine), 0, None) for s in late]
+    y = np.column_stack([states[a, i] for i, a in enumerate(at)])
+    return u, y + rng.standard_normal((n, 2)) * [1e-3, 2e-2]
+
+
+def of_one(late: float, **changes: float):
+    u, y = sampled_late((late, late), **changes)
+    data = from_arrays(u=u, y=y[:, 0], dt=0.01, inputs={"u": ""}, outputs={"q_m": ""})
+    judge = KalmanFilter(Noise(sigma_y=1e-3, sigma_w=[0.0, 0.02]), Prior(sigma_x0=[1.0, 20.0]))
+    return check_alignment(judge, TOGETHER["q"], data)
+
+
+@pytest.mark.parametrize("late", [0.74, 1.3])
+@pytest.mark.parametrize("force", [0.0, 0.1])
+def test_fractional_delay_is_found_with_its_band(late, force):
+    result = of_one(late, force=force)
+    value, std = result.fine
+    assert abs(value - late) < 3 * std < 0.15
+    assert result.delay == 1
+    assert not result.sound
+    assert re.search(
+        rf"misaligned by {value:.2f} ± 0.0\d samples: .*the nearest whole", str(result)
+    )
+
+
+def test_missing_force_is_no_misalignment():
+    for force in (0.3, 1.0):
+        result = of_one(0.0, force=force)
+        assert result.delay == 0
+        assert result.sound
+
+
+def test_channel_that_is_late_by_itself_is_named():
+    judge = KalmanFilter(
+        Noise(sigma_y=[1e-3, 2e-2], sigma_w=[0.0, 0.02]), Prior(sigma_x0=[1.0, 20.0])
+    )
+    names = {"inputs": {"u": ""}, "outputs": {"q_m": "", "v_m": ""}}
+    for late, says in (
+        ((0.0, 2.0), "'v_m' is probably late by 2 samples against the other outputs"),
+        ((0.0, 0.0), "y and u are aligned"),
+        ((1.0, 1.0), "misaligned by one sample: y is late"),
+    ):
+        u, y = sampled_late(late)
+        result = check_alignment(judge, TOGETHER["qv"], from_arrays(u=u, y=y, dt=0.01, **names))
+        assert says in result.lines()[0] or says in result.lines()[1], str(result)
+        assert result.sound == (late == (0.0, 0.0))
+
+
 @pytest.mark.data
 @pytest.mark.skipif(not os.environ.get("BACKSIGHT_DATA"), reason="needs the measured recordings")
 @pytest.mark.parametrize("name", ["emps", "silverbox"])
 def test_measured_machines_are_aligned_and_a_delay_would_be_found(name):
     problem = load(EXAMPLES / name / "problem.toml")
-    data, judge = recording(problem), problem.estimators["EKF"]
+    data, judge = recording_of(problem), problem.estimators["EKF"]
     result = check_alignment(judge, problem.model, data)
     assert result.sound
     assert result.aligned

@@ -8,11 +8,11 @@ import pytest
 from analysis.noiseless import Noiseless
 from backsight.analysis.certificate.linear_gaussian import (
     LinearGaussian,
+    dense_least_squares,
     draw,
-    factor,
     kalman,
     lagged,
-    least_squares,
+    square_root,
 )
 from backsight.data import from_arrays
 from backsight.discrete.runge_kutta import Integrator
@@ -21,6 +21,7 @@ from backsight.estimators import EKF, MHE, MHO, UKF, KalmanFilter, Limit, Linear
 from backsight.estimators.mhe import EKFArrival, NoArrival, SmoothedArrival, UKFArrival
 from backsight.models.augment import augment
 from backsight.models.builtin import duffing
+from backsight.models.lti import lti
 from backsight.run.diagnosis import certify
 from backsight.run.simulation import simulate
 from oracles.kalman import kalman_filter
@@ -52,14 +53,14 @@ def test_filter_smoother_and_least_squares_agree(data, lag):
     u, y = data
     found = lagged(SYSTEM, u, y, lag)
     for k in (0, 2, 9, 29):
-        full = least_squares(SYSTEM, u[: k + 1], y[: k + 1])
+        full = dense_least_squares(SYSTEM, u[: k + 1], y[: k + 1])
         at = max(k - lag, 0)
         np.testing.assert_allclose(found.x[k], full.x[at], atol=1e-11)
         np.testing.assert_allclose(found.P[k], full.P[at], atol=1e-11)
 
 
 def test_factor_of_a_singular_covariance():
-    L = factor(linear.Q)
+    L = square_root(linear.Q)
     assert L.shape == (3, 2)
     np.testing.assert_allclose(L @ L.T, linear.Q, atol=1e-15)
 
@@ -177,3 +178,27 @@ def test_estimator_without_noise_is_refused(oscillator):
         certify(Noiseless(), model, recording)
     with pytest.raises(DataError, match="no output"):
         certify(EKF(NOISY, UNSURE), model, recording.assign_coords(output=["other"]))
+
+
+def test_certificate_does_not_pronounce_where_its_references_disagree():
+    """A mode that grows by a half per sample: rounding grows with it, in the references, too."""
+    names = {"states": {"a": "", "b": ""}, "inputs": {"u": ""}, "outputs": {"y": ""}}
+    rng = np.random.default_rng(0)
+    y, u = 0.1 * rng.standard_normal(200), rng.standard_normal(200)
+    recording = from_arrays(u=u, y=y, dt=1.0, inputs={"u": ""}, outputs={"y": ""})
+    growing = lti([[1.5, 0.1], [0.0, 0.9]], [[0.0], [1.0]], [[1.0, 0.0]], dt=1.0, **names)
+    estimator = MHE(Noise(sigma_y=0.1, sigma_w=0.1), Prior(sigma_x0=1.0), N=8)
+    certificate = certify(estimator, growing, recording)
+    found = {c.name: certificate.verdict(c) for c in certificate.claims}
+    assert found["SmoothedArrival"] == "cannot tell"
+    assert found["NoArrival"] == "differs"
+    assert not certificate.holds
+    assert "cannot be told" in certificate.lines()[0]
+
+
+def test_nothing_is_told_by_references_that_are_nonsense(oscillator):
+    certificate = dataclasses.replace(certify(EKF(NOISY, UNSURE), *oscillator), references=2e86)
+    assert certificate.verdict(certificate.claims[0]) == "cannot tell"
+    far = dataclasses.replace(certificate.claims[0], x=1e85)
+    assert certificate.verdict(far) == "cannot tell"
+    assert not certificate.holds

@@ -11,8 +11,9 @@ from backsight.analysis.observability import (
 )
 from backsight.discrete.exact import zoh
 from backsight.errors import ModelError
-from backsight.models import augment, beam, lti
+from backsight.models import augment, lti
 from backsight.models.lti import state_space
+from backsight.models.structures import beam
 
 DT = 1 / 400
 NODES = 0.125 + 0.04 * np.arange(8)

@@ -10,7 +10,7 @@ import xarray as xr
 import backsight as bs
 from backsight.analysis.comparison import verdicts
 from backsight.analysis.comparison._summary import assess, summary
-from backsight.analysis.forces import Hits, forces, hits
+from backsight.analysis.forces import FoundHits, forces, hits
 
 DT, N = 1 / 400, 200
 PLACES = {"root": 0.165, "middle": 0.285, "tip": 0.405}
@@ -124,7 +124,7 @@ def test_innovations_with_forces_in_them_are_not_held_against_the_bands(kind):
 
 def test_without_hits_large_innovations_are_over_confidence():
     row = assess(found_by("dense"), name="E")
-    (said,) = verdicts([dataclasses.replace(row, hits=Hits((), "N"))])
+    (said,) = verdicts([dataclasses.replace(row, hits=FoundHits((), "N"))])
     assert "over-confident" in said
 
 

@@ -8,9 +8,14 @@ import pytest
 from analysis import believing
 from backsight.analysis.comparison._summary import assess
 from backsight.analysis.comparison.verdict import agreement
-from backsight.analysis.consistency import NoiseFactors, Path, check_consistency, noise_factors
+from backsight.analysis.consistency import (
+    FilterPath,
+    NoiseFactors,
+    check_consistency,
+    noise_factors,
+)
 from backsight.errors import DataError
-from backsight.run.diagnosis._noise_factors import factors_of
+from backsight.run.diagnosis._factors_of_results import factors_of
 
 
 def said(result):
@@ -82,9 +87,9 @@ def test_factors_and_their_deviations_agree(believing_results):
 
 def test_what_cannot_be_told_is_not_told(believing_results):
     result = believing_results(5, R_true=4.0)[0]
-    vague = result.assign_attrs(noise_factors=[2.0, 1.5, 3.0, 2.5, 0.01])
+    vague = result.assign_attrs(noise_factors=[2.0, 1.5, 3.0, 2.5, 0.01, 0.7, 0.8])
     assert said(vague).endswith("whether Q or R is the cause cannot be told from them")
-    half = result.assign_attrs(noise_factors=[4.0, 0.1, 3.0, 2.5, 0.01])
+    half = result.assign_attrs(noise_factors=[4.0, 0.1, 3.0, 2.5, 0.01, 30.0, 0.8])
     assert said(half).endswith(
         "R is about 4.0 times too small; whether Q fits cannot be told from them"
     )
@@ -101,7 +106,7 @@ def test_noise_that_has_no_part_in_the_innovations_is_not_judged(believing_resul
     result = believing_results(5, R_true=4.0)[0]
     n = result.sizes["time"]
     found = noise_factors(
-        Path(
+        FilterPath(
             F=np.broadcast_to(believing.A, (n, 2, 2)),
             H=np.broadcast_to([[1.0, 0.0]], (n, 1, 2)),
             P=result.P.values,

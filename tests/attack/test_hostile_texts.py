@@ -15,8 +15,8 @@ from backsight.engine.c99.source import _comment
 from backsight.errors import ModelError, ProblemError
 from backsight.export import export_c
 from backsight.models import lti
-from backsight.problem import execute, load
-from backsight.problem.source import recording
+from backsight.problem import load, run_problem
+from backsight.problem.recorded import recording_of
 
 EVERYTHING = "".join(text for name, text in PAYLOADS.items() if name != "long")
 
@@ -45,7 +45,7 @@ v = "u - k*q - b*v"
 def test_what_is_written_reads_back_as_text(tmp_path):
     path = hostile(tmp_path)
     problem = load(path)
-    results = execute(problem, tmp_path / "out", progress=lambda *_: None)
+    results = run_problem(problem, tmp_path / "out", progress=lambda *_: None)
     summed = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summed["problem"]["title"] == problem.title
     assert "sprung" in problem.title
@@ -84,7 +84,7 @@ def test_a_unit_with_control_characters_is_refused(text):
 def test_exported_code_compiles_and_says_only_what_it_should(tmp_path):
     problem = load(hostile(tmp_path))
     out = tmp_path / "c"
-    export_c(problem.estimators["EKF"], problem.model, recording(problem), out, name="ekf")
+    export_c(problem.estimators["EKF"], problem.model, recording_of(problem), out, name="ekf")
     # Trigraphs count in C99, and all warnings about comments are errors.
     subprocess.run(["make", "-s", "-C", str(out), "test"], check=True, capture_output=True)
     for file in ("ekf.c", "ekf.h"):

@@ -137,3 +137,19 @@ def test_export_makes_a_name_in_c_of_the_estimators(backsight, tmp_path):
     code, _, told = backsight("export", path, "-e", "my EKF-b", "-o", tmp_path / "c")
     assert (code, told) == (0, "")
     assert (tmp_path / "c" / "my_ekf_b.h").exists()
+
+
+def test_check_tells_the_integration_step_and_whether_it_is_too_coarse(backsight, tmp_path):
+    path = small_problem.write(tmp_path)
+    code, printed, _ = backsight("check", path)
+    assert code == 0
+    assert "EKF: rk4, 1 per sample, inputs held" in printed
+    poor = "[integrator]\nscheme = 'euler'\nsubsteps = 1\n[prior]"
+    small_problem.write(tmp_path, small_problem.TEXT.replace("[prior]", poor))
+    code, printed, _ = backsight("check", path)
+    assert code == 1
+    said = " ".join(printed.split())
+    assert "EKF: the integration step, euler with 1 step per sample of 0.01 s, is unstable" in said
+    _, printed, told = backsight("run", path, "--out", tmp_path / "out")
+    assert "MHO: the integration step, euler" in " ".join(told.split())
+    assert "MHO: the integration step, euler" in " ".join(printed.split())

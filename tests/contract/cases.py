@@ -21,9 +21,9 @@ from backsight.testing import K_TRUE as K_TRUE
 from backsight.testing import WALK as WALK
 from backsight.testing import Build, Case
 from backsight.testing import Data as Data
-from backsight.testing import Problem as Problem
 from backsight.testing import R as R
-from backsight.testing import simulate as simulate
+from backsight.testing import TrialProblem as TrialProblem
+from backsight.testing import simulated as simulated
 
 
 def linear(build: Build, *, outputs: tuple[str, ...] = ("position", "speed")) -> Case:

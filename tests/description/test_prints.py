@@ -49,20 +49,21 @@ def test_what_was_chosen_comes_before_the_defaults():
 
 
 def test_repr_builds_the_same_again():
-    made = bs.MHE(NOISE, PRIOR, N=4, soft={"q": 2.0}, arrival=bs.NoArrival(10.0))
-    names = {n: getattr(bs, n) for n in dir(bs) if not n.startswith("_")}
+    made = bs.MHE(NOISE, PRIOR, N=4, soft={"q": 2.0}, arrival=bs.settings.NoArrival(10.0))
+    rooms = (bs, bs.settings)
+    names = {n: getattr(room, n) for room in rooms for n in dir(room) if not n.startswith("_")}
     assert eval(repr(made), names | {"inf": math.inf}) == made
 
 
 def test_names_from_files_neither_break_a_tree_nor_a_notebook():
     evil = "<script>alert(1)</script>\n└── fake"
-    made = bs.LinearMHE(NOISE, PRIOR, limits=(bs.Limit(evil, {"x": 1.0}, lower=0.0),))
+    made = bs.LinearMHE(NOISE, PRIOR, limits=(bs.settings.Limit(evil, {"x": 1.0}, lower=0.0),))
     without = dataclasses.replace(made, limits=())
     assert len(str(made).splitlines()) == len(str(without).splitlines()) + 1
     page = made._repr_html_()
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
-    plant = bs.sdof(k=1.0, b=1.0, name=evil, length=evil)
+    plant = bs.sdof(k=1.0, b=1.0, name=evil, length=evil.replace("\n", " "))
     assert "<script>" not in plant._repr_html_()
     assert len(tree("a\nb", [("c", "d\re")]).splitlines()) == 2
 
@@ -72,7 +73,7 @@ def test_notebooks_show_the_equations_of_method_and_model():
     assert page.count("$$") == 4
     assert r"\hat x_k^+ = \hat x_k^- + K_k e_k" in page
     assert r"$$\dot{q} = v$$" in bs.sdof(k=1.0, b=1.0)._repr_html_()
-    assert r"\begin{aligned}" in bs.AHG(NOISE, PRIOR, lam=1.0, Gamma=1.0)._repr_html_()
+    assert r"\begin{aligned}" in bs.AHG(NOISE, PRIOR, gain=1.0, Gamma=1.0)._repr_html_()
 
 
 @dataclasses.dataclass(frozen=True)

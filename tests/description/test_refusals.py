@@ -15,6 +15,7 @@ from backsight.description import Called, Description, Range, words
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators import ESTIMATORS
 from backsight.models.model import Model
+from backsight.settings import Limit
 from description.everything import descriptions, example, hints, modules, options
 
 FIELDS = [(kind, name) for kind in descriptions() for name in hints(kind)]
@@ -160,7 +161,7 @@ def test_covariances_are_judged_before_there_is_a_model():
     with pytest.raises(TuningError, match="P0 is not positive semidefinite"):
         bs.Prior(P0=-np.eye(2))
     with pytest.raises(TuningError, match="P is not positive semidefinite"):
-        bs.ConstantArrival(-np.eye(2))
+        bs.settings.ConstantArrival(-np.eye(2))
     with pytest.raises(TuningError, match=r"sigma_y must be positive and finite for b \(-1\)"):
         bs.Noise(sigma_y={"a": 1.0, "b": -1.0})
 
@@ -177,7 +178,9 @@ def test_names_are_judged_before_there_is_a_model():
             noise, prior, forces=("F",), lam=1.0, nonnegative=("G",)
         ),
         "'a' is used twice": lambda: bs.LinearMHE(
-            noise, prior, limits=(bs.Limit("a", {"x": 1.0}), bs.Limit("a", {"y": 1.0}))
+            noise,
+            prior,
+            limits=(Limit("a", {"x": 1.0}), Limit("a", {"y": 1.0})),
         ),
     }
     for message, build in wrong.items():
@@ -195,21 +198,21 @@ def test_numbers_of_numpy_are_numbers_and_lists_are_tuples():
     with pytest.raises(TuningError, match=r"N is 4\.0; it must be a whole number"):
         dataclasses.replace(made, N=4.0)
     with pytest.raises(TuningError, match="the class NoArrival"):
-        bs.MHE(noise, prior, arrival=bs.NoArrival)
+        bs.MHE(noise, prior, arrival=bs.settings.NoArrival)
 
 
 BELOW_ZERO = {
-    "AHG": "lam",
+    "AHG": "gain",
     "AdaptiveGain": "lower gamma beta window every up down",
     "CompressiveSensingMHE": "lam N sigma_force threshold lag",
     "Excitation": "window",
     "GaussNewton": "max_iterations tolerance cost_tolerance step_tolerance",
     "Greedy": "penalty",
-    "HGO": "lam",
+    "HGO": "gain",
     "Hits": "samples number spacing margin least steps places",
     "Integrator": "substeps",
-    "JointInput": "sigma_forces",
-    "LinearMHE": "N arrival",
+    "JointInput": "sigma_force",
+    "LinearMHE": "N arrival_weight",
     "MHE": "N lag",
     "MHO": "N alpha",
     "NoArrival": "width",
@@ -231,7 +234,7 @@ def test_what_means_nothing_below_zero_is_refused(kind):
     for name in BELOW_ZERO[kind].split():
         with pytest.raises(described.refusal, match=f"{name}.* is -1"):
             described(**example(described) | {name: -1})
-    for name in {"arrival", "alpha"} & set(BELOW_ZERO[kind].split()):
+    for name in {"arrival_weight", "alpha"} & set(BELOW_ZERO[kind].split()):
         if kind in ("LinearMHE", "RecursiveMHE"):
             with pytest.raises(described.refusal, match=f"{name} is 1.5; it must be from 0 to 1"):
                 described(**example(described) | {name: 1.5})

@@ -11,7 +11,7 @@ from backsight.discrete.runge_kutta import TABLEAUS, Integrator
 from backsight.errors import TuningError
 from backsight.estimators import Noise, Prior
 from backsight.estimators.base import setting
-from backsight.estimators.kalman.ekf import COVARIANCES, predict
+from backsight.estimators.kalman.prediction import COVARIANCES, predict
 from backsight.models.model import Model
 
 DT = 0.5

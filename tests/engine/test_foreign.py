@@ -1,6 +1,7 @@
 """Kernels in C: the same results in every engine, whose own results NumPy confirms."""
 
 import contextlib
+import dataclasses
 import importlib.machinery
 import os
 import pickle
@@ -9,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -19,10 +21,11 @@ from backsight.engine.llvm import machine
 from backsight.engine.loops import iterate, scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import EngineError
+from backsight.estimators.base import AbstractEstimator
 from backsight.export import export_c
 from backsight.kernels import library, sources
 from closeness import assert_close
-from contract.cases import Problem
+from contract.cases import TrialProblem
 from engine.examples import data_for, recursion
 
 COMPILER = shutil.which("cc")
@@ -141,6 +144,7 @@ def test_work_space_that_is_the_callers():
 OTHER_PROCESS = """
 import pickle, sys
 from pathlib import Path
+from typing import ClassVar
 from backsight.kernels import sources
 sources.FOLDER = Path(sys.argv[1])
 from backsight.engine import native, vm
@@ -168,12 +172,13 @@ def test_other_process_takes_pickle_and_machine_code(kernels, tmp_path, monkeypa
         np.testing.assert_array_equal(same, output)
 
 
-class Ranked:
+@dataclasses.dataclass(frozen=True)
+class Ranked(AbstractEstimator):
     """What the export needs of an estimator."""
 
-    title = "Sorted measurements"
+    title: ClassVar[str] = "Sorted measurements"
 
-    def compile(self, model, dt):
+    def build(self, model, dt):
         c, u, y, mask = (ca.MX.sym(s, n) for s, n in zip("cuym", (N, 1, 2, 2), strict=True))
         x, shift = ca.MX.sym("x", N), ca.MX.sym("shift")
         body = ca.Function("body", [x, shift], ranked(ca.vertcat(x[3:], x[:3] / 2), shift))
@@ -197,7 +202,7 @@ def size_of_workspace(folder):
 
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_c_export(precision, tmp_path):
-    problem = Problem()
+    problem = TrialProblem()
     recording = problem.simulate(60, seed=5, hold="zoh", noisy=True).recording(problem.model)
     export_c(Ranked(), problem.model, recording, tmp_path, name="sorting", precision=precision)
     assert (tmp_path / "ranked.c").read_text() == (sources.FOLDER / "ranked.c").read_text()

@@ -54,9 +54,17 @@ def innovations(result, every, window):
     return found
 
 
-def test_the_gain_is_equations_17_to_19(recording):
+@pytest.mark.parametrize("switch", ["smooth", "hard"])
+def test_the_gain_is_equations_17_to_19(recording, switch):
     every, window = 50, 200
-    gain = dataclasses.replace(GAIN, gamma=3e-7, every=every * DT, window=window * DT)
+    gain = dataclasses.replace(
+        GAIN,
+        gamma=3e-7,
+        beta=GAIN.beta if switch == "smooth" else None,
+        every=every * DT,
+        window=window * DT,
+        switch=switch,
+    )
     part = recording.isel(time=slice(8800, 11_000))
     begin = part["x_true"].values[0]
     known = Prior(x0=dict(zip("qvmcd", begin, strict=True)), sigma_x0=1e-3)
@@ -68,7 +76,8 @@ def test_the_gain_is_equations_17_to_19(recording):
     for k in range(part.sizes["time"]):
         expected.append(lam)
         if k in areas:
-            S = 1 / (1 + np.exp(-gain.beta * (areas[k] - gain.gamma)))
+            smooth = 1 / (1 + np.exp(-GAIN.beta * (areas[k] - gain.gamma)))
+            S = smooth if switch == "smooth" else float(areas[k] >= gain.gamma)  # eq. 19, eq. 18
         rate = gain.up * S + gain.down * (1 - S)
         rest = (gain.up * S * UPPER + gain.down * (1 - S) * gain.lower) / rate
         lam = rest + (lam - rest) * np.exp(-rate * DT)
@@ -135,6 +144,8 @@ def test_a_window_longer_than_the_recording():
         ({"beta": 0.0}, "beta is 0.0"),
         ({"up": np.inf}, "up is inf"),
         ({"window": 0.0005}, "shorter than the time between evaluations"),
+        ({"switch": "hard", "beta": 1.0}, "sharpness of the smooth switch"),
+        ({"switch": "soft"}, "soft"),
     ],
 )
 def test_wrong_settings(settings, message):

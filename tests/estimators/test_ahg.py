@@ -270,7 +270,7 @@ def test_a_gap_is_bridged_by_the_model():
     [
         ({"gain": -1.0}, "gain is -1.0"),
         ({"gain": np.nan}, "gain is nan"),
-        ({"gain": 1e5}, "lambda = 100000 is too large"),
+        ({"gain": 1e5, "integrator": Integrator("rk4", 2)}, "lambda = 100000 is too large"),
         ({"poles": (-1.0, 0.1)}, "negative real part"),
         ({"poles": (-1.0, -2.0, -3.0)}, "3 entries; the chain has 2"),
         ({"poles": (-1 + 1j, -2.0)}, "conjugate pairs"),

@@ -1,7 +1,8 @@
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import solve_continuous_are
+from scipy.linalg import expm, solve_continuous_are
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
@@ -9,6 +10,7 @@ from backsight.errors import TuningError
 from backsight.estimators import EKF, Noise, Prior
 from backsight.models.builtin import duffing, sdof
 from backsight.models.model import Model
+from relations.linear import Run
 
 DT, N = 0.05, 61
 R = 1e-3
@@ -146,3 +148,38 @@ def test_interpolated_inputs():
 def test_wrong_settings(settings, model, message):
     with pytest.raises(TuningError, match=message):
         EKF(Noise(sigma_y=1.0), Prior(sigma_x0=1.0), **settings).compile(model, DT)
+
+
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_a_held_input_that_jumps_through_to_the_output(nonlinear):
+    """An accelerometer under a square wave, exact data and start: nothing is there to correct."""
+    w, d, dt, n = 2 * np.pi * 3, 0.05, 0.02, 60
+    A, B = np.array([[0, 1], [-(w**2), -2 * d * w]]), np.array([0.0, 1.0])
+    M = expm(np.block([[A, B[:, None]], [np.zeros((1, 3))]]) * dt)
+    u, x, states, y = np.where(np.arange(n) % 10 < 5, 5.0, -5.0), np.zeros(2), [], []
+    for k in range(n):
+        states.append(x)
+        y.append(A[1] @ x + u[k])
+        x = M[:2, :2] @ x + M[:2, 2] * u[k]
+
+    def acceleration(x, u):
+        rate = u.F - w**2 * x.q - 2 * d * w * x.v
+        return 10 * ca.tanh(rate / 10) if nonlinear else rate
+
+    model = Model(
+        f=lambda x, u, p: [x.v, u.F - w**2 * x.q - 2 * d * w * x.v],
+        h=lambda x, u, p: [acceleration(x, u)],
+        states={"q": "m", "v": "m/s"},
+        inputs={"F": "N"},
+        outputs={"a": "m/s2"},
+    )
+    measured = 10 * np.tanh(np.array(y) / 10) if nonlinear else np.array(y)
+    noise, prior = Noise(sigma_y=0.1, Qc=np.diag([0, 0.5])), Prior(sigma_x0=[0.01, 0.1])
+    off = {}
+    for steps in (8, 64):
+        filter_ = EKF(noise, prior, Integrator("rk4", steps), measurement="continuous")
+        result = Run(filter_, model, dt)(u[:, None], measured[:, None])
+        deviation = np.sqrt(np.diagonal(result["P"], axis1=1, axis2=2))
+        off[steps] = np.abs((result["x_hat"] - np.array(states)) / deviation).max()
+    assert off[8] < 4
+    assert off[64] < 4

@@ -31,7 +31,7 @@ def run(made, model, u, y, engine=vm):
 
 def estimator(of, **settings):
     given = {"forces": struck.FORCES, "lam": LAM, "N": N, "sigma_force": struck.SIGMA_FORCE}
-    return CompressiveSensingMHE(**struck.gaussians(of), **(given | settings))
+    return CompressiveSensingMHE(**struck.gaussians(of), **({"bias": "kept"} | given | settings))
 
 
 def setup(made: CompressiveSensingMHE) -> Setup:
@@ -266,3 +266,32 @@ def test_native_runs_the_beam():
     recursion = made.compile(struck_beam.model(0.0027), struck_beam.DT)
     ends = [e.run(recursion, rows, carry=recursion.carry0)[0] for e in (vm, native)]
     np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6, atol=1e-8)
+
+
+def test_the_bias_is_removed():
+    """The optimum is linear in lam while the same forces are found: the fit is where lam is 0."""
+    of = struck.system(accelerations=False)
+    u, y = struck.record(of, 24, seed=5)
+    runs = {
+        (lam, bias): run(
+            estimator(of, lam=lam, bias=bias, arrival="none", lag=4), struck.model(of), u, y
+        )
+        for lam, bias in ((0.101, "kept"), (0.1, "kept"), (0.1, "removed"))
+    }
+    strong, weak, fitted = runs.values()
+    same = np.all((strong["d_raw"] != 0) == (weak["d_raw"] != 0), axis=1)
+    same &= (strong["nonzeros"] == weak["nonzeros"]).ravel() & weak["d_raw"].any(axis=1)
+    assert same.sum() >= 3
+    expected = weak["d_raw"] - 100 * (strong["d_raw"] - weak["d_raw"])
+    np.testing.assert_allclose(fitted["d_raw"][same], expected[same], rtol=1e-6, atol=1e-8)
+    np.testing.assert_array_equal(fitted["x_hat"], weak["x_hat"])
+    bias = np.abs(fitted["d_raw"] - weak["d_raw"])
+    assert np.all(fitted["d_std"] >= np.hypot(weak["d_std"], bias) * (1 - 1e-9))
+
+
+def test_bounds_of_states_are_refused():
+    plant = struck.model(struck.system(accelerations=False))
+    first = dataclasses.replace(plant.states[0], upper=1e-3)
+    bounded = dataclasses.replace(plant, states=(first, *plant.states[1:]))
+    with pytest.raises(TuningError, match=f"bounds of {first.name}, which .* LinearMHE"):
+        estimator(struck.system(accelerations=False)).compile(bounded, struck.DT)

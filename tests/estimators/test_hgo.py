@@ -152,8 +152,14 @@ def test_bands_with_gaps():
     ("settings", "message"),
     [
         ({"gain": 0.0}, "gain is 0.0"),
-        ({"gain": 600.0}, r"lambda \* h = 3 is outside its stable range"),
-        ({"gain": 250.0, "integrator": Integrator("euler")}, "more substeps or a smaller lambda"),
+        (
+            {"gain": 600.0, "integrator": Integrator("rk4", 2)},
+            r"lambda \* h = 3 is outside its stable range",
+        ),
+        (
+            {"gain": 250.0, "integrator": Integrator("euler", 1)},
+            "more substeps or a smaller lambda",
+        ),
         ({"poles": 0.0}, "negative real part"),
         ({"poles": (-1.0, -1.0, -1.0)}, "the chain has 2 states"),
         ({"interpolation": "zoh"}, "unknown interpolation 'zoh'"),
@@ -168,7 +174,7 @@ def test_wrong_settings(settings, message):
 def test_stable_range_of_the_methods(scheme, limit):
     """The double pole at -lam: the limits of the textbooks."""
     for factor in (0.999, 1.001):
-        estimator = observer(gain=factor * limit / DT, integrator=Integrator(scheme))
+        estimator = observer(gain=factor * limit / DT, integrator=Integrator(scheme, 1))
         if factor < 1:
             estimator.compile(model(), DT)
         else:

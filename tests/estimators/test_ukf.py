@@ -129,6 +129,21 @@ def test_parameters_never_leave_their_bounds_in_the_model():
     assert std < 0.05
 
 
+def test_what_says_nothing_of_a_parameter_does_not_make_it_surer():
+    """At its bound half of the points of k are clipped; the output does not depend on k."""
+    plant = Model(
+        f=lambda x, u, p: [0.9 * x.q, x.k],
+        h=lambda x, u, p: [x.q],
+        states={"q": "", "k": Signal(value=0.0, lower=0.0)},
+        outputs={"y": ""},
+        dt=1.0,
+    )
+    estimator = UKF(Noise(sigma_y=0.1), Prior(sigma_x0={"q": 0.1, "k": 3.0}))
+    result = Run(estimator, plant, 1.0)(np.zeros((1, 0)), np.array([[0.2]]))
+    np.testing.assert_allclose(result["x_hat"][0], [0.1, 0.0], atol=1e-12)
+    np.testing.assert_allclose(result["P"][0], np.diag([0.005, 9.0]), atol=1e-12)
+
+
 @pytest.mark.parametrize("first", ["measured", "posterior"])
 def test_the_tuned_filter_of_the_punch_does_not_diverge(first):
     """From 1.8 p with the stiff spring: sigma points of 1/m below zero would end it."""

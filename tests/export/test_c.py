@@ -16,7 +16,7 @@ from backsight.estimators import EKF, MHO
 from backsight.estimators.outliers import StudentT
 from backsight.export import export_c
 from backsight.solvers.box import GaussNewton
-from contract.cases import CASES, Problem
+from contract.cases import CASES, TrialProblem
 
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1"]
 COMPILER = shutil.which("cc")
@@ -71,7 +71,7 @@ class Clashing(EKF):
 
 @needs_compiler
 def test_outliers_are_weighed_as_in_python(tmp_path):
-    problem = Problem()
+    problem = TrialProblem()
     noise = dataclasses.replace(problem.noise, outliers=StudentT())
     recording = recorded(problem)
     recording["y"][5, 1] += 30.0
@@ -84,7 +84,7 @@ def test_outliers_are_weighed_as_in_python(tmp_path):
 
 @needs_compiler
 def test_body_may_have_the_name_of_a_function_in_it(tmp_path):
-    problem = Problem()
+    problem = TrialProblem()
     clashing = Clashing(problem.noise, problem.prior)
     export_c(clashing, problem.model, recorded(problem), tmp_path, name="clash")
     ran = run_selftest(tmp_path, "clash")
@@ -93,7 +93,7 @@ def test_body_may_have_the_name_of_a_function_in_it(tmp_path):
 
 @needs_compiler
 def test_single_precision(tmp_path):
-    problem = Problem()
+    problem = TrialProblem()
     estimator = MHO(
         problem.noise, problem.prior, N=5, alpha=0.1, optimiser=GaussNewton(tolerance=1e-3)
     )
@@ -108,7 +108,7 @@ def test_single_precision(tmp_path):
 
 @needs_compiler
 def test_the_selftest_can_fail(tmp_path):
-    problem = Problem()
+    problem = TrialProblem()
     export_c(EKF(problem.noise, problem.prior), problem.model, recorded(problem), tmp_path)
     code = (tmp_path / "estimator.c").read_text()
     start = code.index("start[")
@@ -120,7 +120,7 @@ def test_the_selftest_can_fail(tmp_path):
 
 
 def test_nothing_but_arithmetic(tmp_path):
-    problem = Problem()
+    problem = TrialProblem()
     estimator = MHO(problem.noise, problem.prior, N=5)
     export_c(estimator, problem.model, recorded(problem), tmp_path, name="mho")
     code = (tmp_path / "mho.c").read_text()
@@ -132,7 +132,7 @@ def test_nothing_but_arithmetic(tmp_path):
 
 
 def test_names_and_precisions(tmp_path):
-    problem = Problem()
+    problem = TrialProblem()
     recording, estimator = recorded(problem), EKF(problem.noise, problem.prior)
     with pytest.raises(EngineError, match="'my ekf' is no name in C"):
         export_c(estimator, problem.model, recording, tmp_path / "a", name="my ekf")
@@ -142,7 +142,7 @@ def test_names_and_precisions(tmp_path):
 
 
 def test_a_recording_that_diverges_is_no_test(tmp_path):
-    problem = Problem()
+    problem = TrialProblem()
     recording = recorded(problem)
     recording["u"][10] = 1e308
     with pytest.raises(DataError, match="is not finite within the first 60 samples"):

@@ -53,10 +53,10 @@ def test_a_problem_file_uses_all_of_it_in_a_process_of_its_own(site, tmp_path):
 
 def test_the_length_is_found(site):
     from backsight.problem import load
-    from backsight.problem.source import recording
+    from backsight.problem.recorded import recording_of
 
     problem = load(PROJECT / "problem.toml")
-    data = recording(problem)
+    data = recording_of(problem)
     assert int(np.isnan(data["y"]).sum()) == 20
     results = bs.compare(problem.estimators, problem.model, data)
     for result in results.values():

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backsight.errors import ModelError
-from backsight.models._expressions import (
+from backsight.models.text.expressions import (
     CONSTANTS,
     FUNCTIONS,
     MAX_DEPTH,

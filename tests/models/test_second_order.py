@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from backsight.errors import ModelError
-from backsight.models import Signal, augment, sdof, second_order
+from backsight.models import Signal, augment, sdof
 from backsight.models.lti import state_space
+from backsight.models.structures import second_order
 
 ROW = {
     "mass": [["m1", 0], [0, "m2"]],

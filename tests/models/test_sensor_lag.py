@@ -5,7 +5,7 @@ import scipy
 import backsight as bs
 from backsight.errors import ModelError
 from backsight.models.lti import lti
-from backsight.models.sensor_lag import sensor_lag
+from backsight.models.structures.sensor_lag import sensor_lag
 
 OSCILLATOR = lti(
     [[0.0, 1.0], [-900.0, -0.6]], [[0.0], [1.0]], [[1.0, 0.0], [-900.0, -0.6]], [[0.0], [1.0]],

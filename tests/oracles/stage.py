@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from scipy.linalg import expm
 
+from backsight.discrete.noise import random_walk
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import Noise, Prior
 from backsight.estimators.base import Setting, setting
@@ -19,7 +20,7 @@ SIGMA_W = np.array([1e-2, 1e2, 1e4, 5e-2, 1e3, 1e4])
 SIGMA_X0 = np.array([1.0, 1e3, 1e6, 1.0, 1e5, 1.0])
 X0 = np.array([0.0, 0.0, 6e6, 70.0, 5e5, 0.0])
 SIGMA_Y = 1e-3
-NOISE = Noise(sigma_y=SIGMA_Y, sigma_w=SIGMA_W)
+NOISE = Noise(sigma_y=SIGMA_Y, Qc=random_walk(SIGMA_W, dt=DT))
 PRIOR = Prior(sigma_x0=SIGMA_X0)
 HEUN = Integrator("heun", 8)
 

@@ -4,10 +4,10 @@ import numpy as np
 from scipy.linalg import expm
 
 from backsight.estimators import CompressiveSensingMHE, Noise, Prior
-from backsight.models.beam import beam
 from backsight.models.lti import state_space
 from backsight.models.model import Model
-from backsight.models.unknown_forces import forces_as_inputs
+from backsight.models.structures.beam import beam
+from backsight.models.structures.unknown_forces import forces_as_inputs
 
 DT, SAMPLES, N = 1 / 400, 61, 10
 NODES = 0.125 + 0.04 * np.arange(8)
@@ -65,4 +65,5 @@ def estimator(thickness: float, *, eps_Q: float, eps_R: float, lam: float) -> Co
         sigma_force=eps_Q**0.5,
         arrival="smoothed",
         threshold=1.0,
+        bias="kept",
     )

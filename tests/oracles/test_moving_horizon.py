@@ -26,6 +26,7 @@ def test_observer_is_the_one_in_numpy_and_scipy(alpha):
         integrator=Integrator("heun", 2),
         covariance="ode",
         optimiser=GaussNewton(max_iterations=50, tolerance=1e-9),
+        bands="filters",
     )
     recursion = observer.compile(joint(), DT)
     data = [u[:, None], y[:, None], np.ones((SAMPLES, 1))]

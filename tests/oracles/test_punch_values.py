@@ -148,11 +148,16 @@ def test_one_step_of_a_filter(kind, tolerance):
     v = VALUES["ekf5_one_step"]
     expected = VALUES[f"{kind.key}5_one_step"]
     sizes = np.array(VALUES["joint_model_par0"]["scales"])
-    noise = Noise(sigma_y=1e-6, Qc=np.diag(v["Qc_diag"] * sizes**2))
+    density = np.diag(v["Qc_diag"] * sizes**2)
+    # The values of the UKF are for noise that is added once per sample.
+    walk = {"Q": density * DT} if kind is UKF else {"Qc": density}
+    noise = Noise(sigma_y=1e-6, **walk)
     prior = Prior(x0=v["X"] * sizes, P0=np.diag(v["P_diag"] * sizes**2))
     model = filter_model(SOFT)
     free = tuple(dataclasses.replace(s, lower=-np.inf) for s in model.states)
-    recursion = kind(noise, prior).compile(dataclasses.replace(model, states=free), DT)
+    recursion = kind(noise, prior, Integrator("rk4", 1)).compile(
+        dataclasses.replace(model, states=free), DT
+    )
     data = [np.full((2, 1), v["F"]), np.array([[0.0], [v["y"]]]), np.array([[0.0], [1.0]])]
     _, outputs = vm.run(recursion, data, carry=recursion.carry0)
     P = recursion.channels[1].unpack(outputs[1])[1] / np.outer(sizes, sizes)

@@ -11,7 +11,8 @@ from backsight.algebra.symmetric import unvech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.estimators import EKF, Noise, Prior
-from backsight.estimators.kalman.ekf import correct, predict
+from backsight.estimators.kalman.ekf import correct
+from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mho import window_cost
 from backsight.estimators.parts.covariance import packed
 from backsight.estimators.parts.flags import Flags
@@ -46,7 +47,7 @@ def full(P: ca.DM) -> np.ndarray:
 
 def test_scaled_tuning(stage):
     v = VALUES["Q_R_P0"]
-    np.testing.assert_allclose(np.diag(stage.Q), v["Q_diag"], rtol=1e-14)
+    np.testing.assert_allclose(np.diag(stage.Qc), v["Q_diag"], rtol=1e-14)
     np.testing.assert_allclose(stage.R, [[v["R"]]], rtol=1e-14)
     np.testing.assert_allclose(np.diag(stage.P0), v["P0_diag"], rtol=1e-14)
     np.testing.assert_allclose(stage.x0, v["x0"], rtol=1e-14)

@@ -7,8 +7,8 @@ import pytest
 
 import small_problem
 from backsight.errors import ProblemError
-from backsight.problem import _limits as limits
 from backsight.problem import load
+from backsight.problem.reading import _room as limits
 
 BEYOND = {
     "nested lists": ("reference.k = " + "[" * 10**4 + "]" * 10**4, "deep"),

@@ -45,7 +45,7 @@ def test_prior_and_noise_are_joined_with_what_the_unknowns_say(tmp_path):
     problem = loaded(tmp_path, text)
     ekf = problem.estimators["EKF"]
     assert [s.name for s in problem.model.states] == ["q", "v", "k", "b", "w"]
-    assert np.sqrt(np.diag(ekf.noise.process(problem.model, 1.0))).tolist() == [0, 0.25, 0, 0.5, 3]
+    assert np.sqrt(np.diag(ekf.noise.process(problem.model))).tolist() == [0, 0.25, 0, 0.5, 3]
     assert np.sqrt(np.diag(ekf.prior.covariance(problem.model))).tolist() == [0.01, 0.1, 30, 1, 7]
     assert ekf.prior.mean(problem.model).tolist() == [0, 0, 80, 1, 0]
 
@@ -57,7 +57,7 @@ def test_matrices_instead_of_standard_deviations(tmp_path):
     problem = loaded(tmp_path, text)
     noise = problem.estimators["EKF"].noise
     assert noise.measurement(problem.model).tolist() == [[4.0]]
-    assert np.diag(noise.process(problem.model, 0.1)).tolist() == [0, 2, 0, 0]
+    assert np.diag(noise.density(problem.model)).tolist() == [0, 2, 0, 0]
 
 
 def test_settings_of_an_estimator_come_before_the_common_ones(tmp_path):

@@ -5,8 +5,8 @@ import pytest
 
 import small_problem
 from backsight.errors import DataError
-from backsight.problem import execute, load
-from backsight.problem.source import recording
+from backsight.problem import load, run_problem
+from backsight.problem.recorded import recording_of
 
 COLUMN = '\nsigma_factor.y = { column = "sigma", factor = 1e4 }'
 OUTPUTS = 'outputs.y = { column = "place", unit = "m" }'
@@ -31,8 +31,8 @@ def write(tmp_path):
 def test_a_column_with_the_standard_deviation(write, tmp_path):
     problem = load(write(small_problem.changed(OUTPUTS, OUTPUTS + COLUMN)))
     factor = np.repeat([1.0, 3.0], 100)[:, None]
-    np.testing.assert_allclose(recording(problem).sigma_factor, factor)
-    results = execute(problem, tmp_path / "out", progress=lambda *_: None)
+    np.testing.assert_allclose(recording_of(problem).sigma_factor, factor)
+    results = run_problem(problem, tmp_path / "out", progress=lambda *_: None)
     np.testing.assert_allclose(results["EKF"]["sigma_factor"], factor)
     assert results["EKF"]["S"].values[150, 0, 0] > 9e-8
 
@@ -42,5 +42,5 @@ def test_an_estimator_that_cannot_weigh_is_found_before_the_first_one_runs(write
     text = text.replace('kind = "mho"\nN = 5', 'kind = "hgo"\ngain = 5.0')
     started = []
     with pytest.raises(DataError, match=r"High-gain observer cannot .*sigma_factor"):
-        execute(load(write(text)), tmp_path / "out", progress=lambda *s: started.append(s))
+        run_problem(load(write(text)), tmp_path / "out", progress=lambda *s: started.append(s))
     assert not started

@@ -7,7 +7,7 @@ import pytest
 
 import small_problem
 from backsight.errors import ProblemError
-from backsight.problem import execute, load
+from backsight.problem import load, run_problem
 
 NOISE = "sigma_y = { y = 1e-4 }"
 GATE = 'outliers = { kind = "StudentT", nu = 3.0, patience = 30 }'
@@ -30,7 +30,7 @@ def write(tmp_path):
 
 
 def test_outliers_are_counted_where_people_look(write, tmp_path):
-    results = execute(load(write(GATE)), tmp_path / "out", progress=lambda *_: None)
+    results = run_problem(load(write(GATE)), tmp_path / "out", progress=lambda *_: None)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     sentence = "3 of 200 samples of y were weighed down as outliers"

@@ -9,7 +9,7 @@ import xarray as xr
 
 import small_problem
 from backsight.estimators import EKF, MHO
-from backsight.problem import execute, load
+from backsight.problem import load, run_problem
 from backsight.schema import check_result
 
 
@@ -17,7 +17,7 @@ from backsight.schema import check_result
 def out(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     steps = []
-    results = execute(
+    results = run_problem(
         load(small_problem.write(folder)), folder / "out", progress=lambda *s: steps.append(s)
     )
     return folder / "out", results, steps
@@ -64,7 +64,7 @@ def test_the_report_is_written_unless_it_is_not_wanted(out, tmp_path):
     assert "Mass on a spring" in page
     assert "sigma_y = { y = 1e-4 }" in page
     problem = load(small_problem.write(tmp_path, small_problem.TEXT + "[output]\nreport = false\n"))
-    execute(problem, tmp_path / "out", progress=lambda *_: None)
+    run_problem(problem, tmp_path / "out", progress=lambda *_: None)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         ".backsight.json",
         "estimates.nc",
@@ -86,7 +86,7 @@ def test_the_recording_is_read_as_the_file_says(tmp_path, monkeypatch):
     text = text.replace('column = "place"', 'column = "place", factor = 2.0, offset = 1.0')
     text = text.replace('time = "t"', 'time = { column = "t", factor = 10.0 }')
     problem = load(small_problem.write(tmp_path, text))
-    results = execute(problem, tmp_path / "out", progress=lambda *_: None)
+    results = run_problem(problem, tmp_path / "out", progress=lambda *_: None)
     table = small_problem.table()
     kept = 10 * table[:, 0] >= 0.5
     np.testing.assert_allclose(results["EKF"]["y"].values[:, 0], 2 * table[kept, 2] + 1)
@@ -104,5 +104,5 @@ def test_every_estimator_is_compiled_once(tmp_path, monkeypatch):
 
         monkeypatch.setattr(kind, "build", counted)
     monkeypatch.setattr("backsight.run.compare.audited", lambda results, *_: results)
-    execute(load(small_problem.write(tmp_path)), tmp_path / "out", progress=lambda *_: None)
+    run_problem(load(small_problem.write(tmp_path)), tmp_path / "out", progress=lambda *_: None)
     assert compiled == ["ekf", "mho"]

@@ -6,8 +6,8 @@ from typer.testing import CliRunner
 import small_problem
 from backsight.cli import app
 from backsight.problem import load
+from backsight.problem.recorded import recording_of
 from backsight.problem.seeing import doubts, examine
-from backsight.problem.source import recording
 
 
 def command(*arguments: object) -> tuple[int, str, str]:
@@ -26,14 +26,14 @@ def without_force(tmp_path):
 
 def test_moving_machine_shows_everything(tmp_path):
     problem = load(small_problem.write(tmp_path))
-    data = recording(problem)
+    data = recording_of(problem)
     assert examine(problem, data).observable
     assert doubts(problem, data) == []
 
 
 def test_machine_at_rest_hides_its_parameters(tmp_path):
     problem = load(without_force(tmp_path))
-    data = recording(problem)
+    data = recording_of(problem)
     assert examine(problem, data).hidden == ("k", "b")
     assert any("cannot be seen: k" in sentence for sentence in doubts(problem, data))
 

@@ -6,8 +6,8 @@ import pytest
 
 from backsight.errors import ProblemError, TuningError
 from backsight.estimators import ESTIMATORS, Limit, LinearMHE, Noise, Prior
-from backsight.problem._settings import built
 from backsight.problem.methods import methods
+from backsight.problem.reading.settings import built
 from backsight.types import Array
 
 

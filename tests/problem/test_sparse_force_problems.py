@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from backsight.errors import BacksightError
-from backsight.problem import execute, load
+from backsight.problem import load, run_problem
 from oracles import struck_beam
 
 FORCES = ", ".join(f'"{name}"' for name in struck_beam.FORCES)
@@ -59,7 +59,7 @@ def problem(tmp_path):
 
 
 def test_hits_are_found(problem, tmp_path):
-    execute(problem(PROBLEM), tmp_path / "out", progress=lambda *_: None)
+    run_problem(problem(PROBLEM), tmp_path / "out", progress=lambda *_: None)
     with xr.open_dataset(tmp_path / "out" / "estimates.nc", group="CS") as result:
         found = result["d_hat"].transpose("time", "force").values
         assert list(result["force"].values) == list(struck_beam.FORCES)
@@ -80,5 +80,5 @@ def test_hits_are_found(problem, tmp_path):
 def test_mistakes_are_named(problem, tmp_path, old, new, message):
     assert old in PROBLEM
     with pytest.raises(BacksightError) as caught:
-        execute(problem(PROBLEM.replace(old, new)), tmp_path / "out", progress=lambda *_: None)
+        run_problem(problem(PROBLEM.replace(old, new)), tmp_path / "out", progress=lambda *_: None)
     assert message in str(caught.value)

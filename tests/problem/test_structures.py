@@ -8,10 +8,10 @@ import xarray as xr
 
 from backsight.discrete.exact import zoh
 from backsight.errors import ProblemError
-from backsight.models import beam, modal, reduced
 from backsight.models.lti import state_space
-from backsight.models.unknown_forces import forces_as_inputs
-from backsight.problem import execute, load
+from backsight.models.structures import beam, modal, reduced
+from backsight.models.structures.unknown_forces import forces_as_inputs
+from backsight.problem import load, run_problem
 
 DT, N = 1 / 400, 80
 HIT = 40
@@ -160,7 +160,7 @@ def test_a_hit_is_found(tmp_path):
     y = driven(forces_as_inputs(found.model, ["tip"]), force)
     rows = ["y1,y2", *(f"{a!r},{b!r}" for a, b in y.tolist())]
     (tmp_path / "beam.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    execute(found, tmp_path / "out", progress=lambda *_: None)
+    run_problem(found, tmp_path / "out", progress=lambda *_: None)
     result = xr.open_dataset(tmp_path / "out" / "estimates.nc", group="joint", engine="h5netcdf")
     with result:
         d = result["d_hat"].sel(force="tip")

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from backsight.discrete.noise import random_walk
 from backsight.discrete.runge_kutta import TABLEAUS, Integrator
 from backsight.engine.recursion import Channel
 from backsight.estimators import EKF, MHO, AbstractEstimator, Noise, Prior
 from backsight.estimators.base import setting
-from backsight.estimators.kalman.ekf import predict
+from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.parts.covariance import packed
 from backsight.models.lti import lti
 from backsight.schema import Status
@@ -17,7 +18,7 @@ from oracles.stage import DT as STAGE_DT
 from oracles.stage import HEUN, NOISE, PRIOR, SIGMA_W, joint, recording
 from relations.linear import Run
 
-HARD = Noise(sigma_y=1e-3, sigma_w=SIGMA_W * [0.1, 1, 1, 1, 1, 1])
+HARD = Noise(sigma_y=1e-3, Qc=random_walk(SIGMA_W * [0.1, 1, 1, 1, 1, 1], dt=STAGE_DT))
 VOLTAGE = np.array([1.976, 2.642, 3.231, 3.694, 3.991, 4.101, 4.018, 3.750, 3.320, 2.765])
 POSITION = np.array([-5.716, -6.192, -6.218, -5.793, -4.948, -3.743, -2.264, -0.616, 1.083, 2.713])
 """Ten samples of the stage in full motion (V and um), on which a long step hurts."""
@@ -58,7 +59,7 @@ def test_covariance_equation_loses_it_at_a_long_step():
     """One Euler step on the covariance equation of a stiff damper: P + h (Z P + P Z') < 0."""
     model = lti([[-30.0]], [[0.0]], [[1.0]], states={"v": ""}, inputs={"u": ""}, outputs={"y": ""})
     s = setting(model, 0.02, noise=Noise(sigma_y=1.0), prior=Prior(1.0))
-    euler = Integrator("euler")
+    euler = Integrator("euler", 1)
     _, by_equation = predict(s, euler, "ode")(0.0, 1.0, 0.0, 0.0)
     _, by_transition = predict(s, euler, "transition")(0.0, 1.0, 0.0, 0.0)
     assert float(by_equation) == pytest.approx(1 - 2 * 0.6)

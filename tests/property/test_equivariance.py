@@ -14,11 +14,11 @@ from backsight.estimators import EKF, MHO, Noise, Prior
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from closeness import assert_close
-from contract.cases import DT, WALK, Problem, R, simulate
+from contract.cases import DT, WALK, R, TrialProblem, simulated
 from relations.linear import Run
 
 HELD = Integrator("rk4", 1, "zoh")
-DATA = simulate(40, seed=1, hold="zoh", noisy=True)
+DATA = simulated(40, seed=1, hold="zoh", noisy=True)
 DATA.y[5:8, 0] = np.nan
 SIGMA_X0 = np.array([0.05, 0.5, 40.0])
 METHODS = ("ekf", "mho")
@@ -46,7 +46,7 @@ def permuted(model: Model, order: list[int]) -> Model:
 @pytest.mark.parametrize("order", list(itertools.permutations(range(3)))[1:])
 @pytest.mark.parametrize("bounds", [(1.0, 1e4), (100.0, 130.0)])
 def test_order_of_the_states(key, order, bounds):
-    order, model = list(order), Problem(k_bounds=bounds).model
+    order, model = list(order), TrialProblem(k_bounds=bounds).model
     noise, prior = Noise(R=R, sigma_w=WALK), Prior(sigma_x0=SIGMA_X0)
     expected = Run(build(key, noise, prior), model, DT)(DATA.u, DATA.y)
     turned = build(key, Noise(R=R, sigma_w=WALK[order]), Prior(sigma_x0=SIGMA_X0[order]))
@@ -67,8 +67,8 @@ def test_order_of_the_states(key, order, bounds):
 )
 def test_units_and_scales(key, length, q, v, k):
     """Lengths from nanometres to gigametres, internal scales over eight decades."""
-    base = Problem()
-    other = Problem(length=10.0**length, scales={"q": 10.0**q, "v": 10.0**v, "k": 10.0**k})
+    base = TrialProblem()
+    other = TrialProblem(length=10.0**length, scales={"q": 10.0**q, "v": 10.0**v, "k": 10.0**k})
     runs = [Run(build(key, p.noise, p.prior), p.model, DT) for p in (base, other)]
     scaled = DATA.scaled(other.length)
     expected, result = runs[0](DATA.u, DATA.y), runs[1](scaled.u, scaled.y)
@@ -80,7 +80,7 @@ def test_units_and_scales(key, length, q, v, k):
 
 def test_order_of_the_outputs():
     """Correlated noise and gaps move along with their channels."""
-    model = Problem().model
+    model = TrialProblem().model
     swapped = dataclasses.replace(model, outputs=model.outputs[::-1], h=lambda x, u, p: [x.v, x.q])
     for key in METHODS:
         estimator = build(key, Noise(R=R, sigma_w=WALK), Prior(sigma_x0=SIGMA_X0))

@@ -9,7 +9,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import EKF, MHO
 from backsight.schema import Status
 from contract.cases import DT as PERIOD
-from contract.cases import Problem, simulate
+from contract.cases import TrialProblem, simulated
 from oracles.stage import DT as STAGE_DT
 from oracles.stage import HEUN, NOISE, PRIOR, joint, recording
 from relations.linear import DT, GAUSSIANS, Run, model, record
@@ -35,7 +35,7 @@ def filtered(observer: MHO, system, dt: float, u: np.ndarray, y: np.ndarray) -> 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
 @pytest.mark.parametrize("gaps", [False, True])
 def test_continuous_model(hold, covariance, gaps):
-    data, problem = simulate(60, seed=1, hold=hold, noisy=True), Problem()
+    data, problem = simulated(60, seed=1, hold=hold, noisy=True), TrialProblem()
     if gaps:
         data.y[:3] = data.y[20:30] = np.nan
         data.y[::2, 1] = np.nan
@@ -57,8 +57,8 @@ def test_discrete_model(missing):
 
 
 def test_bounds_that_clip():
-    data, N = simulate(80, seed=3, hold="zoh", noisy=True), 5
-    problem = Problem(k_bounds=(100.0, 130.0))
+    data, N = simulated(80, seed=3, hold="zoh", noisy=True), 5
+    problem = TrialProblem(k_bounds=(100.0, 130.0))
     observer = MHO(problem.noise, problem.prior, N=N, alpha=0.0)
     arguments = problem.model, PERIOD, data.u, data.y
     expected, result = filtered(observer, *arguments), Run(observer, *arguments[:2])(*arguments[2:])

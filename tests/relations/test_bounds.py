@@ -7,7 +7,7 @@ from scipy.optimize import lsq_linear
 from backsight.estimators import MHO
 from closeness import assert_close
 from contract.cases import DT as PERIOD
-from contract.cases import Problem, simulate
+from contract.cases import TrialProblem, simulated
 from relations.linear import DT, GAUSSIANS, P0, SYSTEM, X0, R, Run, model, record
 
 N = 5
@@ -25,8 +25,8 @@ def test_inactive_bounds_change_nothing_in_a_linear_window():
 
 
 def test_inactive_bounds_change_nothing_in_a_nonlinear_window():
-    data = simulate(80, seed=2, hold="zoh", noisy=True)
-    free, bounded = Problem(k_bounds=(-np.inf, np.inf)), Problem(k_bounds=(1.0, 1e4))
+    data = simulated(80, seed=2, hold="zoh", noisy=True)
+    free, bounded = TrialProblem(k_bounds=(-np.inf, np.inf)), TrialProblem(k_bounds=(1.0, 1e4))
     results = [
         Run(MHO(p.noise, p.prior, N=6), p.model, PERIOD)(data.u, data.y) for p in (free, bounded)
     ]

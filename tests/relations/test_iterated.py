@@ -11,7 +11,7 @@ from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.schema import Status
 from closeness import assert_close
-from contract.cases import DT, Problem
+from contract.cases import DT, TrialProblem
 from oracles.kalman import kalman_filter
 from relations.linear import DT as PERIOD
 from relations.linear import GAUSSIANS, P0, SYSTEM, X0, Q, R, Run, model, record
@@ -51,7 +51,7 @@ def walks(seed: int, n: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
 def test_one_iteration_is_the_extended_filter(hold):
-    problem = Problem()
+    problem = TrialProblem()
     data = problem.simulate(80, seed=1, hold=hold, noisy=True)
     y = data.y.copy()
     y[::3, 0] = np.nan
@@ -162,7 +162,7 @@ def test_many_states():
 
 @pytest.mark.parametrize(
     ("setting", "message"),
-    [({"max_iterations": 0}, "at least 1"), ({"tolerance": float("nan")}, "not be negative")],
+    [({"max_iterations": 0}, "from 1 on"), ({"tolerance": float("nan")}, "not be negative")],
 )
 def test_wrong_settings(setting, message):
     with pytest.raises(TuningError, match=message):

@@ -8,7 +8,7 @@ import pytest
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import EKF, MHO, Prior
 from closeness import assert_close
-from contract.cases import DT, Problem, simulate
+from contract.cases import DT, TrialProblem, simulated
 from relations.linear import Run
 
 METHODS = {"ekf": EKF, "mho": MHO}
@@ -18,7 +18,7 @@ METHODS = {"ekf": EKF, "mho": MHO}
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
 @pytest.mark.parametrize("gap", [slice(0, 0), slice(0, 12), slice(50, 90)])
 def test_exact_start(method, hold, gap):
-    data, problem = simulate(120, seed=2, hold=hold, noisy=False), Problem()
+    data, problem = simulated(120, seed=2, hold=hold, noisy=False), TrialProblem()
     data.y[gap] = np.nan
     prior = Prior(sigma_x0=problem.prior.sigma_x0, x0=data.x[0])
     estimator = METHODS[method](problem.noise, prior, integrator=Integrator("rk4", 1, hold))
@@ -29,7 +29,7 @@ def test_exact_start(method, hold, gap):
 
 def test_wrong_start_is_corrected():
     """Noise-free data, stiffness 20 % off, hardly any noise assumed: both methods find it."""
-    data, problem = simulate(300, seed=3, hold="zoh", noisy=False), Problem()
+    data, problem = simulated(300, seed=3, hold="zoh", noisy=False), TrialProblem()
     certain = dataclasses.replace(problem.noise, R=1e-4 * problem.noise.R, sigma_w=1e-9)
     for method in METHODS.values():
         result = Run(method(certain, problem.prior), problem.model, DT)(data.u, data.y)

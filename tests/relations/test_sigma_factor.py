@@ -29,7 +29,7 @@ from backsight.estimators import (
     UKFArrival,
 )
 from backsight.models.lti import lti
-from backsight.models.second_order import second_order
+from backsight.models.structures.second_order import second_order
 from backsight.run.estimation import estimate, estimate_many, match, solve_window, stream
 from backsight.solvers.box import GaussNewton
 from closeness import assert_close

@@ -28,7 +28,7 @@ def run(made, of, u, y):
 
 def sparse(of, **settings):
     given = {"forces": struck.FORCES, "lam": math.inf, "N": N, "lag": 0}
-    return CompressiveSensingMHE(**struck.gaussians(of), **(given | settings))
+    return CompressiveSensingMHE(**struck.gaussians(of), **({"bias": "kept"} | given | settings))
 
 
 @pytest.mark.parametrize("accelerations", [False, True])

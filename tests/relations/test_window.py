@@ -16,7 +16,8 @@ N = 5
 def test_every_window_is_least_squares(missing, alpha):
     """The whole chain of pre-filter, window and post-filter, with QR and textbook filters."""
     u, y = record(30, seed=1, missing=missing)
-    result = Run(MHO(**GAUSSIANS, N=N, alpha=alpha), model(), DT)(u, y)
+    observer = MHO(**GAUSSIANS, N=N, alpha=alpha, bands="filters")
+    result = Run(observer, model(), DT)(u, y)
     x, P = X0, P0
     for t in range(N, len(u)):
         window = slice(t - N, t + 1)

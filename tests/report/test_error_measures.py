@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from backsight.analysis.comparison.errors import convergence_time, rms_innovation, rmse, rse
+from backsight.analysis.comparison.error_measures import convergence_time, rms_innovation, rmse, rse
 from backsight.errors import DataError
 
 

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from backsight.rounding import percent, plus_minus, shortest, significant, whole
+from backsight.rounding import grouped, percent, plus_minus, shortest, significant
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_other_numbers():
     assert shortest(-3.165) == "−3.165"
     assert shortest(5.4e-7) == "5.4 × 10⁻⁷"
     assert shortest(math.nan) == "–"
-    assert whole(24841) == "24\N{NARROW NO-BREAK SPACE}841"
+    assert grouped(24841) == "24\N{NARROW NO-BREAK SPACE}841"
     assert percent(0.0032) == "+0.32 %"
     assert percent(-0.12) == "−12 %"
     assert percent(math.nan) == "–"

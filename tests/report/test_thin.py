@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from backsight.report._traces import band, bulk, drawn, line, view
+from backsight.report._traces import band_trace, bulk, drawn, line_trace, view
 from backsight.report.thin import envelope, interval_length, thin
 
 
@@ -62,7 +62,7 @@ def numbers(encoded):
 
 def test_band_is_interrupted_where_it_is_not_finite():
     time, std = np.arange(6.0), np.array([1.0, 1.0, np.nan, 1.0, 1.0, np.inf])
-    trace = band(time, -std, std, colour="--ink")
+    trace = band_trace(time, -std, std, colour="--ink")
     x, y = numbers(trace["x"]), numbers(trace["y"])
     np.testing.assert_array_equal(x, [0, 1, 1, 0, np.nan, 3, 4, 4, 3, np.nan])
     np.testing.assert_array_equal(y, [1, 1, -1, -1, np.nan, 1, 1, -1, -1, np.nan])
@@ -70,7 +70,9 @@ def test_band_is_interrupted_where_it_is_not_finite():
 
 def test_band_without_any_limits_is_empty():
     nothing = np.full(5, np.nan)
-    assert np.isnan(numbers(band(np.arange(5.0), nothing, nothing, colour="--ink")["y"])).all()
+    assert np.isnan(
+        numbers(band_trace(np.arange(5.0), nothing, nothing, colour="--ink")["y"])
+    ).all()
 
 
 def test_slow_sensors_and_lost_samples_are_joined_and_outages_are_not():
@@ -99,7 +101,7 @@ def test_joining_nothing_and_one():
 
 
 def test_few_samples_get_dots():
-    few, many = (line(np.arange(n), np.ones(n), name="y", colour="--ink") for n in (1, 500))
+    few, many = (line_trace(np.arange(n), np.ones(n), name="y", colour="--ink") for n in (1, 500))
     assert few["mode"] == "lines+markers"
     assert many["mode"] == "lines"
 

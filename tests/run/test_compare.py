@@ -7,9 +7,9 @@ from backsight.errors import DataError
 from backsight.estimators import EKF, MHE
 from backsight.run.compare import compare
 from backsight.run.estimation import estimate
-from contract.cases import Problem
+from contract.cases import TrialProblem
 
-PROBLEM = Problem()
+PROBLEM = TrialProblem()
 SAMPLES = 60
 
 

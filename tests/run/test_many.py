@@ -6,9 +6,9 @@ import pytest
 from backsight.errors import DataError, EstimationError
 from backsight.estimators import EKF, MHO
 from backsight.run.estimation import estimate, estimate_many
-from contract.cases import Problem
+from contract.cases import TrialProblem
 
-PROBLEM = Problem()
+PROBLEM = TrialProblem()
 
 
 def recordings(count):

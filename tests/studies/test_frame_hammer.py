@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from backsight.errors import DataError, ModelError
-from backsight.models._beam_modes import shapes
+from backsight.errors import DataError
 from backsight_studies import STUDIES
 from backsight_studies.frame_hammer import calibrate, source
 from backsight_studies.frame_hammer import detect as detection
@@ -36,12 +35,9 @@ from backsight_studies.frame_hammer.rig import (
 )
 from backsight_studies.frame_hammer.score import judged
 from backsight_studies.frame_hammer.search import search
-from backsight_studies.frame_hammer.shapes import Cantilever
 from backsight_studies.frame_hammer.source import Hammer, Recording, read
 from backsight_studies.frame_hammer.straight import slow, straightened
 from backsight_studies.frame_hammer.window import Fit, Pulse, Window, advanced, low_passed
-
-NOISE = np.random.default_rng(0).standard_normal((2000, 4))
 
 
 def swinging(axis, *, size=60.0, seed=0):
@@ -56,55 +52,6 @@ def readings(window, fit, pulses=(), *, noise=0.05, seed=0):
     """What the sensors would show in a window."""
     y = -window.residual(np.zeros((4, window.samples)), window.columns(pulses), fit.unknowns)
     return y + noise * np.random.default_rng(seed).standard_normal(y.shape)
-
-
-class TestShapes:
-    BEAM = Cantilever(1.7, bending_stiffness=2100.0, mass_per_length=1.4, tip_mass=1.3)
-
-    def test_without_rotary_inertia_they_are_those_of_the_package(self):
-        of = shapes("cantilever", 5, tip=1.3 / (1.7 * 1.4))
-        places = [0.3, 0.9, 1.6]
-        wanted = of.at(np.array(places) / 1.7).T / np.sqrt(1.7 * 1.4)
-        found = self.BEAM.shapes(places, 5)
-        signs = np.sign((wanted * found).sum(axis=1))[:, None]
-        np.testing.assert_allclose(found, signs * wanted, atol=2e-6)
-
-    def test_with_rotary_inertia_they_are_those_of_finite_elements(self):
-        inertia = 0.004
-        beam = dataclasses.replace(self.BEAM, tip_inertia=inertia)
-        omega, vectors = finite_elements(beam, elements=60)
-        np.testing.assert_allclose(beam.frequencies(4), omega[:4] / (2 * np.pi), rtol=1e-5)
-        nodes = beam.length * np.array([20, 40]) / 60
-        wanted = vectors[[2 * 19, 2 * 39], :4].T
-        found = beam.shapes(nodes, 4)
-        signs = np.sign((wanted * found).sum(axis=1))[:, None]
-        np.testing.assert_allclose(found, signs * wanted, atol=1e-4)
-
-    def test_a_place_off_the_beam_is_refused(self):
-        with pytest.raises(ModelError, match="off the beam"):
-            self.BEAM.shapes([1.8], 2)
-
-
-def finite_elements(beam, elements):
-    """Frequencies [rad/s] and mass-normalised shapes of Hermite beam elements."""
-    a, n = beam.length / elements, 2 * (elements + 1)
-    k = beam.bending_stiffness / a**3 * np.array(
-        [[12, 6 * a, -12, 6 * a], [6 * a, 4 * a**2, -6 * a, 2 * a**2],
-         [-12, -6 * a, 12, -6 * a], [6 * a, 2 * a**2, -6 * a, 4 * a**2]]
-    )  # fmt: skip
-    m = beam.mass_per_length * a / 420 * np.array(
-        [[156, 22 * a, 54, -13 * a], [22 * a, 4 * a**2, 13 * a, -3 * a**2],
-         [54, 13 * a, 156, -22 * a], [-13 * a, -3 * a**2, -22 * a, 4 * a**2]]
-    )  # fmt: skip
-    mass, stiffness = np.zeros((n, n)), np.zeros((n, n))
-    for e in range(elements):
-        part = slice(2 * e, 2 * e + 4)
-        mass[part, part] += m
-        stiffness[part, part] += k
-    mass[-2, -2] += beam.tip_mass
-    mass[-1, -1] += beam.tip_inertia
-    values, vectors = scipy.linalg.eigh(stiffness[2:, 2:], mass[2:, 2:])
-    return np.sqrt(values), vectors
 
 
 class TestWindow:
@@ -256,52 +203,6 @@ def test_what_is_not_the_rig_is_refused(monkeypatch):
     noise = LSB * np.round(100 * np.random.default_rng(0).standard_normal((400, 4)))
     with pytest.raises(DataError, match="not those of the rig"):
         detect(noise)
-
-
-class TestSource:
-    def test_missing_recordings_are_named_with_their_source(self, monkeypatch, tmp_path):
-        monkeypatch.delenv(source.VARIABLE, raising=False)
-        with pytest.raises(DataError, match=r"x160_multi\.npz .* --recording; they come from git"):
-            STUDIES["frame_hammer"].run(tmp_path)
-        assert list(tmp_path.iterdir()) == []
-
-    @pytest.mark.parametrize(
-        ("content", "message"),
-        [
-            (None, "cannot be read as a NumPy file"),
-            ({"acc_ms2": np.zeros((2000, 4))}, "the accelerometer at 0.34 m never changes"),
-            ({"y": np.zeros(3)}, "no accelerations 'acc_ms2'"),
-            ({"acc_ms2": np.zeros((2000, 3))}, r"4 accelerometers; its shape is \(2000, 3\)"),
-            (
-                {"acc_ms2": NOISE, "t_acc_s": 2e-3 * np.arange(2000)},
-                "its sampling period is 0.002 s",
-            ),
-            (
-                {"acc_ms2": NOISE, "hit_time_s": np.ones(2)},
-                "no hit_height_m, hit_impulse_Ns",
-            ),
-        ],
-    )
-    def test_files_of_another_kind_are_refused(self, tmp_path, content, message):
-        path = tmp_path / "hits.npz"
-        if content is None:
-            path.write_text("a,b\n1,2\n")
-        else:
-            np.savez(path, **content)
-        with pytest.raises(DataError, match=message):
-            read(path)
-
-    def test_one_height_does_for_all_hits_and_the_clock_is_kept(self, tmp_path):
-        path = tmp_path / "hits.npz"
-        time = 3.0 + 1.1e-3 * np.arange(2000)
-        np.savez(
-            path, acc_ms2=NOISE, t_acc_s=time, hit_time_s=[3.5, 4.0],
-            hit_height_m=0.81, hit_impulse_Ns=[0.1, 0.2],
-        )  # fmt: skip
-        found = read(path)
-        assert found.name == "hits"
-        np.testing.assert_array_equal(found.hammer.height, [0.81, 0.81])
-        np.testing.assert_allclose(found.times([0, 1999]), time[[0, -1]])
 
 
 def measured(name):

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from backsight.errors import DataError, OutputError
+from backsight.output import MARKER
 from backsight_studies import STUDIES
 from backsight_studies.checks import Check
 from backsight_studies.nanopositioner.claims import CLAIMS
@@ -178,7 +179,8 @@ def test_a_study_of_a_recording(stages, tmp_path):
     )
     written = {p.name for p in (tmp_path / "out").iterdir()}
     assert written == {
-        "study.html", "checks.json", "measures.csv", "table1.csv", "claims.csv", "figure4.png",
+        MARKER, "study.html", "checks.json", "measures.csv", "table1.csv", "claims.csv",
+        "figure4.png",
         "figure5.png", "figure6.png", "figure7.png", "transient.png",
     }  # fmt: skip
     checks = json.loads((tmp_path / "out" / "checks.json").read_text())

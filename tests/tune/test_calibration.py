@@ -5,7 +5,7 @@ import pytest
 
 import backsight as bs
 from backsight.errors import TuningError
-from backsight.models._beam_modes import shapes
+from backsight.models.structures._beam_modes import shapes
 from oracles import struck_beam
 from tune.struck_beam_recordings import estimator, recording
 
@@ -67,7 +67,7 @@ def test_frequencies_are_as_sure_as_it_says():
     np.testing.assert_allclose(np.diag(found.correlation), 1)
     assert found.forces == 4
     again = bs.tune.calibrate(
-        estimator(0.0027), by_frequencies, recording(1e-5), found.values, points=5, span=0.02
+        recording(1e-5), estimator(0.0027), by_frequencies, found.values, points=5, span=0.02
     )
     for name, value in found.values.items():
         assert again.values[name] == pytest.approx(value, rel=1e-4)

@@ -90,7 +90,9 @@ def main() -> int:
         pip = [scripts / "python", "-m", "pip", "install", "--disable-pip-version-check"]
         bounds = ["--constraint", ROOT / "constraints.txt", "--only-binary=:all:", "--no-compile"]
         quiet([*pip, *bounds, wheel], **nothing)
-        quiet([*pip, *bounds, ROOT / "studies"], **nothing)
+        # From a copy, since what setuptools builds on the way stays beside the sources.
+        studies = shutil.copytree(ROOT / "studies", Path(temporary) / "studies")
+        quiet([*pip, *bounds, studies], **nothing)
         tries = [scripts / "python", INSTALLED]
         failed = subprocess.run(tries, env={**os.environ, **nothing}).returncode
         quiet([*pip, "--no-deps", "--force-reinstall", "--no-cache-dir", sdist], **nothing)

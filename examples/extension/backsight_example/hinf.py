@@ -58,8 +58,8 @@ class HInfinity(ext.AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> ext.Recursion:
         """See `AbstractEstimator.build`."""
-        s = ext.setting(model, dt, noise=self.noise, prior=self.prior)
-        halves = ext.ekf_halves(s, self.integrator, "transition")
+        s = ext.setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        halves = ext.ekf_halves(s, s.integrator, "transition")
         correct = _correct(s, self.theta)
         return ext.assemble(self.key, s, dataclasses.replace(halves, correct=correct))
 

@@ -39,18 +39,20 @@ class Swing:
         seeds: Sequence[int],
         recordings: Sequence[Path] = (),
         progress: Callable[[str, float], None] = lambda *_: None,
+        force: bool = False,
     ) -> Findings:
         """Simulate, estimate, and write what was found into a folder."""
         del recordings
-        out.mkdir(parents=True, exist_ok=True)
         found = []
         for i, seed in enumerate(seeds):
             progress("pendulums", i / len(seeds))
             found.append(_length(seed))
         summary = f"length: {np.mean(found):.3f} m, the truth is {LENGTH} m"
-        page = out / "index.html"
-        page.write_text(f"<!doctype html><title>{self.title}</title><p>{summary}</p>\n")
-        return Findings(page, summary)
+        # The folder is there whole or not at all, and replaces nothing of others.
+        with bs.extend.whole(out, force=force) as folder:
+            page = f"<!doctype html><title>{self.title}</title><p>{summary}</p>\n"
+            (folder / "index.html").write_text(page)
+        return Findings(out / "index.html", summary)
 
 
 STUDY = Swing()

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.description import Printed
-from backsight.rounding import whole
+from backsight.rounding import grouped
 from backsight.schema import WEIGHT
 from backsight.types import Array
 
@@ -48,12 +48,12 @@ class Outliers(Printed):
         if self.count:
             how = "left out" if self.left_out else "weighed down"
             found.append(
-                f"{whole(self.count)} of {whole(self.samples)} samples of {self.output} were {how} "
-                "as outliers"
+                f"{grouped(self.count)} of {grouped(self.samples)} samples of {self.output} were "
+                f"{how} as outliers"
             )
         if self.opened:
             found.append(
-                f"{whole(self.opened)} samples of {self.output} looked like outliers but were "
+                f"{grouped(self.opened)} samples of {self.output} looked like outliers but were "
                 "taken in, because most samples did: its noise, the model or the prior is wrong, "
                 "or the sensor failed for longer than `patience`"
             )

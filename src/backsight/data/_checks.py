@@ -61,7 +61,8 @@ def check_regular(time: Array, dt: float | None, where: str) -> None:
         raise DataError(
             f"{where}: time is irregular: samples {k} and {k + 1} (t = {time[k]:.9g} s) are "
             f"{steps[k]:.6g} s apart, the others {period:.6g} s; interpolate with "
-            f"resample = {period:.6g}, or give dt instead of time if the stamps are only rounded"
+            f"resample = {period:.6g} (which smooths the noise), put them on a fine grid with NaN "
+            "where nothing was measured, or give dt instead of time if the stamps are only rounded"
         )
 
 

@@ -12,7 +12,7 @@ from backsight.types import Array
 INDEXED = re.compile(r"(?P<name>.+)\[(?P<index>\d+)\]")
 
 
-def missing(name: str, known: Iterable[str]) -> str:
+def no_column(name: str, known: Iterable[str]) -> str:
     """Say that there is no column of that name, with a hint."""
     return f"there is no column '{name}': {nearest(name, [k for k in known if k])}"
 
@@ -53,7 +53,7 @@ def pick(
             name, index = indexed["name"], int(indexed["index"])
             found[reference] = _column(_numbers(arrays[name], name, column_major), name, index)
         else:
-            absent.append(missing(indexed["name"] if indexed else reference, arrays))
+            absent.append(no_column(indexed["name"] if indexed else reference, arrays))
     if absent:
         raise DataError("; ".join(absent))
     return found

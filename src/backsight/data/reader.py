@@ -13,9 +13,9 @@ from backsight.data import _checks as checks
 from backsight.data._containers import read_hdf5, read_mat, read_netcdf, read_npz
 from backsight.data._pick import pick
 from backsight.data._room import check_room
-from backsight.data._text import read_text
+from backsight.data._text_files import read_text
 from backsight.data.columns import Column, ColumnLike, column, columns
-from backsight.data.recording import Group, assemble, time_axis
+from backsight.data.recording import Group, as_recording, time_axis
 from backsight.description import Whole, checked
 from backsight.errors import DataError, PluginError, nearest
 from backsight.plugins import Extended
@@ -37,6 +37,9 @@ CONTAINERS: Mapping[str, Reader] = {
 }
 """Extension to reader of the files that hold named arrays."""
 
+
+UNREADABLE = (OSError, ValueError, LookupError, EOFError, MemoryError)
+"""What a sound reader may raise on files that are cut off or of another kind."""
 
 ExtensionReader: TypeAlias = Callable[[Path, Sequence[str]], Mapping[str, Array]]
 """``(path, names of the wanted columns) -> {name: values}``, what an extension brings."""
@@ -172,7 +175,7 @@ def read(
     stamps = time_axis(given, n, dt=dt, where=where)
     kept = _selected(stamps, start, stop, where)
     u, y, x, factors = (_group(group, raw, kept) for group in signals)
-    return assemble(
+    return as_recording(
         stamps[kept],
         u=u,
         y=y,
@@ -200,7 +203,7 @@ def _load(
         if kind in TEXT:
             check_room(path.stat().st_size, "the file")
             return read_text(path, wanted, skip_lines)
-        with READERS.blamed(kind):
+        with READERS.blamed(kind, but=UNREADABLE):
             return reader(path, wanted, outside)
     except PluginError:
         raise

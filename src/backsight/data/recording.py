@@ -91,7 +91,7 @@ def from_arrays(
     if stamps is not None:
         lengths["time"] = len(stamps)
     n = checks.check_lengths(lengths, where)
-    return assemble(
+    return as_recording(
         time_axis(stamps, n, dt=dt, where=where),
         u=Group(given, inputs),
         y=Group(measured, outputs),
@@ -114,7 +114,7 @@ def time_axis(time: Array | None, n: int, *, dt: float | None, where: str) -> Ar
     return dt * np.arange(n, dtype=float)
 
 
-def assemble(
+def as_recording(
     time: Array,
     *,
     u: Group,

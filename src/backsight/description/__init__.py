@@ -8,7 +8,7 @@ numbers; `Description` checks every field against it and tells all that is wrong
 from backsight.description._arguments import checked
 from backsight.description._base import Description, Sound
 from backsight.description._fits import fault
-from backsight.description._html import equations, page_of, preformatted
+from backsight.description._html import equations_of, page_of, preformatted
 from backsight.description._ranges import (
     Called,
     Count,
@@ -44,7 +44,7 @@ __all__ = [
     "Whole",
     "checked",
     "described",
-    "equations",
+    "equations_of",
     "fault",
     "page_of",
     "plain",

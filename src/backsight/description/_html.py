@@ -15,7 +15,7 @@ def preformatted(text: str) -> str:
     return f"<pre>{html.escape(text)}</pre>"
 
 
-def equations(formulas: Iterable[str]) -> str:
+def equations_of(formulas: Iterable[str]) -> str:
     """Return formulas in LaTeX as HTML that a notebook typesets."""
     return "".join(f"<div>$${html.escape(f)}$$</div>" for f in formulas)
 
@@ -25,9 +25,8 @@ def page_of(kind: type, text: str) -> str:
     formulas = formulas_in(inspect.cleandoc(kind.__doc__ or ""))
     if not formulas:
         return preformatted(text)
-    return (
-        f"{preformatted(text)}<details><summary>equations</summary>{equations(formulas)}</details>"
-    )
+    folded = f"<details><summary>equations</summary>{equations_of(formulas)}</details>"
+    return preformatted(text) + folded
 
 
 def formulas_in(docstring: str) -> list[str]:

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 import casadi as ca
 
 from backsight.description import Count, Description
+from backsight.errors import TuningError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,13 +31,16 @@ class Tableau:
         return tuple(sum(row) for row in self.a)
 
 
-Scheme: TypeAlias = Literal["euler", "heun", "rk4", "dopri5"]
+RungeKutta: TypeAlias = Literal["euler", "heun", "rk4", "dopri5"]
 """Runge-Kutta methods, by their names in `TABLEAUS`."""
+
+Scheme: TypeAlias = Literal["auto", "exact", "euler", "heun", "rk4", "dopri5"]
+"""The methods, the matrix exponential, and what fits the model, see `backsight.discrete.steps`."""
 
 Hold: TypeAlias = Literal["zoh", "foh"]
 """Between the samples: held, or a ramp to the next one."""
 
-TABLEAUS: dict[Scheme, Tableau] = {
+TABLEAUS: dict[RungeKutta, Tableau] = {
     "euler": Tableau(a=((),), b=(1.0,), order=1),
     "heun": Tableau(a=((), (1.0,)), b=(0.5, 0.5), order=2),
     "rk4": Tableau(
@@ -63,24 +67,43 @@ TABLEAUS: dict[Scheme, Tableau] = {
 class Integrator(Description):
     """How a continuous-time model is carried over one sampling period.
 
+    Left to itself it chooses when it meets the model, see `backsight.discrete.steps.choose`: the
+    matrix exponential where the model is linear between the samples, else the cheaper one of
+    ``rk4`` and ``dopri5`` with as many steps as the modes of the model need.
+
     Parameters
     ----------
-    scheme : {"euler", "heun", "rk4", "dopri5"}
-        Runge-Kutta method.
-    substeps : int
-        Equal steps per sampling period.
+    scheme : {"auto", "exact", "euler", "heun", "rk4", "dopri5"}
+        Runge-Kutta method, or ``exact``, the matrix exponential, for linear models. ``auto`` with
+        given `substeps` is ``rk4``.
+    substeps : int or "auto"
+        Equal steps per sampling period; ``auto``: as many as are needed.
     hold : {"zoh", "foh"}
         Input between samples: held, or interpolated linearly to the next sample.
 
     Raises
     ------
     TuningError
-        If the scheme or hold is unknown or `substeps` is not a positive whole number.
+        If the scheme or hold is unknown or `substeps` is neither a positive whole number nor
+        "auto".
     """
 
-    scheme: Scheme = "rk4"
-    substeps: Count = 1
+    scheme: Scheme = "auto"
+    substeps: Count | Literal["auto"] = "auto"
     hold: Hold = "zoh"
+
+    @property
+    def steps(self) -> int:
+        """Steps per sampling period of a choice that has been made.
+
+        Raises
+        ------
+        TuningError
+            If it has not.
+        """
+        if self.substeps == "auto":
+            raise TuningError("the sub-steps are 'auto': they are known with a model only")
+        return int(self.substeps)
 
     def substep(
         self,
@@ -91,7 +114,15 @@ class Integrator(Description):
         ub: ca.SX,
         h: float | ca.SX,
     ) -> ca.SX:
-        """Advance x' = rhs(x, u) by one sub-step of length h; u goes from `ua` to `ub`."""
+        """Advance x' = rhs(x, u) by one sub-step of length h; u goes from `ua` to `ub`.
+
+        Raises
+        ------
+        TuningError
+            If the scheme is no Runge-Kutta method; see `backsight.discrete.steps.advanced`.
+        """
+        if self.scheme in ("auto", "exact"):
+            raise TuningError(f"scheme '{self.scheme}' is no Runge-Kutta method")
         tableau = TABLEAUS[self.scheme]
         slopes: list[ca.SX] = []
         for row, c in zip(tableau.a, tableau.c, strict=True):

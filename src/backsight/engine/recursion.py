@@ -1,5 +1,7 @@
 """A recursion: one pure function of fixed size that is applied to sample after sample."""
 
+from __future__ import annotations
+
 import dataclasses
 
 import casadi as ca
@@ -7,6 +9,8 @@ import numpy as np
 
 from backsight.algebra.symmetric import side
 from backsight.description import Description, Whole
+from backsight.engine.loops import iterate
+from backsight.schema import Status
 from backsight.types import Array
 
 
@@ -77,6 +81,29 @@ class Recursion:
     least_samples: int = 1
     lag: int = 0
     innovation: ca.Function | None = None
+
+    def restarting(self) -> Recursion:
+        """The same, but after a sample that leaves no finite memory it starts anew from `carry0`.
+
+        The status of that sample says *not finite*, even if only what it predicts is not.
+        """
+        symbols = [ca.MX.sym(f"i{k}", self.step.numel_in(k)) for k in range(self.step.n_in())]
+        after, *outputs = self.step.call(symbols, True, False)
+        memory, status = ca.SX.sym("memory", len(self.carry0)), ca.SX.sym("status")
+        # NaN is not below infinity either.
+        gone = ca.logic_not(ca.sum1(ca.fabs(memory)) < np.inf)
+        bit = int(Status.NOT_FINITE)
+        half = ca.floor(status / bit)
+        told = half - 2 * ca.floor(half / 2)  # 1 if the bit is set already
+        judge = ca.Function("lost", [memory, status], [gone, status + bit * gone * (1 - told)])
+        where = [c.name for c in self.channels].index("status")
+        lost, outputs[where] = judge(after, outputs[where])
+        size = len(self.carry0)
+        go, old, fresh = (ca.MX.sym(n, k) for n, k in (("go", 1), ("old", size), ("fresh", size)))
+        anew = ca.Function("anew", [go, old, fresh], [ca.MX(0), fresh])
+        _, kept = iterate(anew, 1, carry=[lost, after], constants=[ca.MX(self.carry0)])
+        step = ca.Function(self.name, symbols, [kept, *outputs])
+        return dataclasses.replace(self, step=step)
 
     @property
     def name(self) -> str:

@@ -3,6 +3,7 @@
 import inspect
 
 from backsight.errors import TuningError
+from backsight.estimators._yardstick import yardstick as yardstick
 from backsight.estimators.base import AbstractEstimator as AbstractEstimator
 from backsight.estimators.cs_mhe import CompressiveSensingMHE as CompressiveSensingMHE
 from backsight.estimators.joint_input import JointInput as JointInput

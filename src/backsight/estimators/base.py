@@ -11,14 +11,19 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech, vech
+from backsight.discrete.modes import modes_at, modes_over
+from backsight.discrete.noise import discretise_noise
+from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.steps import choose, complaint
 from backsight.engine.recursion import Channel
 from backsight.errors import BacksightError, TuningError
-from backsight.estimators.compiling import Compilable
+from backsight.estimators._compiling import Compilable
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
 from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal
+from backsight.schema import Innovations
 from backsight.types import Array
 
 
@@ -33,6 +38,14 @@ class AbstractEstimator(Compilable, abc.ABC):
         super().__post_init__()
         if self.kernels:
             library.path()  # raises where the kernels are not compiled
+
+    @property
+    def innovations(self) -> Innovations:
+        """What its innovations are if model and noise are right, see `schema.Innovations`.
+
+        Those of any gain but the Kalman filter's follow from each other.
+        """
+        return "coloured"
 
     @property
     def horizon(self) -> int:
@@ -59,6 +72,9 @@ class AbstractEstimator(Compilable, abc.ABC):
         raise TuningError(f"{self.title} has no window to look at; use MHE")
 
 
+EXACT = Integrator("exact", 1)
+"""For discrete models, and linear ones that are made discrete."""
+
 WALK_SAMPLES = 100
 """Samples of random walk that count for the size of a state without a scale."""
 
@@ -73,8 +89,12 @@ class Setting:
         Scaled.
     dt : float
         Sampling period [s].
-    x0, P0, Q, R : arrays
-        Scaled; `Q` is a spectral density if the model is continuous, else per sample.
+    x0, P0, Q, Qc, R : arrays
+        Scaled; `Q` is added per sample, `Qc` is a spectral density, zero for discrete models.
+    integrator : Integrator
+        With nothing left open, see `backsight.discrete.steps.choose`.
+    coarse : bool
+        Whether it is too coarse for the model at the prior's mean.
     sx, su, sy : arrays
         Scales of states, inputs, outputs.
     """
@@ -84,7 +104,10 @@ class Setting:
     x0: Array
     P0: Array
     Q: Array
+    Qc: Array
     R: Array
+    integrator: Integrator
+    coarse: bool
     sx: Array
     su: Array
     sy: Array
@@ -111,16 +134,39 @@ class Setting:
         results = [scaled_u(data[0]), scaled_y(data[1]), data[2]]
         return ca.Function("enter", data, results, {"always_inline": True})
 
+    def sampled(self) -> Setting:
+        """The same with all process noise as a covariance per sample.
+
+        That of `Qc` is Van Loan's integral for the model linearised at the prior's mean; where it
+        has no derivative there, ``Qc * dt``.
+        """
+        if not self.Qc.any():
+            return self
+        x, u = ca.SX.sym("x", self.model.nx), ca.SX.sym("u", self.model.nu)
+        rates = ca.densify(ca.jacobian(self.model.rhs(x, u), x))
+        A = np.array(ca.Function("A", [x, u], [rates])(self.x0, np.zeros(self.model.nu)))
+        if not np.isfinite(A).all():
+            A = np.zeros_like(A)
+        added = discretise_noise(A, self.Qc, dt=self.dt)[1]
+        return dataclasses.replace(self, Q=self.Q + added, Qc=np.zeros_like(self.Qc))
+
     def physical(self, x: ca.SX, vP: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Physical state (nx,) and lower triangle of its covariance, of scaled ones."""
         return ca.SX(self.sx) * x, vech(unvech(vP) * ca.SX(np.outer(self.sx, self.sx)))
 
 
-def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
+def setting(
+    model: Model,
+    dt: float,
+    *,
+    noise: Noise,
+    prior: Prior,
+    integrator: Integrator | None = None,
+) -> Setting:
     """Check noise and prior against the model, all messages at once, and scale everything.
 
     A state without a `Signal.scale` is scaled by the size of its prior and of its random walk, an
-    output by its noise.
+    output by its noise. The integrator settles what it leaves open.
 
     Raises
     ------
@@ -134,7 +180,8 @@ def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
     for name, read in {
         "x0": lambda: prior.mean(model),
         "P0": lambda: prior.covariance(model),
-        "Q": lambda: noise.process(model, dt),
+        "Q": lambda: noise.process(model),
+        "Qc": lambda: noise.density(model),
         "R": lambda: noise.measurement(model),
     }.items():
         try:
@@ -143,7 +190,12 @@ def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
             problems.append(str(error))
     if problems:
         raise TuningError("; ".join(problems))
-    walk = np.diag(found["Q"]) * (dt if model.continuous else 1.0)
+    x0, P0 = found["x0"], found["P0"]
+    chosen = EXACT
+    if integrator is not None:
+        over = np.sqrt(np.diag(P0))
+        chosen = choose(integrator, model, lambda: modes_over(model, x0, over), dt=dt)
+    walk = np.diag(found["Q"]) + dt * np.diag(found["Qc"])
     spread = np.sqrt(np.diag(found["P0"]) + WALK_SAMPLES * walk)
     typical = np.maximum(np.abs(found["x0"]), spread)
     sized = dataclasses.replace(
@@ -151,6 +203,7 @@ def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
         states=_with_scales(model.states, typical),
         outputs=_with_scales(model.outputs, np.sqrt(np.diag(found["R"]))),
     )
+    still = np.zeros((1, model.nu))
     sx, su, sy = (
         np.array([s.scale or 1.0 for s in group])
         for group in (sized.states, sized.inputs, sized.outputs)
@@ -161,7 +214,11 @@ def setting(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Setting:
         x0=found["x0"] / sx,
         P0=found["P0"] / np.outer(sx, sx),
         Q=found["Q"] / np.outer(sx, sx),
+        Qc=found["Qc"] / np.outer(sx, sx),
         R=found["R"] / np.outer(sy, sy),
+        integrator=chosen,
+        coarse=model.continuous
+        and bool(complaint(chosen, lambda: modes_at(model, x0[None], still), dt=dt)),
         sx=sx,
         su=su,
         sy=sy,

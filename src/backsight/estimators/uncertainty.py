@@ -18,6 +18,9 @@ from backsight.types import Array, ByName
 class Noise(Description):
     """Process noise and measurement noise, physical units.
 
+    `sigma_w` and `Q` are what is added once per sample, to continuous models as to discrete ones.
+    `Qc` is noise that acts all the time; what it adds in a sampling period follows from the model.
+
     Parameters
     ----------
     sigma_y : dict, sequence or number
@@ -71,7 +74,7 @@ class Noise(Description):
 
     @property
     def beyond_additive(self) -> tuple[str, ...]:
-        """Names of the fields that make noise states, see `backsight.estimators.noise_states`."""
+        """Names of the fields that make noise states, see `backsight.estimators._noise_states`."""
         return tuple(n for n in ("sigma_u", "sigma_p", "cross") if getattr(self, n) is not None)
 
     def of_inputs(self, model: Model) -> Array:
@@ -91,10 +94,7 @@ class Noise(Description):
                 f"{', '.join(self.beyond_additive)} goes with process noise per sample: give "
                 "sigma_w or Q instead of Qc"
             )
-        if self.Q is not None:
-            return covariance(self.Q, model.states, what="Q", singular=True)
-        given = {} if self.sigma_w is None else self.sigma_w
-        return _diagonal(given, model.states, what="sigma_w", missing=0.0)
+        return self.process(model)
 
     def measurement(self, model: Model) -> Array:
         """R, (ny, ny), checked against the model."""
@@ -102,17 +102,20 @@ class Noise(Description):
             return _diagonal(self.sigma_y, model.outputs, what="sigma_y", missing=None)
         return covariance(self.R, model.outputs, what="R", singular=False)
 
-    def process(self, model: Model, dt: float) -> Array:
-        """Spectral density of a continuous-time model, else covariance per sample, (nx, nx)."""
-        per_sample = dt if model.continuous else 1.0
-        if self.Qc is not None:
-            if not model.continuous:
-                raise TuningError("Qc is a spectral density; a discrete-time model needs Q")
-            return covariance(self.Qc, model.states, what="Qc", singular=True)
+    def process(self, model: Model) -> Array:
+        """Covariance that is added per sample, (nx, nx); zero if `Qc` is given."""
         if self.Q is not None:
-            return covariance(self.Q, model.states, what="Q", singular=True) / per_sample
+            return covariance(self.Q, model.states, what="Q", singular=True)
         given = {} if self.sigma_w is None else self.sigma_w
-        return _diagonal(given, model.states, what="sigma_w", missing=0.0) / per_sample
+        return _diagonal(given, model.states, what="sigma_w", missing=0.0)
+
+    def density(self, model: Model) -> Array:
+        """Spectral density of a continuous-time model, (nx, nx); zero unless `Qc` is given."""
+        if self.Qc is None:
+            return np.zeros((model.nx, model.nx))
+        if not model.continuous:
+            raise TuningError("Qc is a spectral density; a discrete-time model needs Q")
+        return covariance(self.Qc, model.states, what="Qc", singular=True)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -48,6 +48,7 @@ def export_c(
     *,
     name: str = "estimator",
     precision: Literal["double", "float"] = "double",
+    restart: bool = False,
     force: bool = False,
 ) -> Path:
     """Write ``name.c``, ``name.h``, a self-test, a Makefile and a README.
@@ -69,6 +70,9 @@ def export_c(
     precision : {"double", "float"}
         Type of all numbers. In ``float`` an estimator with a wide range of covariances may lose
         accuracy; the self-test says how much.
+    restart : bool
+        After a sample whose estimate is not finite start anew from the prior; the status of that
+        sample says so.
     force : bool
         Replace files of the same names in the folder that are not from an earlier export.
 
@@ -93,6 +97,7 @@ def export_c(
         raise EngineError(f"'{name}' is the name of a file of the export: choose another one")
     kind = Precision(precision)
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
+    recursion = recursion.restarting() if restart else recursion
     program = walk(recursion.step)
     source = c99.write_c99(
         program,

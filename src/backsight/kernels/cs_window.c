@@ -23,7 +23,7 @@
 enum {
     RES_ALPHA, RES_EXTRA, RES_VARIANCE, RES_X, RES_COVARIANCE, RES_FORCES, RES_INFO
 };
-enum { OPTION_THRESHOLD, OPTION_TOLERANCE, OPTION_LAG };
+enum { OPTION_THRESHOLD, OPTION_TOLERANCE, OPTION_LAG, OPTION_REFIT };
 
 /* Covariances P of the states in the rows of the tables from `from` on, given X, and for each
    active atom its effect and its w, `each` and `apart` numbers from those of the next one. */
@@ -112,43 +112,49 @@ static void cs_window_variances(const cs_window_sizes *z, const cs_window_active
         }
 }
 
-/* Forces over the step `at`: above the threshold and corrected, as they are, and their variance. */
-static void cs_window_forces(const cs_window_sizes *z, const cs_window_active *A, const real *Psi,
-                             const real *alpha, const real *extra, real threshold, int at,
-                             real *forces)
+/* Forces over the step `at`: of the atoms above the threshold, corrected, and as they are; given the
+   factors of the atoms, and those that the threshold judges. */
+static void cs_window_forces(const cs_window_sizes *z, const real *Psi, const real *factor_of,
+                             const real *judged, real threshold, int at, real *forces)
 {
     const int nf = z->forces;
     real kept = 0, lost = 0, factor = 1;
     for (int i = 0; i < z->n && z->correction; ++i) {
-        const real size = real_fabs(alpha[i] + extra[i]);
-        const real part = z->correction == 2 ? size * size : size;
-        if (size >= threshold) kept += part; else lost += part;
+        const real size = real_fabs(factor_of[i]), part = z->correction == 2 ? size * size : size;
+        if (real_fabs(judged[i]) >= threshold) kept += part; else lost += part;
     }
     if (z->correction && kept > 0) factor = 1 + lost / kept;
     if (z->correction == 2) factor = real_sqrt(factor);
-    for (int i = 0; i < 3 * nf; ++i) forces[i] = 0;
+    for (int i = 0; i < 2 * nf; ++i) forces[i] = 0;
     for (int since = 0; since < z->width; ++since) {
         const int j = at - since;
         if (j < 0 || j >= z->steps) continue;
         for (int a = 0; a < z->atoms; ++a) {
-            const real total = alpha[a + j * z->atoms] + extra[a + j * z->atoms];
+            const real total = factor_of[a + j * z->atoms];
             const real *shape = Psi + (a * z->width + since) * nf;
             if (total == 0) continue;
-            if (real_fabs(total) >= threshold) cs_window_add(forces, factor * total, shape, nf);
+            if (real_fabs(judged[a + j * z->atoms]) >= threshold)
+                cs_window_add(forces, factor * total, shape, nf);
             cs_window_add(forces + nf, total, shape, nf);
         }
     }
-    for (int f = 0; f < nf; ++f) {
+}
+
+/* Variances of the forces over the step `at`. */
+static void cs_window_spread(const cs_window_sizes *z, const cs_window_active *A, const real *Psi,
+                             int at, real *variance)
+{
+    for (int f = 0; f < z->forces; ++f) {
         real *v = A->goal + A->nx;
         int first = A->count;
         for (int i = A->count - 1; i >= 0; --i) {
             const int since = at * z->p - A->start[i];
             const int acts = since >= 0 && since < z->width * z->p;
-            v[i] = acts ? Psi[f + (A->which[i] * z->width + since / z->p) * nf] : 0;
+            v[i] = acts ? Psi[f + (A->which[i] * z->width + since / z->p) * z->forces] : 0;
             if (v[i] != 0) first = i;
         }
         cs_window_forward(A->L, A->stride, A->goal, A->nx + first, A->nx + A->count);
-        forces[2 * nf + f] = cs_window_dot(v + first, v + first, A->count - first);
+        variance[f] = cs_window_dot(v + first, v + first, A->count - first);
     }
 }
 
@@ -159,7 +165,7 @@ KERNEL void cs_window_work(const int *sizes, long *reals, long *ints)
     const long filtered = cs_window_tables_size(nx, z.p, z.ny, 1) + nx * nx + 3 * nx + z.p
                           + (3 * nx + z.p) * most;
     const long covariances = PLACES * nx * (nx + most), inverse = most * most;
-    *reals = cs_window_active_size(&z) + nx * nx + rows + 2 * m + 2 * z.n + d + 2 * nx
+    *reals = cs_window_active_size(&z) + nx * nx + rows + 2 * m + 4 * z.n + d + z.forces + 2 * nx
              + cs_window_tables_size(nx, d, m, PLACES) + filtered + covariances + inverse
              + 3 * nx * nx + nx;
     *ints = 3 * z.most + z.n;
@@ -226,12 +232,30 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
     cs_window_explain(&tab, &A, v, x0, from, rows - from, x + own * nx);
     cs_window_covariances(&tab, &A, from, X, A.effect, rows, A.L + nx * A.stride, A.stride,
                           P + own * nx * nx, rest);
-    cs_window_forces(&z, &A, arg[ARG_PSI], res[RES_ALPHA], res[RES_EXTRA],
-                     options[OPTION_THRESHOLD], at[AT_OUTPUT], res[RES_FORCES]);
+    info[1] = cs_window_kkt(&z, &prior, &A, g, shut, rest);
+    const int shown = at[AT_OUTPUT];
+    const real threshold = options[OPTION_THRESHOLD];
+    real *forces = res[RES_FORCES], *spread = forces + 2 * z.forces, *found = rest;
+    for (int i = 0; i < z.n; ++i) found[i] = res[RES_ALPHA][i] + res[RES_EXTRA][i];
+    cs_window_forces(&z, arg[ARG_PSI], found, found, threshold, shown, forces);
+    cs_window_spread(&z, &A, arg[ARG_PSI], shown, spread);
+    if (options[OPTION_REFIT] != 0) { /* what is shown; the next window starts from the optimum */
+        real *fitted = found + z.n, *biased = fitted + z.n;
+        for (int f = 0; f < z.forces; ++f) biased[f] = forces[z.forces + f];
+        cs_window_refit(&z, &tab, &prior, &A);
+        for (int i = 0; i < z.n; ++i) fitted[i] = 0;
+        for (int i = 0; i < A.count; ++i) fitted[A.column[i] % z.n] += A.a[i];
+        cs_window_forces(&z, arg[ARG_PSI], fitted, found, threshold, shown, forces);
+        cs_window_alternatives(&z, &tab, &prior, &A, v, g, shut);
+        cs_window_spread(&z, &A, arg[ARG_PSI], shown, spread);
+        for (int f = 0; f < z.forces; ++f) { /* the l1 norm could hide as much */
+            const real bias = forces[z.forces + f] - biased[f];
+            spread[f] += bias * bias;
+        }
+    }
     int nonzeros = 0;
     for (int i = 0; i < z.n; ++i) nonzeros += res[RES_ALPHA][i] + res[RES_EXTRA][i] != 0;
     info[0] = (real)(room ? status : NOT_CONVERGED);
-    info[1] = cs_window_kkt(&z, &prior, &A, g, shut, rest);
     info[2] = (real)steps;
     info[3] = (real)nonzeros;
     info[4] = strongest;

@@ -144,6 +144,48 @@ static int cs_window_search(const cs_window_sizes *z, const cs_window_tables *ta
     return NOT_CONVERGED;
 }
 
+/* The active atoms without the l1 norm: least squares where the others stay zero. An atom of a known
+   sign that would pass zero is left out. */
+static void cs_window_refit(const cs_window_sizes *z, const cs_window_tables *tab,
+                            const cs_window_prior *prior, cs_window_active *A)
+{
+    const int nx = A->nx;
+    real *pull = A->row; /* half the weights of the l1 norm, L^-1 times them is in the right side */
+    for (int i = 0; i < nx; ++i) pull[i] = 0;
+    for (int k = 0; k < A->count; ++k)
+        pull[nx + k] = cs_window_half(z, prior, A->column[k], A->sign[k]);
+    cs_window_forward(A->L, A->stride, pull, nx, nx + A->count);
+    for (int k = nx; k < nx + A->count; ++k) A->right[k] += pull[k];
+    for (int at = 0; at >= 0;) {
+        real first = 1;
+        cs_window_minimise(A);
+        at = -1;
+        for (int k = 0; k < A->count; ++k) {
+            const int column = A->column[k];
+            const real side = column < z->n ? prior->side[column] : 0, goal = A->goal[nx + k];
+            if (!(side * goal < 0)) continue;
+            const real length = A->a[k] / (A->a[k] - goal);
+            if (at < 0 || length < first) { first = length; at = k; }
+        }
+        for (int k = 0; k < A->count; ++k) A->a[k] += first * (A->goal[nx + k] - A->a[k]);
+        if (at >= 0) cs_window_remove(tab, A, at);
+    }
+}
+
+/* Append the atoms that could nearly as well have been chosen: given the data, those whose gradient
+   reaches half its bound. What they share with the chosen ones is then not certain. */
+static void cs_window_alternatives(const cs_window_sizes *z, const cs_window_tables *tab,
+                                   const cs_window_prior *prior, cs_window_active *A,
+                                   const real *v, const real *g, const int *active)
+{
+    for (int i = 0; i < z->n; ++i) {
+        const real slope = 2 * (g[i] + prior->q[i] * prior->c[i]), side = prior->side[i];
+        const real size = side == 0 ? real_fabs(slope) : side * slope;
+        if (!active[i] && size >= prior->lam[i] / 2)
+            cs_window_append(z, tab, prior, A, v, i, 0, slope > 0 ? 1 : -1);
+    }
+}
+
 /* Largest violation of the optimality conditions; w takes n numbers. */
 static real cs_window_kkt(const cs_window_sizes *z, const cs_window_prior *prior,
                           const cs_window_active *A, const real *g, int *shut, real *w)

@@ -8,6 +8,27 @@ import numpy as np
 from backsight.errors import ModelError
 from backsight.models._monomials import Monomial, show, terms
 from backsight.models.model import Model
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Coordinates:
+    """A chain in other coordinates than the states of the model.
+
+    Parameters
+    ----------
+    chain, states : casadi.Function
+        States x (n,) to chain z (n,), and back.
+    slope : casadi.Function
+        ``x -> (n, n)``, the derivative of z by x.
+    linear : bool
+        Whether it is the same everywhere.
+    """
+
+    chain: ca.Function
+    states: ca.Function
+    slope: ca.Function
+    linear: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +59,8 @@ class AffineForm:
         Parameters to theta.
     physical : casadi.Function
         Theta to parameters.
+    coordinates : Coordinates, optional
+        If the chain is not made of the model's states, see `observer_form`.
 
     Source: Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter
     estimation: a comparison to extended and unscented Kalman filter", eq. 4-7; Besançon (ed.),
@@ -53,6 +76,7 @@ class AffineForm:
     psi: ca.Function
     theta: ca.Function
     physical: ca.Function
+    coordinates: Coordinates | None = None
 
     @property
     def nu(self) -> int:
@@ -63,6 +87,14 @@ class AffineForm:
     def p(self) -> int:
         """Number of combinations."""
         return len(self.combinations)
+
+    def chain(self, x: Array) -> Array:
+        """States of the model (..., n) as the chain."""
+        if self.coordinates is None:
+            return x
+        points = np.reshape(x, (-1, self.n)).T
+        z = self.coordinates.chain.map(points.shape[1])(points)
+        return np.asarray(z).T.reshape(x.shape)
 
     def rhs(self, x: ca.SX, theta: ca.SX, u: ca.SX) -> ca.SX:
         """Time derivative of the chain (n,), eq. 6."""
@@ -123,6 +155,20 @@ def affine_form(model: Model) -> AffineForm:
         theta=ca.Function("theta", [vector], [_products(vector, np.array(monomials))]),
         physical=ca.Function("physical", [theta], [_products(theta, inverse)]),
     )
+
+
+def is_chain(model: Model) -> bool:
+    """Whether the output is the first state and the moving states are a chain behind it."""
+    z, u = ca.SX.sym("z", model.nx), ca.SX.sym("u", model.nu)
+    n, names = len(moving_states(model)), [s.name for s in model.states]
+    x, p = z[:n], ca.vertsplit(z[n:]) if model.nx > n else []
+    rhs = ca.densify(model.rhs(z, u))
+    try:
+        for i in range(n - 1):
+            _chain_row(rhs, x, i, names, p)
+    except ModelError:
+        return False
+    return ca.is_equal(model.output(z, u), z[0], 3)
 
 
 def moving_states(model: Model) -> list[int]:

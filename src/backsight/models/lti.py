@@ -116,6 +116,28 @@ def state_space(model: Model) -> tuple[Array, Array, Array, Array]:
     return F[:, : model.nx], F[:, model.nx :], H[:, : model.nx], H[:, model.nx :]
 
 
+def state_equation(model: Model) -> tuple[Array, Array, Array] | None:
+    """Matrices A (nx, nx), B (nx, nu) and constants c (nx,) of the rates A x + B u + c.
+
+    The parameters are taken at their values. None if a rate is not linear in states and inputs, or
+    an entry is not finite.
+    """
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    z = ca.vertcat(x, u)
+    f = ca.densify(ca.SX(model.rhs(x, u)))
+    if any(ca.which_depends(f, z, 2, True)) or not _operations(f, z) <= _LINEAR_OPERATIONS:
+        return None
+    parts = [ca.densify(ca.jacobian(f, x)), ca.densify(ca.jacobian(f, u)), f]
+    A, B, c = (np.array(m) for m in ca.Function("rates", [z], parts).call([np.zeros(z.numel())]))
+    finite = all(np.isfinite(m).all() for m in (A, B, c))
+    return (A, B.reshape(model.nx, model.nu), c.ravel()) if finite else None
+
+
+def _operations(rows: ca.SX, z: ca.SX) -> set[int]:
+    function = ca.Function("rows", [z], [rows])
+    return {function.instruction_id(k) for k in range(function.n_instructions())}
+
+
 def _finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning: str) -> Array:
     try:
         matrix = np.asarray(given, float)
@@ -135,13 +157,11 @@ def _nonlinear(rows: ca.SX, z: ca.SX, labels: Iterable[str]) -> list[str]:
     found = []
     bent = ca.which_depends(rows, z, 2, True)
     for i, label in enumerate(labels):
-        row = ca.Function("row", [z], [rows[i]])
-        operations = {row.instruction_id(k) for k in range(row.n_instructions())}
         # A step such as sign(v) has a zero derivative, so the Jacobian alone would not show it.
-        if bent[i] or not operations <= _LINEAR_OPERATIONS:
+        if bent[i] or not _operations(rows[i], z) <= _LINEAR_OPERATIONS:
             found.append(f"{label} is nonlinear")
             continue
-        constant = float(row(np.zeros(z.numel())))
+        constant = float(ca.Function("row", [z], [rows[i]])(np.zeros(z.numel())))
         if constant != 0:
             found.append(f"{label} has the constant term {constant:g}; make it an input")
     return found

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from backsight.description import Positive, equations, fault, preformatted, tree
+from backsight.description import Positive, equations_of, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
 from backsight.models._latex import latex
 from backsight.models.signals import Named, Signal, signals
@@ -172,7 +172,7 @@ class Model:
         return tree(f"{self.name} ({kind})", [row for row in rows if row[1]])
 
     def _repr_html_(self) -> str:
-        return preformatted(str(self)) + equations(latex(self))
+        return preformatted(str(self)) + equations_of(latex(self))
 
     def _trace(self, given: Equations, name: str, of: tuple[Signal, ...]) -> ca.Function:
         x, u, p = (

@@ -46,6 +46,6 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     report = true                 # [whether to write the page]
 """
 
-from backsight.problem.loading import load as load
 from backsight.problem.problem import Problem as Problem
-from backsight.problem.running import execute as execute
+from backsight.problem.reading.loading import load as load
+from backsight.problem.running import run_problem as run_problem

@@ -9,8 +9,8 @@ from backsight.description import words
 from backsight.errors import PluginError
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.kernels import library
-from backsight.problem._kinds import ALL_KINDS
-from backsight.problem._settings import fields_of, parts_of, required
+from backsight.problem.reading.kinds import ALL_KINDS
+from backsight.problem.reading.settings import dataclasses_in, fields_of, required
 
 _TABLES = ("noise", "prior")
 """Fields that come from tables of their own."""
@@ -68,7 +68,9 @@ def _line(field: dataclasses.Field[Any]) -> str:
     if field.default_factory is not dataclasses.MISSING:
         return f"{field.name} = {_toml(field.default_factory())}"
     if field.default is None:
-        example = "".join(_toml(part()) for part in parts_of(field.type)[:1] if _complete(part))
+        example = "".join(
+            _toml(part()) for part in dataclasses_in(field.type)[:1] if _complete(part)
+        )
         return f"# {field.name} = {example or '...'}  # not used if not given"
     others = [f'"{word}"' for word in words(field.type) if word != field.default]
     also = f"  # or {', '.join(others)}" if others else ""

@@ -7,7 +7,7 @@ from pathlib import Path
 from backsight.description import Printed
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem._tables import RecordingTable
+from backsight.problem.reading.tables import RecordingTable
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,10 +12,10 @@ from backsight.analysis.comparison import ALIGNMENT, summary
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
-from backsight.problem._checking import at
 from backsight.problem.problem import Problem
+from backsight.problem.reading.checking import at
+from backsight.problem.recorded import recording_of
 from backsight.problem.seeing import doubts
-from backsight.problem.source import recording
 from backsight.report import report
 from backsight.run.compare import Comparison, compared
 from backsight.run.estimation import Task, failure, match, ready
@@ -23,7 +23,7 @@ from backsight.run.estimation import Task, failure, match, ready
 ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
 
 
-def execute(
+def run_problem(
     problem: Problem,
     out: str | os.PathLike[str],
     *,
@@ -69,7 +69,7 @@ def execute(
     """
     names = [ESTIMATES, SUMMARY, *([PAGE] if problem.report else [])]
     with whole(out, names=names, force=force) as folder:
-        data = recording(problem, outside=outside)
+        data = recording_of(problem, outside=outside)
         samples = data.sizes["time"]
         tasks = _ready(problem, data)
         for sentence in doubts(problem, data):

@@ -1,5 +1,7 @@
 """Whether the recording of a problem can show what its estimators are asked for."""
 
+import functools
+
 import xarray as xr
 
 from backsight.analysis.observability import (
@@ -7,6 +9,7 @@ from backsight.analysis.observability import (
     check_observability,
     check_observability_along,
 )
+from backsight.discrete.steps import complaint, told
 from backsight.errors import ModelError, TuningError
 from backsight.problem.problem import Problem
 from backsight.run.estimation import matched_inputs
@@ -50,8 +53,27 @@ def examine(problem: Problem, data: xr.Dataset) -> Observability:
 
 def doubts(problem: Problem, data: xr.Dataset) -> list[str]:
     """What to tell before a run; nothing if everything can be seen or the motion cannot be made."""
+    coarse = coarse_steps(problem, data)
     try:
         found = examine(problem, data)
     except ModelError:
-        return []
-    return [] if found.detectable else found.lines()
+        return coarse
+    return coarse if found.detectable else [*coarse, *found.lines()]
+
+
+def integration(problem: Problem, data: xr.Dataset) -> list[str]:
+    """How the estimators carry the model from sample to sample, a line each."""
+    dt, model = float(data.attrs["dt"]), problem.model
+    chosen = {name: e.chosen(model, dt) for name, e in problem.estimators.items()}
+    return [f"{name}: {told(c)}" for name, c in chosen.items() if c is not None]
+
+
+def coarse_steps(problem: Problem, data: xr.Dataset) -> list[str]:
+    """Integration steps that are too coarse somewhere in the range of the prior, a line each."""
+    dt, model, lines = float(data.attrs["dt"]), problem.model, []
+    for name, estimator in problem.estimators.items():
+        chosen = estimator.chosen(model, dt)
+        if chosen is not None:
+            modes = functools.partial(estimator.modes, model)
+            lines.append((name, complaint(chosen, modes, dt=dt)))
+    return [f"{name}: {sentence}" for name, sentence in lines if sentence]

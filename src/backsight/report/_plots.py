@@ -8,9 +8,9 @@ import numpy as np
 from backsight.analysis.comparison import failed
 from backsight.analysis.consistency import windowed_nis
 from backsight.analysis.outliers import taken
-from backsight.report._series import Plot, Series, quantity, signals
+from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
-from backsight.report._traces import Trace, band, bulk, limits, line, plain, view
+from backsight.report._traces import Trace, band_trace, bulk, limits, line_trace, literal_text, view
 from backsight.report.thin import Positions
 from backsight.schema import Status
 from backsight.types import Array
@@ -20,18 +20,18 @@ _NIS_WINDOWS = 200
 
 def output_plots(every: Sequence[Series]) -> list[Plot]:
     """Measured and estimated outputs with their residuals, one plot per output."""
-    return [_output(every, name, unit) for name, unit in signals(every, "output").items()]
+    return [_output(every, name, unit) for name, unit in signal_units(every, "output").items()]
 
 
 def input_plots(every: Sequence[Series]) -> list[Plot]:
     """Known inputs, one plot each."""
     plots = []
-    for name, unit in signals(every, "input").items():
+    for name, unit in signal_units(every, "input").items():
         first = next(s for s in every if s.has("input", name))
         values = first.signal("u", "input", name)
-        trace = line(first.time, values, name=name, colour="--measured", width=1.2)
+        trace = line_trace(first.time, values, name=name, colour="--measured", width=1.2)
         layout = {
-            "annotations": [heading(plain(quantity(name, unit)))],
+            "annotations": [heading(literal_text(quantity(name, unit)))],
             "yaxis": {"range": view([values], [])},
         }
         plots.append(Plot(f"input {name} over time", [trace], layout, height=190, wide=True))
@@ -42,14 +42,14 @@ def state_plots(every: Sequence[Series], reference: Mapping[str, float]) -> list
     """Every state and parameter with its 3-sigma bands, one plot each."""
     return [
         _state(every, name, unit, reference.get(name))
-        for name, unit in signals(every, "state").items()
+        for name, unit in signal_units(every, "state").items()
     ]
 
 
 def innovation_plots(every: Sequence[Series]) -> list[Plot]:
     """Innovations of every output and estimator within three standard deviations."""
     plots = []
-    for name, unit in signals(every, "output").items():
+    for name, unit in signal_units(every, "output").items():
         having = [s for s in every if s.has("output", name)]
         sound = [_innovation(s, name) for s in _sound(having)]
         span = view([bulk(e) for e, _ in sound], [b for _, bound in sound for b in (-bound, bound)])
@@ -68,7 +68,7 @@ def nis_plot(every: Sequence[Series]) -> Plot:
     interval = means[0][1]
     time = interval["time"].values
     lower, upper = interval["lower"].values, interval["upper"].values
-    traces = [band(time, lower, upper, colour="--neutral-band")]
+    traces = [band_trace(time, lower, upper, colour="--neutral-band")]
     traces += [_line(s, w["nis"].values, time=w["time"].values, width=1.4) for s, w in means]
     values = [np.log10(w["nis"].where(w["nis"] > 0).values) for _, w in means]
     span = view(values, [np.log10(lower[lower > 0]), np.log10(upper[upper > 0])])
@@ -91,7 +91,8 @@ def status_plots(every: Sequence[Series]) -> list[Plot]:
     if not rows:
         return []
     labels = [
-        heading(plain(f"{s.name}: {words(bit)}")) | {"yref": "y", "y": -i, "yshift": 8}
+        heading(literal_text(f"{s.name}: {status_in_words(bit)}"))
+        | {"yref": "y", "y": -i, "yshift": 8}
         for i, (s, bit, _) in enumerate(rows)
     ]
     traces = [_ticks(s, where, -i) for i, (s, _, where) in enumerate(rows)]
@@ -104,7 +105,7 @@ def status_plots(every: Sequence[Series]) -> list[Plot]:
     return [Plot("status over time", traces, layout, height=62 + 44 * len(rows), wide=True)]
 
 
-def words(bit: Status) -> str:
+def status_in_words(bit: Status) -> str:
     """Return the name of a status in words."""
     return str(bit.name).replace("_", " ").lower()
 
@@ -112,13 +113,13 @@ def words(bit: Status) -> str:
 def _output(every: Sequence[Series], name: str, unit: str) -> Plot:
     having = [s for s in every if s.has("output", name)]
     y = having[0].signal("y", "output", name)
-    traces = [line(having[0].time, y, name="measured", colour="--measured", width=4)]
+    traces = [line_trace(having[0].time, y, name="measured", colour="--measured", width=4)]
     traces += [_line(s, s.signal("y_hat", "output", name)) for s in having]
     traces += [_line(s, _residual(s, name), axis="y2", width=0.9) for s in having]
     sound = _sound(having)
     upper = view([y, *(s.signal("y_hat", "output", name) for s in sound)], [])
     lower = view([_residual(s, name) for s in sound], [])
-    title = plain(quantity(name, unit))
+    title = literal_text(quantity(name, unit))
     residual = heading(f"residual: measured − estimated {title}", y=0.30)
     layout = {
         "annotations": [heading(title), residual],
@@ -137,7 +138,8 @@ def _state(every: Sequence[Series], name: str, unit: str, reference: float | Non
     having = [s for s in every if s.has("state", name)]
     sound = _sound(having)
     traces = [
-        band(s.time, *_edges(s, name), colour=f"{s.colour}-band", group=s.group) for s in having
+        band_trace(s.time, *_edges(s, name), colour=f"{s.colour}-band", group=s.group)
+        for s in having
     ]
     traces += [
         _line(s, s.signal("x_hat", "state", name), std=s.signal("x_std", "state", name))
@@ -147,13 +149,15 @@ def _state(every: Sequence[Series], name: str, unit: str, reference: float | Non
     shapes = []
     if truth := next((s for s in having if "x_true" in s.result), None):
         x = truth.signal("x_true", "state", name)
-        traces.append(line(truth.time, x, name="truth", colour="--ink", width=1.2, dash="dash"))
+        traces.append(
+            line_trace(truth.time, x, name="truth", colour="--ink", width=1.2, dash="dash")
+        )
         shown.append(x)
     if reference is not None:
         shapes.append(_level(reference))
         shown.append(np.array([reference]))
     layout = {
-        "annotations": [heading(plain(quantity(name, unit)))],
+        "annotations": [heading(literal_text(quantity(name, unit)))],
         "yaxis": {"range": view(shown, [edge for s in sound for edge in _edges(s, name)])},
         "shapes": shapes,
     }
@@ -179,7 +183,7 @@ def _innovations(
     s: Series, name: str, unit: str, *, span: list[float] | None, wide: bool, first: bool
 ) -> Plot:
     e, bound = _innovation(s, name)
-    title = heading(plain(f"{_short(s.name)}: {quantity(name, unit)}"))
+    title = heading(literal_text(f"{_short(s.name)}: {quantity(name, unit)}"))
     return Plot(
         f"innovation of {name}, {s.name}",
         [_line(s, e, width=0.8), limits(s.time, bound, group=s.group)],
@@ -226,7 +230,7 @@ def _line(
     axis: str = "y",
 ) -> Trace:
     """One estimator's line; the first ones are thicker, to be seen where the later cover them."""
-    return line(
+    return line_trace(
         s.time if time is None else time,
         values,
         name=s.name,

@@ -79,7 +79,7 @@ def series(results: Mapping[str, xr.Dataset]) -> list[Series]:
     return [Series(name, result, i) for i, (name, result) in enumerate(results.items())]
 
 
-def signals(every: Sequence[Series], dim: str) -> dict[str, str]:
+def signal_units(every: Sequence[Series], dim: str) -> dict[str, str]:
     """Name and unit of all inputs, outputs or states (`dim`) that occur, in order."""
     found: dict[str, str] = {}
     for s in every:

@@ -23,12 +23,12 @@ def encoded(values: Array) -> dict[str, str]:
     return {"dtype": "f8", "bdata": base64.b64encode(raw).decode("ascii")}
 
 
-def plain(text: str) -> str:
+def literal_text(text: str) -> str:
     """Text that plotly.js shows as it is: it would read tags and templates in it."""
     return html.escape(text, quote=False).replace("%{", "%&#123;")
 
 
-def line(
+def line_trace(
     time: Array,
     values: Array,
     *,
@@ -45,7 +45,7 @@ def line(
     trace = {
         "type": "scatter",
         "mode": "lines" if len(kept) > _DOTTED else "lines+markers",
-        "name": plain(name),
+        "name": literal_text(name),
         "x": encoded(time[kept]),
         "y": encoded(values[kept]),
         "yaxis": axis,
@@ -76,7 +76,7 @@ def drawn(values: Array) -> Positions:
     return np.sort(np.concatenate([there[thin(values[there])], gaps]))
 
 
-def band(time: Array, lower: Array, upper: Array, *, colour: str, group: str = "") -> Trace:
+def band_trace(time: Array, lower: Array, upper: Array, *, colour: str, group: str = "") -> Trace:
     """A filled band, thinned to its envelope; limits that are not finite interrupt it."""
     kept, low, high = envelope(lower, upper)
     there = np.flatnonzero(np.isfinite(low) & np.isfinite(high))

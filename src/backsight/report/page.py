@@ -13,8 +13,8 @@ import xarray as xr
 from backsight.analysis.comparison import Row, ranked_table, verdicts
 from backsight.errors import DataError
 from backsight.output import write_whole
-from backsight.report import _tables as tables
-from backsight.report._forces import NOTE, force_maps, hit_tables
+from backsight.report import _html_tables as tables
+from backsight.report._hit_maps import NOTE, force_maps, hit_tables
 from backsight.report._plots import (
     innovation_plots,
     input_plots,
@@ -23,11 +23,11 @@ from backsight.report._plots import (
     state_plots,
     status_plots,
 )
-from backsight.report._series import Plot, Series, series, signals
+from backsight.report._series import Plot, Series, series, signal_units
 from backsight.report._theme import TEMPLATE
 from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
 from backsight.report.thin import POINTS, interval_length
-from backsight.rounding import whole
+from backsight.rounding import grouped
 
 
 def write_page(
@@ -70,8 +70,10 @@ def _sections(
     reference: Mapping[str, float],
     problem: str | Mapping[str, object] | None,
 ) -> list[Section]:
-    states, outputs = signals(every, "state"), signals(every, "output")
-    compared = tables.comparison(rows, every, outputs) + tables.final_values(rows, every, states)
+    states, outputs = signal_units(every, "state"), signal_units(every, "output")
+    compared = tables.comparison(rows, every, outputs) + tables.final_values_table(
+        rows, every, states
+    )
     happened = tables.status_list(rows)
     maps = force_maps(rows, every)
     found = [
@@ -150,7 +152,7 @@ def _key(stroke: str, text: str) -> str:
 
 def _facts(result: xr.Dataset) -> str:
     time = result["time"].values
-    facts = [f"{whole(len(time))} sample{'s' * (len(time) != 1)}"]
+    facts = [f"{grouped(len(time))} sample{'s' * (len(time) != 1)}"]
     if "dt" in result.attrs:
         facts[0] += f" every {1e3 * float(result.attrs['dt']):g} ms"
     if len(time) > 1:

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from backsight.analysis.comparison import Final, Row
-from backsight.rounding import percent, plus_minus, shortest, significant, whole
+from backsight.rounding import grouped, percent, plus_minus, shortest, significant
 from backsight.schema import Status
 
 MOST_OUTPUTS = 2
@@ -111,7 +111,7 @@ def _status(row: Row) -> str:
     if row.failed:
         return "diverged"
     found = [bit for bit in Status if bit and bit.name in row.status]
-    lines = [f"{_words(bit)} {whole(row.status[str(bit.name)])}×" for bit in found]
+    lines = [f"{_words(bit)} {grouped(row.status[str(bit.name)])}×" for bit in found]
     return "\n".join(lines) or "ok"
 
 

@@ -2,7 +2,7 @@
 
 from backsight.sparse._force_search import ForceSearch as ForceSearch
 from backsight.sparse._force_search import force_search as force_search
-from backsight.sparse._l1_path import Path as Path
+from backsight.sparse._l1_path import L1Path as L1Path
 from backsight.sparse._l1_path import l1_path as l1_path
 from backsight.sparse.regression import Fit as Fit
 from backsight.sparse.regression import refit as refit

@@ -32,7 +32,7 @@ A pulse that is the sum of shorter ones, with signs to match, reaches its limit 
 
 
 @dataclasses.dataclass(frozen=True)
-class Path:
+class L1Path:
     """The minimisers, linear between the kinks.
 
     Parameters
@@ -65,7 +65,7 @@ class Path:
 
 def l1_path(
     problem: Regression, least: float, *, weights: Array | None = None, most: int = 2000
-) -> Path:
+) -> L1Path:
     """Follow the minimisers from the largest weight with a solution other than zero down.
 
     Parameters
@@ -96,7 +96,7 @@ def l1_path(
     stacked = np.array(values)
     which = np.flatnonzero(stacked.any(axis=0))
     kkt = here.violation(values[-1], lams[-1]) / lams[-1]
-    return Path(np.array(lams), which, stacked[:, which], kkt, lam <= least)
+    return L1Path(np.array(lams), which, stacked[:, which], kkt, lam <= least)
 
 
 def _scattered(n: int) -> Array:

@@ -92,7 +92,7 @@ def refit(problem: Regression, which: Indices) -> Fit:
     """
     kept = _independent(problem, which)
     while True:
-        covariance = inverse(_gram(problem, kept))
+        covariance = inverted(_gram(problem, kept))
         values = covariance @ problem.correlation[kept]
         wrong = problem.side[kept] * values
         if not kept.size or wrong.min() >= 0:
@@ -102,7 +102,7 @@ def refit(problem: Regression, which: Indices) -> Fit:
     return Fit(kept, values, covariance, float(residual @ residual))
 
 
-def inverse(A: Array) -> Array:
+def inverted(A: Array) -> Array:
     """Inverse of a matrix that may be empty."""
     return np.asarray(np.linalg.inv(A), np.float64)
 
@@ -144,7 +144,7 @@ def beside(problem: Regression, chosen: Indices) -> tuple[Array, Array]:
     products = np.array([problem.products(int(i)) for i in chosen])
     factor = np.asarray(np.linalg.cholesky(products[:, chosen]), np.float64)
     both = np.column_stack([products, correlation[chosen]])
-    turned = np.einsum("ij,jn->in", inverse(factor), both)
+    turned = np.einsum("ij,jn->in", inverted(factor), both)
     seen = turned[:, :-1]
     left = squares - np.einsum("sn,sn->n", seen, seen)
     free = left > DEPENDENT * squares

@@ -13,7 +13,7 @@ from backsight.errors import DataError, TuningError
 from backsight.sparse._best_subset import best_subset
 from backsight.sparse._force_search import ForceSearch
 from backsight.sparse._l1_path import l1_path
-from backsight.sparse.regression import Fit, Indices, inverse, refit
+from backsight.sparse.regression import Fit, Indices, inverted, refit
 from backsight.types import Array
 
 ROUNDING = 1e-6
@@ -183,4 +183,4 @@ def _ended(search: ForceSearch, which: Indices, values: Array, *, again: bool) -
         return refit(search.regression, which)
     columns = search.regression.columns[:, which]
     residual = search.regression.target - columns @ values
-    return Fit(which, values, inverse(columns.T @ columns), float(residual @ residual))
+    return Fit(which, values, inverted(columns.T @ columns), float(residual @ residual))

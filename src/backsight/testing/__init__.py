@@ -17,6 +17,6 @@ from backsight.testing.problem import DT as DT
 from backsight.testing.problem import K_TRUE as K_TRUE
 from backsight.testing.problem import WALK as WALK
 from backsight.testing.problem import Data as Data
-from backsight.testing.problem import Problem as Problem
 from backsight.testing.problem import R as R
-from backsight.testing.problem import simulate as simulate
+from backsight.testing.problem import TrialProblem as TrialProblem
+from backsight.testing.problem import simulated as simulated

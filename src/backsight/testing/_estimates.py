@@ -13,7 +13,7 @@ from backsight.run.estimation import estimate
 from backsight.schema import Status, check_result
 from backsight.testing.case import Subject
 from backsight.testing.close import ContractError, assert_close, assert_same, require
-from backsight.testing.problem import DT, K_TRUE, Data, Problem, R
+from backsight.testing.problem import DT, K_TRUE, Data, R, TrialProblem
 
 
 def result_has_the_schema(on: Subject) -> None:
@@ -212,7 +212,7 @@ def breakdown_names_the_sample(on: Subject) -> None:
     assert_same(silent["x_hat"].values, result["x_hat"].values, "x_hat")  # type: ignore[index]
 
 
-def _overflowing(problem: Problem) -> Callable[[Any, Any, Any], list[Any]]:
+def _overflowing(problem: TrialProblem) -> Callable[[Any, Any, Any], list[Any]]:
     def f(x: Any, u: Any, p: Any) -> list[Any]:
         k = 120.0 if problem.k_known else x.k
         push = 1e4 * u.F if problem.exact else u.F**2

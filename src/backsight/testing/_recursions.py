@@ -25,7 +25,7 @@ def pure(on: Subject) -> None:
         assert_same(b, a, "the output of a second run")
 
 
-def sizes(on: Subject) -> None:
+def memory_sizes(on: Subject) -> None:
     """Carry and outputs have the sizes that the recursion and its channels say."""
     recursion, problem = on.recursion(), on.problem
     data = problem.simulate(7, seed=1, hold=on.hold, noisy=True)

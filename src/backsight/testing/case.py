@@ -10,9 +10,9 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import native, vm
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
-from backsight.testing.problem import DT, Problem
+from backsight.testing.problem import DT, TrialProblem
 
-Build: TypeAlias = Callable[[Problem, Integrator], AbstractEstimator]
+Build: TypeAlias = Callable[[TrialProblem, Integrator], AbstractEstimator]
 Engine: TypeAlias = Literal["vm", "native"]
 Hold: TypeAlias = Literal["zoh", "foh"]
 
@@ -44,9 +44,9 @@ class Case:
     exact: bool = False
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> TrialProblem:
         """What the estimator has to solve."""
-        return Problem(k_known=self.k_known, outputs=self.outputs, exact=self.exact)
+        return TrialProblem(k_known=self.k_known, outputs=self.outputs, exact=self.exact)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,11 +65,11 @@ class Subject:
     hold: Hold = "zoh"
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> TrialProblem:
         """What the estimator has to solve, in the original form."""
         return self.case.problem
 
-    def build(self, problem: Problem) -> AbstractEstimator:
+    def build(self, problem: TrialProblem) -> AbstractEstimator:
         """The estimator for a problem."""
         return self.case.build(problem, Integrator("rk4", 1, self.hold))
 

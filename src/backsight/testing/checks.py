@@ -54,7 +54,7 @@ class Check:
 
 CHECKS: tuple[Check, ...] = (
     Check(_recursions.pure),
-    Check(_recursions.sizes),
+    Check(_recursions.memory_sizes),
     Check(_recursions.engine_does_what_one_step_after_the_other_does),
     Check(_recursions.block_size_is_irrelevant),
     Check(_recursions.carry_is_all_the_memory),

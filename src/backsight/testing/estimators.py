@@ -9,7 +9,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.testing.case import Case, Engine, Hold, Subject
 from backsight.testing.checks import CHECKS, Check
 from backsight.testing.close import ContractError
-from backsight.testing.problem import Problem
+from backsight.testing.problem import TrialProblem
 
 
 def check_estimator(
@@ -119,7 +119,7 @@ def _described(estimator: type[AbstractEstimator] | AbstractEstimator) -> list[s
 
 
 def _made(
-    estimator: type[AbstractEstimator] | AbstractEstimator, on: Problem, integrator: Integrator
+    estimator: type[AbstractEstimator] | AbstractEstimator, on: TrialProblem, integrator: Integrator
 ) -> AbstractEstimator:
     fields = {f.name for f in dataclasses.fields(estimator)}
     given: dict[str, Any] = {"noise": on.noise, "prior": on.prior}

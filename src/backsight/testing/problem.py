@@ -38,7 +38,7 @@ R = np.array([[1e-4, 3e-4], [3e-4, 1e-2]])
 
 
 @dataclasses.dataclass(frozen=True)
-class Problem:
+class TrialProblem:
     """The oscillator in some units and with some internal scales.
 
     Parameters
@@ -113,7 +113,7 @@ class Problem:
 
     def simulate(self, n: int, *, seed: int, hold: str, noisy: bool) -> "Data":
         """A motion as the problem's sensors see it, in metres."""
-        return simulate(n, seed=seed, hold=hold, noisy=noisy, ny=self.ny, step=self.step)
+        return simulated(n, seed=seed, hold=hold, noisy=noisy, ny=self.ny, step=self.step)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Data:
         )
 
 
-def simulate(
+def simulated(
     n: int,
     *,
     seed: int,

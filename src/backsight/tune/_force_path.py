@@ -10,7 +10,7 @@ from backsight.errors import DataError, TuningError
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
 from backsight.models.model import Model
 from backsight.run.sparse_forces import prepared
-from backsight.sparse import ForceSearch, Path, l1_path
+from backsight.sparse import ForceSearch, L1Path, l1_path
 from backsight.types import Array
 
 ANY = 1.0
@@ -82,7 +82,7 @@ def unweighted(
     return prepared(plain, model, recording)
 
 
-def whole_path(search: ForceSearch, least: float) -> Path:
+def whole_path(search: ForceSearch, least: float) -> L1Path:
     """Path down to a share of its largest weight; raises `DataError` if nothing moves."""
     if not 0 < least < 1:
         raise TuningError(f"least is {least}; it is a share of the largest weight, from 0 to 1")

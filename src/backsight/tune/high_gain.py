@@ -13,8 +13,9 @@ from backsight.description import Positive, checked
 from backsight.discrete.runge_kutta import Hold
 from backsight.errors import DataError, TuningError
 from backsight.estimators.observers import gain_vector
-from backsight.models.affine import AffineForm, affine_form
+from backsight.models.affine import AffineForm
 from backsight.models.model import Model
+from backsight.models.observer_form import moving_first, observer_form
 from backsight.run.estimation import matched_inputs
 from backsight.types import Array
 
@@ -70,7 +71,7 @@ def propose_gamma(
     Returns
     -------
     (p, p) array
-        In the order of `affine_form(model).combinations`.
+        In the order of `observer_form(model).combinations`.
 
     Raises
     ------
@@ -81,7 +82,8 @@ def propose_gamma(
     DataError
         If the motion lacks a signal or is too short.
     """
-    form = affine_form(model)
+    model, _ = moving_first(model)
+    form = observer_form(model)
     theta = _nominal(model, form)
     x, u = trajectory(model, motion, form)
     psi = form.psi.map(len(x) - 1)
@@ -118,7 +120,8 @@ def propose_gain(model: Model, motion: xr.Dataset, *, factor: float = 2.5) -> fl
     TuningError
         If the motion is at rest.
     """
-    form = affine_form(model)
+    model, _ = moving_first(model)
+    form = observer_form(model)
     x, u = trajectory(model, motion, form)
     theta = _nominal(model, form)
     symbol, v = ca.SX.sym("x", form.n), ca.SX.sym("u", form.nu)
@@ -136,7 +139,7 @@ def propose_gain(model: Model, motion: xr.Dataset, *, factor: float = 2.5) -> fl
 
 
 def trajectory(model: Model, motion: xr.Dataset, form: AffineForm) -> tuple[Array, Array]:
-    """States of the chain (time, n) and inputs (time, nu) of a recording or result."""
+    """The chain (time, n) and inputs (time, nu) of a recording or result."""
     variable = next((v for v in ("x_true", "x_hat") if v in motion), None)
     if variable is None:
         raise DataError(
@@ -149,7 +152,7 @@ def trajectory(model: Model, motion: xr.Dataset, form: AffineForm) -> tuple[Arra
     x = motion[variable].sel(state=list(form.states)).values
     if not np.isfinite(x).all():
         raise DataError(f"the motion's '{variable}' is not finite at every sample")
-    return x, matched_inputs(model, motion)
+    return form.chain(x), matched_inputs(model, motion)
 
 
 def _nominal(model: Model, form: AffineForm) -> Array:

@@ -9,8 +9,8 @@ import xarray as xr
 from backsight.engine.loops import scan
 from backsight.errors import DataError, TuningError
 from backsight.estimators.observers import AHG, prediction_error
-from backsight.models.affine import affine_form
 from backsight.models.model import Model
+from backsight.models.observer_form import moving_first, observer_form
 from backsight.run.estimation import estimate, match
 from backsight.types import Array
 
@@ -91,21 +91,23 @@ def innovations(
         )
     fixed = dataclasses.replace(observer, adaptive=None)
     result = estimate(fixed, model, recording)
-    form = affine_form(model)
+    first_moving, order = moving_first(model)
+    form = observer_form(first_moving)
     count = min(MOST_WINDOWS, n - first - length)
     starts = np.unique(np.linspace(first, n - 1 - length, count).astype(int))
     u, y, mask = match(model, recording)
-    estimates = result["x_hat"].values[starts].T
-    theta = form.theta.map(len(starts))(estimates[form.n :])
+    estimates = result["x_hat"].values[starts][:, order]
+    theta = form.theta.map(len(starts))(estimates[:, form.n :].T)
+    chains = form.chain(estimates[:, : form.n]).T
 
     x, t = ca.MX.sym("x", form.n), ca.MX.sym("theta", form.p)
     U, Y, M = (ca.MX.sym(k, m, length + 1) for k, m in (("U", form.nu), ("Y", 1), ("M", 1)))
     (_, area), _ = scan(
-        prediction_error(form, observer.integrator, dt),
+        prediction_error(form, observer.chosen(model, dt), dt),
         length,
         carry=[x, ca.MX(0)],
         xs=[ca.repmat(t, 1, length), *(part for d in (U, Y, M) for part in (d[:, :-1], d[:, 1:]))],
     )
     measure = ca.Function("innovations", [x, t, U, Y, M], [area]).map(len(starts))
     cut = [np.hstack([d[k : k + length + 1].T for k in starts]) for d in (u, y, mask)]
-    return np.asarray(measure(estimates[: form.n], theta, *cut))[0]
+    return np.asarray(measure(chains, theta, *cut))[0]

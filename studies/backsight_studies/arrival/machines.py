@@ -24,9 +24,9 @@ from backsight.estimators.mhe import MHE
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.augment import augment
 from backsight.models.builtin import duffing
-from backsight.models.equations import from_equations
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.models.text.equations import from_equations
 from backsight.run.estimation import estimate
 from backsight.types import Array
 
@@ -259,7 +259,7 @@ DRIVE = Machine(
     starts=(0.5,),
     shown=25.0,
     build=_drive,
-    integrator=Integrator(),
+    integrator=Integrator("rk4", 1),
 )
 
 MACHINES = (SILVERBOX, DRIVE)

@@ -7,11 +7,11 @@ import numpy as np
 import xarray as xr
 
 from backsight.discrete.exact import zoh
-from backsight.models.beam import beam
 from backsight.models.lti import state_space
 from backsight.models.model import Model
-from backsight.models.unknown_forces import forces_as_inputs
-from backsight.run.simulation import measured
+from backsight.models.structures.beam import beam
+from backsight.models.structures.unknown_forces import forces_as_inputs
+from backsight.run.simulation import measured_recording
 from backsight.types import Array
 
 DT = 2.5e-3
@@ -112,7 +112,7 @@ def struck(d: Array, *, sigma: float = 0.0, seed: int = 0) -> xr.Dataset:
     x = np.zeros((len(d), len(A)))
     for k in range(len(d) - 1):
         x[k + 1] = A @ x[k] + B @ d[k]
-    return measured(
+    return measured_recording(
         model(THICKNESS[0.0]),
         dt=DT,
         u=np.zeros((len(d), 0)),

@@ -77,4 +77,5 @@ def estimator(
         arrival="smoothed",
         carryover=carryover,
         threshold=THRESHOLD,
+        bias="kept",
     )

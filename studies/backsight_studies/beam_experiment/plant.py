@@ -4,10 +4,10 @@ import numpy as np
 import xarray as xr
 
 from backsight.models.lti import state_space
-from backsight.models.modal import modal
 from backsight.models.model import Model
-from backsight.models.unknown_forces import forces_as_inputs
-from backsight.run.simulation import measured, simulate
+from backsight.models.structures.modal import modal
+from backsight.models.structures.unknown_forces import forces_as_inputs
+from backsight.run.simulation import measured_recording, simulate
 from backsight.types import Array
 from backsight_studies.beam.plant import DAMPING, DT, FORCES, NODES, SENSORS, THICKNESS, model
 
@@ -71,7 +71,7 @@ def struck(frequencies: tuple[float, ...], *, sigma: float, seed: int) -> xr.Dat
     time = (np.arange(SAMPLES * SUBSTEPS, dtype=np.float64) + 0.5) * fine
     run = simulate(true_model(frequencies), {"hammer": hammer(time)}, dt=fine, substeps=2)
     kept = run.isel(time=slice(None, None, SUBSTEPS))
-    return measured(
+    return measured_recording(
         model(THICKNESS[0.0]),
         dt=DT,
         u=np.zeros((SAMPLES, 0)),

@@ -12,7 +12,7 @@ import xarray as xr
 import backsight as bs
 from backsight import schema
 from backsight.analysis.forces import Impact, find_impacts
-from backsight.models.sensor_lag import sensor_lag
+from backsight.models.structures.sensor_lag import sensor_lag
 from backsight.types import Array
 from backsight_studies.frame_hammer.rig import DT, HEIGHTS, SENSORS, Axis
 from backsight_studies.frame_hammer.straight import slow
@@ -117,4 +117,5 @@ def _estimator(axis: Axis, lam: float) -> bs.CompressiveSensingMHE:
         N=HORIZON,
         sigma_force=SIGMA_FORCE,
         dictionary=bs.forces.HalfSines(PULSES),
+        bias="kept",
     )

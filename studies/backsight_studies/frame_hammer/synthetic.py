@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 
 import backsight as bs
-from backsight.models.sensor_lag import sensor_lag
+from backsight.models.structures.sensor_lag import sensor_lag
 from backsight.types import Array
 from backsight_studies.frame_hammer.rig import DT, LSB, SENSORS, STRONG, SUBSTEPS, WEAK, Axis
 from backsight_studies.frame_hammer.source import Hammer, Recording

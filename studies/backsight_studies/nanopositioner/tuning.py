@@ -4,16 +4,18 @@ import dataclasses
 
 import numpy as np
 
+from backsight.discrete.noise import random_walk
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import EKF, MHO, AbstractEstimator, Noise, Prior
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.solvers.box import GaussNewton, QuasiNewton
+from backsight_studies.nanopositioner.plant import DT
 
 SIGMA_Y = 1e-3
 SIGMA_W = {"q": 1e-2, "v": 1e2, "k": 1e4, "b": 5e-2, "c": 1e3, "w": 1e4}
-NOISE = Noise(sigma_y=SIGMA_Y, sigma_w=SIGMA_W)
+NOISE = Noise(sigma_y=SIGMA_Y, Qc=random_walk([*SIGMA_W.values()], dt=DT))
 PRIOR = Prior(sigma_x0={"q": 1.0, "v": 1e3, "k": 1e6, "b": 1.0, "c": 1e5, "w": 1.0})
 HEUN = Integrator("heun", substeps=8)
 
@@ -93,7 +95,7 @@ def ekf_trusting() -> Variant:
 def ekf_retuned() -> Variant:
     """The same, but its parameters may change faster."""
     faster = SIGMA_W | {"k": 1e5, "b": 1.0, "c": 1e4}
-    return _ekf(RETUNED, dataclasses.replace(NOISE, sigma_w=faster))
+    return _ekf(RETUNED, dataclasses.replace(NOISE, Qc=random_walk([*faster.values()], dt=DT)))
 
 
 def mho(method: str, solver: str) -> Variant:
@@ -119,4 +121,5 @@ def _mho(alpha: float, solver: str) -> MHO:
         integrator=HEUN,
         covariance="ode",
         optimiser=SOLVERS[solver],
+        bands="filters",
     )

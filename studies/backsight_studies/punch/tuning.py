@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
+from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import AHG, EKF, UKF, AbstractEstimator, Noise, Prior
 from backsight.estimators.observers import AdaptiveGain
 from backsight.models.augment import augment
@@ -14,7 +15,9 @@ from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.tune import propose_gamma
 from backsight.types import Array
-from backsight_studies.punch.plant import PERIOD, SIGMA_Y, Reading, friction, punch
+from backsight_studies.punch.plant import DT, PERIOD, SIGMA_Y, Reading, friction, punch
+
+RK4 = Integrator("rk4", 1)
 
 LAM = {"soft": 300.0, "stiff": 1000.0}
 """Gain of the observer with fixed gain [1/s]."""
@@ -98,6 +101,7 @@ def observer(
         form=form,
         interpolation=interpolation,
         adaptive=adaptive,
+        integrator=Integrator("rk4", 2),
     )
     return Variant(label, estimator, joint)
 
@@ -106,16 +110,18 @@ def ekf(
     label: str, reading: Reading, start: Mapping[str, float], q: tuple[float, float]
 ) -> Variant:
     """Extended Kalman filter with process noise `q`, see `TUNED`."""
-    noise, prior = _noise(reading, q), _prior(reading, start)
-    return Variant(label, EKF(noise, prior), filter_model(reading))
+    noise = Noise(sigma_y=SIGMA_Y, Qc=_density(reading, q))
+    prior = _prior(reading, start)
+    return Variant(label, EKF(noise, prior, RK4), filter_model(reading))
 
 
 def ukf(
     label: str, reading: Reading, start: Mapping[str, float], q: tuple[float, float]
 ) -> Variant:
     """Unscented Kalman filter, likewise."""
-    noise, prior = _noise(reading, q), _prior(reading, start)
-    return Variant(label, UKF(noise, prior), filter_model(reading))
+    noise = Noise(sigma_y=SIGMA_Y, Q=DT * _density(reading, q))
+    prior = _prior(reading, start)
+    return Variant(label, UKF(noise, prior, RK4), filter_model(reading))
 
 
 def filter_model(reading: Reading) -> Model:
@@ -151,11 +157,11 @@ def _sizes(reading: Reading) -> Array:
     return np.array([1e-3, 0.1, reading.stiffness, reading.truth["d"], 1 / reading.truth["m"]])
 
 
-def _noise(reading: Reading, q: tuple[float, float]) -> Noise:
+def _density(reading: Reading, q: tuple[float, float]) -> Array:
+    """Spectral density of the process noise, (5, 5)."""
     speed, relative = q
     density = np.array([0.0, speed / 0.1, relative, relative, relative]) ** 2
-    sizes = _sizes(reading)
-    return Noise(sigma_y=SIGMA_Y, Qc=np.diag(density * sizes**2))
+    return np.diag(density * _sizes(reading) ** 2)
 
 
 def _prior(reading: Reading, start: Mapping[str, float]) -> Prior:

@@ -4,6 +4,8 @@ from backsight.analysis.certificate.certificate import Certificate as Certificat
 from backsight.analysis.certificate.certificate import Claim as Claim
 from backsight.analysis.certificate.linear_gaussian import Estimates as Estimates
 from backsight.analysis.certificate.linear_gaussian import LinearGaussian as LinearGaussian
+from backsight.analysis.certificate.linear_gaussian import (
+    dense_least_squares as dense_least_squares,
+)
 from backsight.analysis.certificate.linear_gaussian import draw as draw
 from backsight.analysis.certificate.linear_gaussian import lagged as lagged
-from backsight.analysis.certificate.linear_gaussian import least_squares as least_squares

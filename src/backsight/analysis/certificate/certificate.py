@@ -6,6 +6,13 @@ import math
 from backsight.description import Printed
 from backsight.rounding import shortest
 
+MARGIN = 10.0
+"""An estimator may be off by so many times what the references are from each other: the estimator
+goes another way, and rounds elsewhere."""
+
+USELESS = 1e-3
+"""References that differ by more than this, in standard deviations, settle nothing at all."""
+
 LOST = 1e4
 """Digits that a covariance may lose where a wide prior meets a precise sensor: it is a small
 difference of large numbers there. The estimates lose none."""
@@ -83,17 +90,45 @@ class Certificate(Printed):
     @property
     def holds(self) -> bool:
         """Whether the estimator as it is equals both references."""
-        return all(self.equal(c) for c in self.claims if c.own)
+        return all(self.verdict(c) == "equal" for c in self.claims if c.own)
 
     def equal(self, claim: Claim) -> bool:
         """Whether a claim holds; a difference that is not a number does not."""
         return claim.estimates <= self.tolerance and claim.covariances <= LOST * self.tolerance
+
+    def told(self, claim: Claim) -> bool:
+        """Whether the references agree well enough to say that a claim does not hold, or holds.
+
+        They come from the same numbers by two routes, so that they must agree as well as what is
+        asked of the estimator, and better than it differs from them.
+        """
+        if not self.references <= USELESS:
+            return False
+        if self.equal(claim):
+            return self.references <= self.tolerance
+        apart = claim.estimates > max(MARGIN * self.references, self.tolerance)
+        spread = claim.covariances > LOST * max(MARGIN * self.references, self.tolerance)
+        return apart or spread
+
+    def verdict(self, claim: Claim) -> str:
+        """``equal``, ``differs`` or ``cannot tell``."""
+        if not self.told(claim):
+            return "cannot tell"
+        return "equal" if self.equal(claim) else "differs"
 
     def lines(self) -> list[str]:
         """The result in sentences."""
         named = "Kalman filter" if self.lag == 0 else f"fixed-lag smoother (lag {self.lag})"
         own = next(c for c in self.claims if c.own)
         with_own = f" with {own.name}" if own.name else ""
+        if not self.told(own):
+            return [
+                f"Whether {self.estimator}{with_own} equals the {named} and the full-information "
+                f"estimate cannot be told: on the linearised model these two differ by "
+                f"{self.references:.1e} standard deviations, by rounding alone, and the estimator "
+                f"from them by {own.estimates:.1e}. A mode that grows or is much faster than the "
+                "sampling, or scales far apart, are the usual reasons."
+            ]
         verb = "equals" if self.holds else "does NOT equal"
         found = [
             f"{self.estimator}{with_own} {verb} the {named} and the full-information estimate on "
@@ -101,8 +136,9 @@ class Certificate(Printed):
             f"the covariance {own.covariances:.1e} (allowed {self.tolerance:.0e} and "
             f"{LOST * self.tolerance:.0e})."
         ]
-        alike = [c.name for c in self.claims if not c.own and self.equal(c)]
-        unlike = [_unlike(c) for c in self.claims if not c.own and not self.equal(c)]
+        others = [c for c in self.claims if not c.own]
+        alike = [c.name for c in others if self.verdict(c) == "equal"]
+        unlike = [_unlike(c) for c in others if self.verdict(c) == "differs"]
         if alike:
             found.append(f"It would also do so with {', '.join(alike)}.")
         if unlike:
@@ -128,7 +164,7 @@ class Certificate(Printed):
         for c in self.claims:
             name = f"{c.name or 'as it is'}{' (own)' if c.own and c.name else ''}"
             numbers = "  ".join(f"{v:9.1e}" for v in (c.x, c.P, c.x_full, c.P_full))
-            lines.append(f"{name:<{width}}  {numbers}  {'equal' if self.equal(c) else 'differs'}")
+            lines.append(f"{name:<{width}}  {numbers}  {self.verdict(c)}")
         return "\n".join(lines)
 
 

@@ -50,7 +50,7 @@ class Estimates:
 def draw(system: LinearGaussian, u: Array, *, missing: float, seed: int) -> Array:
     """Outputs (n, ny) of the system with its noise; NaN where not measured, but not at first."""
     rng = np.random.default_rng(seed)
-    roots = [factor(V) for V in (system.P0, system.Q, system.R)]
+    roots = [square_root(V) for V in (system.P0, system.Q, system.R)]
     x, *noise = (root @ rng.standard_normal((root.shape[1], len(u))) for root in roots)
     x, rows = x[:, 0], []
     for command, w, v in zip(u, noise[0].T, noise[1].T, strict=True):
@@ -100,14 +100,14 @@ def lagged(system: LinearGaussian, u: Array, y: Array, lag: int) -> Estimates:
     return Estimates(after.x[:, lag * nx :], after.P[:, lag * nx :, lag * nx :])
 
 
-def least_squares(system: LinearGaussian, u: Array, y: Array) -> Estimates:
+def dense_least_squares(system: LinearGaussian, u: Array, y: Array) -> Estimates:
     """All states given all measurements, by least squares over the whole recording.
 
     The unknowns are the start and the noise of every sample in units of their deviations, so that
     nothing is inverted; the rows of the measurements are whitened.
     """
     n, nx = len(u), len(system.A)
-    start, drive = factor(system.P0), factor(system.Q)
+    start, drive = square_root(system.P0), square_root(system.Q)
     width = start.shape[1] + (n - 1) * drive.shape[1]
     mean, effect = np.zeros(nx), np.zeros((nx, width))
     effect[:, : start.shape[1]] = start
@@ -134,7 +134,7 @@ def least_squares(system: LinearGaussian, u: Array, y: Array) -> Estimates:
     return Estimates(np.array(means) + np.array(effects) @ z, root @ root.transpose(0, 2, 1))
 
 
-def factor(covariance: Array) -> Array:
+def square_root(covariance: Array) -> Array:
     """A matrix L (n, rank) with L L' = covariance, which may be singular."""
     size = np.sqrt(np.diag(covariance))
     scale = np.where(size > 0, size, 1.0)

@@ -6,9 +6,9 @@ from backsight.analysis.comparison._summary import failed as failed
 from backsight.analysis.comparison._summary import ranked_table as ranked_table
 from backsight.analysis.comparison._summary import summary as summary
 from backsight.analysis.comparison._summary import units as units
-from backsight.analysis.comparison.errors import convergence_time as convergence_time
-from backsight.analysis.comparison.errors import rmse as rmse
-from backsight.analysis.comparison.errors import rse as rse
+from backsight.analysis.comparison.error_measures import convergence_time as convergence_time
+from backsight.analysis.comparison.error_measures import rmse as rmse
+from backsight.analysis.comparison.error_measures import rse as rse
 from backsight.analysis.comparison.row import Final as Final
 from backsight.analysis.comparison.row import Row as Row
 from backsight.analysis.comparison.verdict import verdicts as verdicts

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from backsight.analysis.comparison.errors import rms_innovation, rmse
+from backsight.analysis.comparison.error_measures import rms_innovation, rmse
 from backsight.analysis.comparison.row import Final, Row
-from backsight.analysis.comparison.verdict import line
+from backsight.analysis.comparison.verdict import sentence
 from backsight.analysis.consistency import (
     Consistency,
     NoiseFactors,
@@ -20,10 +20,10 @@ from backsight.analysis.consistency import (
     nis,
     nis_band,
 )
-from backsight.analysis.forces import Hits, force_remarks, hits
+from backsight.analysis.forces import FoundHits, force_remarks, hits
 from backsight.analysis.outliers import outliers
 from backsight.errors import DataError, nearest
-from backsight.schema import FAILURES, Status, check_result
+from backsight.schema import COARSE, FAILURES, Status, check_result
 
 ALIGNMENT, ALIGNED = "alignment", "aligned"
 """Attributes of a result: what was found out about its recording, a line per sentence; and 1 if
@@ -83,6 +83,7 @@ def assess(
         remarks=tuple(force_remarks(result)),
         hits=hits(result),
         outliers=outliers(result),
+        coarse=str(result.attrs.get(COARSE, "")),
     )
 
 
@@ -116,7 +117,7 @@ def summary(
         "us_per_sample": _known(row.us_per_sample),
         "status": row.status,
         "failed": row.failed,
-        "verdict": f"{line(row)}.",
+        "verdict": f"{sentence(row)}.",
         "mean_nees": _known(row.consistency.nees.value),
         "nees_expected": _known(row.consistency.nees.expected),
         "innovations": _innovations(row.consistency),
@@ -211,7 +212,7 @@ def _innovations(found: Consistency) -> dict[str, object]:
     }
 
 
-def _hits(found: Hits) -> dict[str, object]:
+def _hits(found: FoundHits) -> dict[str, object]:
     largest = [
         {
             "time": hit.impact.time,

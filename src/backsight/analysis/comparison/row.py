@@ -4,7 +4,7 @@ import dataclasses
 import math
 
 from backsight.analysis.consistency import Consistency
-from backsight.analysis.forces import Hits
+from backsight.analysis.forces import FoundHits
 from backsight.analysis.outliers import Outliers
 from backsight.description import Printed
 
@@ -72,6 +72,8 @@ class Row(Printed):
         Unknown forces that were found; None if the estimator does not look for any.
     outliers : tuple of Outliers
         What a rule for outliers did, per output; empty if there was none.
+    coarse : str
+        Why the integration step is too coarse; empty if it is not.
     """
 
     estimator: str
@@ -90,5 +92,6 @@ class Row(Printed):
     status: dict[str, int]
     failed: bool
     remarks: tuple[str, ...] = ()
-    hits: Hits | None = None
+    hits: FoundHits | None = None
     outliers: tuple[Outliers, ...] = ()
+    coarse: str = ""

@@ -11,6 +11,12 @@ from backsight.rounding import significant
 _CLOSE = 0.10
 """Innovations that are so much larger or smaller than predicted do no harm in practice."""
 
+TIE = 1e-6
+"""A lead in log-likelihood per sample below this is rounding, or means nothing."""
+
+_FINE = "consistent, its innovations are as large as it predicts"
+_ONLY_SIZE = "; no more than their size is judged, since its gain correlates them"
+
 
 def verdicts(rows: Sequence[Row]) -> list[str]:
     """Return a few lines: the recording, the ranking, consistency and final errors of each.
@@ -22,26 +28,25 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
     """
     ranking = [_ranking(rows)] if len(rows) > 1 else []
     recording = list(rows[0].alignment) if rows else []
-    return recording + ranking + [f"{row.estimator}: {line(row)}." for row in rows]
+    return recording + ranking + [f"{row.estimator}: {sentence(row)}." for row in rows]
 
 
 def agreement(row: Row) -> str:
     """Return a clause or two on whether an estimator agrees with its own covariances, and why not.
 
     Sizes of innovations are judged by `mean_nis`, their pattern and the cause by
-    `backsight.analysis.consistency.diagnosis`.
+    `backsight.analysis.consistency._causes`.
     """
     if math.isnan(row.mean_nis):
         return "no covariance of the innovations, so nothing can be said about the bands"
     if row.hits is not None:
         return _beside_forces(row)
     found = row.consistency
-    seen, why = pattern(found), cause(found, row.aligned)
-    size = _size(row)
-    if not (size or seen or why):
-        return "consistent, its innovations are as large as it predicts"
-    clauses = [size or "inconsistent, although its innovations are as large as it predicts"]
-    clauses += [text for text in (seen, why) if text]
+    if found.consistent:
+        alone = found.kind == "coloured" and found.noise is None
+        return f"{_FINE}{_ONLY_SIZE if alone else ''}"
+    clauses = [_size(row) or "inconsistent, although its innovations are as large as it predicts"]
+    clauses += [text for text in (pattern(found), cause(found, row.aligned)) if text]
     return "; ".join(clauses)
 
 
@@ -58,7 +63,7 @@ def _beside_forces(row: Row) -> str:
             f"its innovations contain the unknown forces and are {_compared(ratio)} it predicts "
             "without them, which says nothing about the bands"
         )
-    return _size(row) or "consistent, its innovations are as large as it predicts"
+    return _size(row) or _FINE
 
 
 def _size(row: Row) -> str:
@@ -74,17 +79,15 @@ def _size(row: Row) -> str:
     return f"too cautious, its innovations are {size} and its bands too wide"
 
 
-def line(row: Row) -> str:
+def sentence(row: Row) -> str:
     """Return what is to be said of one estimator, without its name."""
     if row.failed:
-        return "diverged, its estimates are worthless; see the status"
+        failed = "diverged, its estimates are worthless; see the status"
+        return f"{row.coarse}; {failed}" if row.coarse else failed
     against = _against_reference(row)
     found = str(row.hits) if row.hits is not None and not row.remarks else ""
-    return "; ".join(
-        text
-        for text in (found, agreement(row), against, *row.remarks, *sentences(row.outliers))
-        if text
-    )
+    texts = (row.coarse, found, agreement(row), against, *row.remarks, *sentences(row.outliers))
+    return "; ".join(text for text in texts if text)
 
 
 def _compared(ratio: float) -> str:
@@ -108,9 +111,18 @@ def _ranking(rows: Sequence[Row]) -> str:
         return "All estimators diverged."
     if math.isnan(best.log_likelihood):
         return f"{best.estimator} has the smallest innovations; no estimator has a likelihood."
-    margins = [best.log_likelihood - r.log_likelihood for r in others if not r.failed]
+    sound = [r for r in others if not r.failed]
+    alike = [r.estimator for r in sound if best.log_likelihood - r.log_likelihood < TIE]
+    if alike:
+        rest = ", better than the others" if len(alike) < len(others) else ""
+        return f"{_listed([best.estimator, *alike])} explain the recording equally well{rest}."
+    margins = [best.log_likelihood - r.log_likelihood for r in sound]
     known = [m for m in margins if not math.isnan(m)]
     lead = f", by {significant(min(known), 2)} in log-likelihood per sample" if known else ""
     forced = any(row.hits is not None and row.hits.hits for row in rows)
     late = "; forces that are found afterwards do not count in it" if forced else ""
     return f"{best.estimator} explains the recording best{lead}{late}."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -13,15 +13,24 @@ from backsight.analysis.consistency._coverage import (
     mean_nees,
 )
 from backsight.analysis.consistency._nis import mean_nis, measured_channels, nis, nis_band
-from backsight.analysis.consistency._noise_factors import NoiseFactors
+from backsight.analysis.consistency._noise_factors import SURE, NoiseFactors
 from backsight.analysis.consistency.whiteness import Colour, colours
 from backsight.description import Printed, checked
 from backsight.errors import DataError
 from backsight.rounding import significant
-from backsight.schema import check_result
+from backsight.schema import INNOVATIONS, Innovations, check_result
 
 LEVEL = 0.01
-"""Each of the three questions (size, whiteness, inputs) doubts a sound result so often."""
+"""A sound result is doubted so often at most."""
+
+SHARE = LEVEL / 4
+"""Level of each of the questions: size, whiteness, inputs, and the noise factors."""
+
+WEAK = 0.1
+"""Correlations below this do no harm in practice, however certain they are."""
+
+LITTLE = 0.02
+"""Share of the innovations that inputs may explain without harm."""
 
 NOISE_FACTORS = "noise_factors"
 """Attribute of a result with the values of `NoiseFactors`, in their order."""
@@ -36,7 +45,7 @@ class Consistency(Printed):
     mean_nis, nis_expected : float
         Mean normalised innovation squared and its expectation.
     nis_band : (float, float)
-        Where the mean of a consistent estimator lies with probability 1 - `LEVEL`.
+        Where the mean of a consistent estimator lies with probability 1 - `SHARE`.
     colours : tuple of Colour
         What is left in the innovations of every output.
     innovations : dict
@@ -47,7 +56,10 @@ class Consistency(Printed):
         State whose truth is known to the shares within 1, 2 and 3 deviations.
     noise : NoiseFactors or None
         By how much R and Q are wrong, where the result says so (see
-        `backsight.run.diagnosis._noise_factors`).
+        `backsight.run.diagnosis._factors_of_results`).
+    kind : {"white", "coloured", "forced"}
+        What the innovations of the estimator are by nature, see `schema.Innovations`. Only white
+        ones are doubted for their colour, and those with unknown forces for their size alone.
     """
 
     mean_nis: float
@@ -58,6 +70,7 @@ class Consistency(Printed):
     nees: MeanNees
     states: dict[str, tuple[float, float, float]]
     noise: NoiseFactors | None
+    kind: Innovations = "white"
 
     @property
     def sized(self) -> bool:
@@ -66,26 +79,35 @@ class Consistency(Printed):
 
     @property
     def coloured(self) -> Colour | None:
-        """The output whose innovations are least white, if that is no chance."""
-        doubted = [c for c in self.colours if c.p_white < LEVEL / len(self.colours)]
+        """The output whose innovations are least white, if they should be and it matters."""
+        level = SHARE / max(len(self.colours), 1) if self.kind == "white" else 0.0
+        doubted = [c for c in self.colours if c.p_white < level and abs(c.largest) >= WEAK]
         return max(doubted, key=lambda c: abs(c.largest), default=None)
 
     @property
     def driven(self) -> Colour | None:
-        """The output whose innovations past inputs explain best, if that is no chance."""
-        doubted = [c for c in self.colours if c.p_input < LEVEL / len(self.colours)]
+        """The output whose innovations past inputs explain best, if they do and it matters."""
+        level = SHARE / max(len(self.colours), 1) if self.kind != "forced" else 0.0
+        doubted = [c for c in self.colours if c.p_input < level and c.explained > LITTLE]
         return max(doubted, key=lambda c: c.explained, default=None)
 
     @property
+    def misjudged(self) -> bool:
+        """Whether R or Q is wrong for certain, and by so much that it matters."""
+        noise = self.noise
+        return noise is not None and (noise.R_wrong(SURE) or noise.Q_wrong(SURE))
+
+    @property
     def consistent(self) -> bool:
-        """Whether nothing speaks against the result."""
-        return self.sized and self.coloured is None and self.driven is None
+        """Whether nothing speaks against the result; the verdict says the same in words."""
+        doubts = self.coloured is not None or self.driven is not None or self.misjudged
+        return self.sized and not doubts
 
     def __str__(self) -> str:
         low, high = self.nis_band
         lines = [
             f"mean NIS {significant(self.mean_nis, 4)}, expected {significant(self.nis_expected)} "
-            f"({significant(low, 4)} to {significant(high, 4)} with {1 - LEVEL:.0%})"
+            f"({significant(low, 4)} to {significant(high, 4)} with {1 - SHARE:.2%})"
         ]
         if not math.isnan(self.nees.value):
             low, high = self.nees.band
@@ -94,7 +116,7 @@ class Consistency(Printed):
                 f"{significant(self.nees.expected)} "
                 f"({significant(low, 4)} to {significant(high, 4)} with 95%)"
             )
-        lines += [_described(c) for c in self.colours]
+        lines += [_described(c, self.kind) for c in self.colours]
         for kind, shares in (("innovations", self.innovations), ("errors", self.states)):
             for name, inside in shares.items():
                 share = " / ".join(f"{100 * s:.1f}" for s in inside)
@@ -130,12 +152,13 @@ def check_consistency(result: xr.Dataset) -> Consistency:
     return Consistency(
         mean_nis=mean_nis(result),
         nis_expected=float(measured_channels(result).where(valid).mean("time")),
-        nis_band=nis_band(result, 1.0 - LEVEL),
+        nis_band=nis_band(result, 1.0 - SHARE),
         colours=colours(result),
         innovations=_by_name(innovation_coverage(result), "output"),
         nees=mean_nees(result),
         states=_by_name(coverage(result), "state"),
         noise=None if factors is None else NoiseFactors(*map(float, factors)),
+        kind=result.attrs.get(INNOVATIONS, "white"),
     )
 
 
@@ -145,10 +168,15 @@ def _by_name(shares: xr.DataArray, dim: str) -> dict[str, tuple[float, float, fl
     return {n: (float(v[0]), float(v[1]), float(v[2])) for n, v in known.items()}
 
 
-def _described(c: Colour) -> str:
+def _described(c: Colour, kind: Innovations) -> str:
+    reason = {
+        "white": f"chance {significant(c.p_white, 2)}",
+        "coloured": "its gain makes some",
+        "forced": "unknown forces make some",
+    }[kind]
     text = (
         f"{c.output}: correlation of successive innovations {significant(c.lag1, 2)}, largest "
-        f"{significant(c.largest, 2)} at {c.lag} samples (chance {significant(c.p_white, 2)})"
+        f"{significant(c.largest, 2)} at {c.lag} samples ({reason})"
     )
     if not c.input:
         return text

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.analysis.consistency._independent import independent_samples
 from backsight.analysis.consistency.whiteness import normalised
 from backsight.description import Printed
 from backsight.types import Array
@@ -64,7 +65,7 @@ def mean_nees(result: xr.Dataset, level: float = 0.95) -> MeanNees:
     if not known.any():
         return MeanNees(math.nan, math.nan, (math.nan, math.nan), 0.0)
     value, freedom = value[known], freedom[known]
-    expected, count = float(freedom.mean()), _independent(value)
+    expected, count = float(freedom.mean()), independent_samples(value)
     tail = 0.5 * (1.0 - level)
     half = 0.5 * expected * count
     low, high = (2 * float(scipy.special.gammaincinv(half, q)) / count for q in (tail, 1 - tail))
@@ -111,25 +112,12 @@ def _squares(result: xr.Dataset) -> tuple[Array, Array]:
     known = np.isfinite(error) & np.isfinite(std) & (std > 0)
     scale = np.where(known, std, 1.0)
     pairs = known[:, :, None] & known[:, None, :]
-    C = np.where(pairs, result["P"].values, 0.0) / (scale[:, :, None] * scale[:, None, :])
+    with np.errstate(over="ignore", invalid="ignore"):
+        C = np.where(pairs, result["P"].values, 0.0) / scale[:, :, None] / scale[:, None, :]
     sound = np.logical_and(known.any(axis=1), np.isfinite(C).all(axis=(1, 2)))
     values, vectors = np.linalg.eigh(np.where(sound[:, None, None], C, 0.0))
     kept = np.asarray(values) > 1e-9
-    z = np.where(known, error, 0.0) / scale
-    along = np.einsum("kij,ki->kj", vectors, z)
-    squares = np.sum(np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0), axis=1)
-    return np.where(sound, squares, np.nan), kept.sum(axis=1).astype(float)
-
-
-def _independent(value: Array) -> float:
-    """Samples that count, by the sum of the autocorrelation up to its first sign change."""
-    n = len(value)
-    deviation = value - value.mean()
-    power = np.abs(np.fft.rfft(deviation, 2 * n)) ** 2
-    covariance = np.fft.irfft(power)[:n]
-    if covariance[0] <= 0:
-        return float(n)
-    correlation = covariance / covariance[0]
-    ends = np.flatnonzero(np.asarray(correlation <= 0))
-    last = int(ends[0]) if len(ends) else n
-    return float(n / (1.0 + 2.0 * correlation[1:last].sum()))
+    with np.errstate(over="ignore", invalid="ignore"):
+        along = np.einsum("kij,ki->kj", vectors, np.where(known, error, 0.0) / scale)
+        squares = np.sum(np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0), axis=1)
+    return np.where(sound & np.isfinite(squares), squares, np.nan), kept.sum(axis=1).astype(float)

@@ -14,9 +14,14 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from backsight.analysis.consistency._independent import independent_samples
 from backsight.analysis.outliers import taken
 from backsight.errors import DataError
+from backsight.schema import INNOVATIONS
 from backsight.types import Array
+
+LARGEST = 1e100
+"""A larger NIS counts as this: squares of it must stay finite."""
 
 
 def measured_channels(result: xr.Dataset) -> xr.DataArray:
@@ -63,11 +68,17 @@ def nis_band(result: xr.Dataset, level: float = 0.95) -> tuple[float, float]:
     """Interval in which `mean_nis` of a consistent estimator lies with probability `level`.
 
     The sum of the NIS of white innovations is chi-square with the total number of measured
-    channels as degrees of freedom. ``(NaN, NaN)`` if no sample has a NIS.
+    channels as degrees of freedom. Of innovations that are not white by nature (see
+    `schema.Innovations`) only as many samples count as are independent. ``(NaN, NaN)`` if no sample
+    has a NIS.
     """
-    valid = np.isfinite(nis(result).values)
-    channels = measured_channels(result).values[valid]
-    low, high = _mean_band(np.array([channels.sum()]), np.array([valid.sum()]), level)
+    values = nis(result).values
+    valid = np.isfinite(values)
+    channels, samples = measured_channels(result).values[valid], float(valid.sum())
+    white = result.attrs.get(INNOVATIONS, "white") == "white"
+    share = 1.0 if white or not samples else independent_samples(values[valid]) / samples
+    freedom = np.array([share * channels.sum()])
+    low, high = _mean_band(freedom, np.array([share * samples]), level)
     return float(low[0]), float(high[0])
 
 
@@ -138,14 +149,21 @@ def _whitened(result: xr.Dataset) -> tuple[Array, Array]:
         & (variance > 0).all(axis=1)
     )
     scale = np.where(usable[:, None], np.sqrt(np.where(variance > 0, variance, 1.0)), 1.0)
-    C = np.where(usable[:, None, None], S, unit) / (scale[:, :, None] * scale[:, None, :])
+    # Divided twice: the product of two variances may leave the range of numbers.
+    with np.errstate(over="ignore"):
+        C = np.where(usable[:, None, None], S, unit) / scale[:, :, None] / scale[:, None, :]
+    usable &= np.isfinite(C).all(axis=(1, 2))
+    C = np.where(usable[:, None, None], C, unit)
     eigenvalues = np.linalg.eigvalsh(C)
     usable &= eigenvalues[:, 0] > 0
 
     C = np.where(usable[:, None, None], C, unit)
     z = np.where(usable[:, None], e, 0.0)[:, :, None] / scale[:, :, None]
-    squares = np.sum(z * np.linalg.solve(C, z), axis=(1, 2))
-    log_det = np.sum(np.log(np.where(usable[:, None], eigenvalues, 1.0) * scale**2), axis=1)
+    with np.errstate(over="ignore"):
+        squares = np.sum(z * np.linalg.solve(C, z), axis=(1, 2))
+    squares = np.nan_to_num(np.minimum(squares, LARGEST), nan=LARGEST)
+    spread = np.where(usable[:, None], eigenvalues, 1.0)
+    log_det = np.sum(np.log(spread) + 2.0 * np.log(scale), axis=1)
     return np.where(usable, squares, np.nan), np.where(usable, log_det, np.nan)
 
 

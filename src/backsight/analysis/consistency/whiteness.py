@@ -22,13 +22,20 @@ import xarray as xr
 
 from backsight.analysis.outliers import taken
 from backsight.description import Printed
+from backsight.schema import INNOVATIONS
 from backsight.types import Array
 
 LAGS = 20
-"""Most lags of the portmanteau test; a tenth of the samples if these are few."""
+"""Most lags of the portmanteau test, if there are so many times `PER_LAG` samples."""
+
+PER_LAG = 30
+"""Samples for each lag: with fewer, white innovations are doubted more often than they should."""
 
 PAST = 10
 """Samples back to which inputs are searched for what explains the innovations."""
+
+OWN_PAST = 30
+"""Samples back to which innovations that are not white by nature explain themselves."""
 
 WIDEST = 4.0
 """Innovations beyond so many of their own deviations are cut: a few of them must not decide."""
@@ -46,7 +53,7 @@ class Colour(Printed):
     largest : float
         Correlation of those at the distance where it is largest.
     lag : int
-        That distance [samples].
+        That distance [samples of this output that were measured].
     p_white : float
         Probability that white innovations look at least so little white (Ljung-Box); NaN if there
         are too few.
@@ -75,7 +82,8 @@ def colours(result: xr.Dataset) -> tuple[Colour, ...]:
     """What is left in the innovations, per output."""
     r, (u, inputs) = normalised(result), _inputs(result)
     outputs = [str(n) for n in result["output"].values]
-    return tuple(_colour(name, r[:, i], u, inputs) for i, name in enumerate(outputs))
+    own = PAST if result.attrs.get(INNOVATIONS, "white") == "white" else OWN_PAST
+    return tuple(_colour(name, r[:, i], u, inputs, own) for i, name in enumerate(outputs))
 
 
 def normalised(result: xr.Dataset) -> Array:
@@ -83,7 +91,8 @@ def normalised(result: xr.Dataset) -> Array:
     variance = np.einsum("kii->ki", result["S"].values)
     known = taken(result).values & (variance > 0) & np.isfinite(variance)
     deviation = np.sqrt(np.where(known, variance, 1.0))
-    r = np.where(known, result["e"].values / deviation, np.nan)
+    with np.errstate(over="ignore"):
+        r = np.where(known, result["e"].values / deviation, np.nan)
     return np.where(np.isfinite(r), r, np.nan)
 
 
@@ -158,18 +167,19 @@ def cross_correlation(result: xr.Dataset, reach: int = PAST, *, level: float = 0
     )
 
 
-def _colour(name: str, r: Array, u: Array, inputs: list[str]) -> Colour:
+def _colour(name: str, r: Array, u: Array, inputs: list[str], own: int) -> Colour:
     e = _cut(r)
-    known = int(np.isfinite(e).sum())
-    lags = min(LAGS, known // 10)
-    correlation, deviation = _products(e, max(lags, 1))
+    measured = e[np.isfinite(e)]
+    lags = min(LAGS, len(measured) // PER_LAG)
+    # A sensor that is slower than the recording has no pairs at most distances in time.
+    correlation, deviation = _products(measured, max(lags, 1))
     with np.errstate(invalid="ignore", divide="ignore"):
         scores = (correlation / deviation) ** 2
     sound = np.isfinite(scores)
     few = lags < 1 or not sound.any()
     p_white = math.nan if few else float(scipy.special.chdtrc(sound.sum(), scores[sound].sum()))
     at = int(np.argmax(np.where(sound, np.abs(correlation), 0.0)))
-    explained, p_input, (column, delay) = _explained(e, u)
+    explained, p_input, (column, delay) = _explained(e, u, own)
     return Colour(
         output=name,
         lag1=float(correlation[0]),
@@ -191,11 +201,11 @@ def _inputs(result: xr.Dataset) -> tuple[Array, list[str]]:
 
 
 def _cut(r: Array) -> Array:
-    """Limit what is far outside, measured by the median of the sizes."""
+    """In units of the median of the sizes, what is far outside limited."""
     if not np.isfinite(r).any():
         return r
     size = 1.4826 * np.nanmedian(np.abs(r))
-    return np.clip(r, -WIDEST * size, WIDEST * size)
+    return np.clip(r / size, -WIDEST, WIDEST) if size > 0 else 0.0 * r
 
 
 def _products(r: Array, lags: int) -> tuple[Array, Array]:
@@ -221,7 +231,7 @@ def _correlated(a: Array, b: Array) -> tuple[float, float]:
     return float(a @ b) / size, math.sqrt(float((a * a) @ (b * b))) / size
 
 
-def _explained(e: Array, u: Array) -> tuple[float, float, tuple[int, int]]:
+def _explained(e: Array, u: Array, memory: int) -> tuple[float, float, tuple[int, int]]:
     """Share that the inputs of the last samples explain, its probability, and (input, delay).
 
     It is what they explain beyond the innovations' own past. A gain that does not fit the noise
@@ -230,18 +240,20 @@ def _explained(e: Array, u: Array) -> tuple[float, float, tuple[int, int]]:
     controller may have made it from this very output.
     """
     n, nu = u.shape
-    rows = np.flatnonzero(np.isfinite(e[PAST:])) + PAST if n > PAST else np.empty(0, int)
+    first = max(PAST, memory)
+    rows = np.flatnonzero(np.isfinite(e[first:])) + first if n > first else np.empty(0, int)
     if nu == 0 or len(rows) < 20 * PAST * (nu + 1):
         return math.nan, math.nan, (0, 0)
     past, v, z = np.nan_to_num(e), u - u.mean(axis=0), e[rows]
-    own = np.column_stack([past[rows - lag] for lag in range(1, PAST + 1)])
+    own = np.column_stack([past[rows - lag] for lag in range(1, memory + 1)])
     inputs = np.column_stack([v[rows - lag] for lag in range(1, PAST + 1)])
     z, inputs = _without(own, z), _without(own, inputs)
     total, basis = float(z @ z), _basis(inputs)
     if basis.shape[1] == 0 or total == 0:
         return 0.0, math.nan, (0, 0)
     share = float(np.sum((basis.T @ z) ** 2)) / total
-    p = float(scipy.special.chdtrc(basis.shape[1], len(rows) * share))
+    left = len(rows) - own.shape[1] - basis.shape[1]
+    p = float(scipy.special.betaincc(0.5 * basis.shape[1], 0.5 * left, share))
     size = np.sqrt((inputs**2).sum(axis=0))
     strength = np.abs(inputs.T @ z) / np.where(size > 0, size, np.inf)
     lag, column = divmod(int(strength.argmax()), nu)

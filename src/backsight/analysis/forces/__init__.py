@@ -4,7 +4,7 @@ from backsight.analysis.forces._force_errors import ForceErrors as ForceErrors
 from backsight.analysis.forces._force_errors import compare_forces as compare_forces
 from backsight.analysis.forces._force_remarks import REMARKS as REMARKS
 from backsight.analysis.forces._force_remarks import force_remarks as force_remarks
-from backsight.analysis.forces._hits import Hits as Hits
+from backsight.analysis.forces._hits import FoundHits as FoundHits
 from backsight.analysis.forces._hits import forces as forces
 from backsight.analysis.forces._hits import hits as hits
 from backsight.analysis.forces._hits import where as where

@@ -44,7 +44,7 @@ class Hit(Printed):
 
 
 @dataclasses.dataclass(frozen=True)
-class Hits(Printed):
+class FoundHits(Printed):
     """All hits of a result, the largest impulse first; prints itself.
 
     Parameters
@@ -68,7 +68,7 @@ class Hits(Printed):
         )
 
 
-def hits(result: xr.Dataset) -> Hits | None:
+def hits(result: xr.Dataset) -> FoundHits | None:
     """Find the hits of a result.
 
     Forces of neighbouring steps at the same place are one hit, see `find_impacts`. Where an
@@ -92,7 +92,7 @@ def hits(result: xr.Dataset) -> Hits | None:
     found = [_hit(hit, acting, labels[hit.place]) for hit in find_impacts(acting, gap=TOUCHING)]
     found.sort(key=lambda hit: -abs(hit.impact.impulse))
     units = acting["force_unit"].values if "force_unit" in acting.coords else [""]
-    return Hits(tuple(found), str(units[0]) if len(set(units)) == 1 else "")
+    return FoundHits(tuple(found), str(units[0]) if len(set(units)) == 1 else "")
 
 
 def forces(result: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray]:

@@ -11,5 +11,5 @@ from backsight.analysis.observability._observability import (
 from backsight.analysis.observability._observability import (
     check_observability_along as check_observability_along,
 )
-from backsight.analysis.observability.zeros import independent as independent
+from backsight.analysis.observability.zeros import rank_of as rank_of
 from backsight.analysis.observability.zeros import transmission_zeros as transmission_zeros

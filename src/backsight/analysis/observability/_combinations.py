@@ -34,10 +34,10 @@ def combinations(basis: Array, states: Sequence[Signal], size: Array) -> tuple[s
         others = np.arange(len(rows)) != i
         rows[others] -= np.outer(rows[others, pivot], rows[i])
     order = sorted(rows, key=lambda row: int(np.argmax(np.abs(row) > NEGLIGIBLE)))
-    return tuple(ratio(row, states, size) for row in order)
+    return tuple(direction_in_words(row, states, size) for row in order)
 
 
-def ratio(direction: Array, states: Sequence[Signal], size: Array) -> str:
+def direction_in_words(direction: Array, states: Sequence[Signal], size: Array) -> str:
     """Name a direction in physical units: ``q``, or ``q1 and q2 in the ratio 1 : -2``.
 
     Parameters as those of `combinations`, with one direction (nx,).

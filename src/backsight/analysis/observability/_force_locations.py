@@ -11,13 +11,13 @@ import scipy
 import xarray as xr
 from numpy.typing import NDArray
 
-from backsight.analysis.observability.zeros import independent, transmission_zeros
+from backsight.analysis.observability.zeros import rank_of, transmission_zeros
 from backsight.description import Positive, checked
 from backsight.discrete.exact import zoh
 from backsight.errors import ModelError
 from backsight.models.lti import state_space
 from backsight.models.model import Model
-from backsight.models.unknown_forces import forces_as_inputs
+from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.types import Array
 
 TOLERANCE = 1e-9
@@ -88,7 +88,7 @@ def check_force_locations(
     result.attrs = {
         "model": model.name,
         "forces": names,
-        "rank_forces": independent(np.vstack([E, F])),
+        "rank_forces": rank_of(np.vstack([E, F])),
         "rank_static": int(last[-1] - last[0]),
         "most": int(result["observable"].all("order").sum()) - 1,
     }
@@ -117,7 +117,7 @@ def force_zeros(
     names = [s.name for s in model.parameters] if forces is None else list(forces)
     A, E, C, F = _sampled(model, names, dt)
     both = np.vstack([E, F])
-    ways = np.linalg.svd(both)[2][: independent(both)].T
+    ways = np.linalg.svd(both)[2][: rank_of(both)].T
     return transmission_zeros(A, E @ ways, C, F @ ways)
 
 

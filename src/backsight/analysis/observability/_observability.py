@@ -6,11 +6,13 @@ from collections.abc import Mapping
 import numpy as np
 import scipy
 
-from backsight.analysis.observability._combinations import combinations, ratio
+from backsight.analysis.observability._combinations import combinations, direction_in_words
 from backsight.analysis.observability._sensitivity import sensitivities
 from backsight.analysis.observability._sensors import Sensor, repairs
 from backsight.description import Positive, Printed, checked
+from backsight.discrete.modes import modes_over
 from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.steps import choose
 from backsight.errors import ModelError
 from backsight.models.lti import state_space
 from backsight.models.model import Model
@@ -188,9 +190,10 @@ def check_observability_along(
         If the motion does not stay finite.
     """
     start = np.array([s.value for s in model.states]) if x0 is None else np.asarray(x0, float)
-    method = Integrator() if integrator is None else integrator
+    given = Integrator() if integrator is None else integrator
 
     def rows(m: Model) -> tuple[Array, Array]:
+        method = choose(given, m, lambda: modes_over(m, start, np.zeros(m.nx)), dt=dt)
         return sensitivities(m, u, dt=dt, x0=start, integrator=method)
 
     stack, size = rows(model)
@@ -261,7 +264,10 @@ def _lasting(A: Array, basis: Array, size: Array, model: Model) -> tuple[tuple[c
         if rate >= -edge and value.imag >= 0:
             parts = [vector.real, vector.imag] if value.imag else [vector.real]
             found.append(
-                (complex(value), " with ".join(ratio(v, model.states, size) for v in parts))
+                (
+                    complex(value),
+                    " with ".join(direction_in_words(v, model.states, size) for v in parts),
+                )
             )
     return tuple(found)
 

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.steps import over_sample
 from backsight.errors import ModelError
 from backsight.models.model import Model
 from backsight.models.signals import Signal
@@ -57,15 +58,10 @@ def _sizes(signals: tuple[Signal, ...], values: Array) -> Array:
 
 def _step(model: Model, dt: float, integrator: Integrator) -> ca.Function:
     """``(x, u, u_next) -> (x_next, y, F, H)``."""
-    x, u, v = (ca.SX.sym(n, k) for n, k in (("x", model.nx), ("u", model.nu), ("v", model.nu)))
-    y, n = model.output(x, u), integrator.substeps
-    end = x
-    if model.continuous:
-        for i in range(n):
-            ua, ub = u + i / n * (v - u), u + (i + 1) / n * (v - u)
-            if integrator.hold == "zoh":
-                ua = ub = u
-            end = integrator.substep(model.rhs, end, ua=ua, ub=ub, h=dt / n)
-    else:
-        end = model.rhs(x, u)
-    return ca.Function("step", [x, u, v], [end, y, ca.jacobian(end, x), ca.jacobian(y, x)])
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    y = model.output(x, u)
+    outputs = ca.Function("outputs", [x, u], [y, ca.jacobian(y, x)])
+    x, u, v = (ca.MX.sym(n, k) for n, k in (("x", model.nx), ("u", model.nu), ("v", model.nu)))
+    end, F, _ = over_sample(integrator, model, dt)(x, u, v)
+    y, H = outputs(x, u)
+    return ca.Function("step", [x, u, v], [end, y, F, H])

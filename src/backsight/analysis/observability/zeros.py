@@ -59,9 +59,9 @@ def transmission_zeros(
     e, c, f = e / of_d, c / of_y[:, None], f / of_d / of_y[:, None]
     H = seen / of_d / of_y[:, None]
     m = H.shape[1]
-    if independent(H) < m:
+    if rank_of(H) < m:
         raise ModelError(
-            f"{m} forces show in one sample in only {independent(H)} independent ways; their "
+            f"{m} forces show in one sample in only {rank_of(H)} independent ways; their "
             "transmission zeros are not found in this way: use fewer forces or more sensors"
         )
     back = np.linalg.pinv(H)
@@ -76,7 +76,7 @@ def transmission_zeros(
     return np.array(sorted(kept, key=lambda z: (z.real, z.imag)), complex)
 
 
-def independent(matrix: Array) -> int:
+def rank_of(matrix: Array) -> int:
     """Rank of a matrix whose rows are comparable, its columns made so."""
     columns = matrix / _lengths(matrix, 0)
     values = np.linalg.svd(columns, compute_uv=False)

@@ -72,6 +72,8 @@ class Solver:
         or priors, may keep atoms active beyond the independent ones.
     limit : int
         Steps of the active set.
+    refits : bool
+        Whether the forces found are then fitted without the l1 norm.
     """
 
     forced: Forced
@@ -86,6 +88,7 @@ class Solver:
     correction: int
     carries: bool
     limit: int
+    refits: bool
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -123,7 +126,7 @@ class Solver:
             Factors to start from, (atoms, steps).
         """
         nx, nf = len(self.forced.system.A), len(self.forced.names)
-        options = [self.threshold, ROUNDING * self.lam, float(self.lag)]
+        options = [self.threshold, ROUNDING * self.lam, float(self.lag), float(self.refits)]
         constants = [*self.tables.problem, *self.tables.full, *self.tables.atoms]
         side = np.tile(self.side, self.tables.steps)
         given = [ca.MX(ca.DM(a)) for a in (*constants, side, np.array(options))]

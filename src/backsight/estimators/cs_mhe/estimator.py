@@ -1,6 +1,7 @@
 """Compressive-sensing moving horizon estimation: states and sparse unknown forces."""
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
@@ -29,7 +30,8 @@ from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
-from backsight.models.unknown_forces import forces_as_inputs
+from backsight.models.structures.unknown_forces import forces_as_inputs
+from backsight.schema import Innovations
 from backsight.types import Array, ByName
 
 Arrival: TypeAlias = Literal["none", "constant", "filtered", "smoothed"]
@@ -85,6 +87,13 @@ class CompressiveSensingMHE(AbstractEstimator):
     correction : {"none", "amplitude", "energy"}
         Spread what is below the threshold over what is above it, in `d_hat`: so that the sum of
         the magnitudes of the window is kept, or the sum of the squares.
+    bias : {"removed", "kept"}
+        The l1 norm finds forces, and makes them too small. With ``removed`` the forces that were
+        found are shown as fitted without it, by least squares in which the others stay zero;
+        `threshold` judges them by the l1 norm. Their deviation then counts what the l1 norm had
+        taken away, and the atoms that could nearly as well have been chosen (whose optimality
+        condition is used up to a half). ``kept`` shows the optimum of the cost itself, as in the
+        paper, with a deviation that knows nothing of both. States are the same.
     lag : int, optional
         The output is about the sample that is `lag` older than the newest one; N if not given,
         the first of the window. The newest forces cannot be told apart yet.
@@ -100,8 +109,9 @@ class CompressiveSensingMHE(AbstractEstimator):
     violation of the optimality conditions as a share of lam, 1e-9 or more; and ``lam_max``, the
     weight from which on nothing would have been found in this window.
 
-    The solution is exact: a warm-started active set. Covariances are those of the least-squares
-    problem in which the forces that are zero stay zero and the others are free.
+    The solution is exact: a warm-started active set. Covariances of the states are those of the
+    least-squares problem in which the forces that are zero stay zero and the others are free. With
+    ``arrival="smoothed"`` they are too small, since its measurements count several times.
 
     A window that is not full yet, or has gaps, is one with samples that were not measured.
 
@@ -137,6 +147,7 @@ class CompressiveSensingMHE(AbstractEstimator):
     carryover: Carryover | None = None
     threshold: NonNegative = 0.0
     correction: Correction = "none"
+    bias: Literal["removed", "kept"] = "removed"
     lag: Whole | None = None
     hold: Hold = "zoh"
 
@@ -159,6 +170,11 @@ class CompressiveSensingMHE(AbstractEstimator):
         """Samples from the newest one back to that of the output."""
         return self.N if self.lag is None else self.lag
 
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "forced"
+
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: only itself, by the word for its arrival cost."""
         return {self.arrival: self}
@@ -173,12 +189,13 @@ class CompressiveSensingMHE(AbstractEstimator):
         Raises
         ------
         TuningError
-            If a force is unknown or cannot be seen, or the noise does not fit.
+            If a force is unknown or cannot be seen, the noise does not fit, or a state has bounds.
         """
         try:
             joined = forces_as_inputs(model, self.forces)
         except ModelError as error:
             raise TuningError(f"forces: {error}") from None
+        _check_unbounded(joined)
         system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
         check_sampling(joined, dt)
         m = len(self.forces)
@@ -215,6 +232,7 @@ class CompressiveSensingMHE(AbstractEstimator):
             correction=CORRECTIONS.index(self.correction),
             carries=self.carryover is not None,
             limit=STEPS_PER_ATOM * found.modal * found.steps + 100,
+            refits=self.bias == "removed",
         )
 
     def sides(self) -> Array:
@@ -229,3 +247,13 @@ class CompressiveSensingMHE(AbstractEstimator):
                 "forces of a known sign need a dictionary whose atoms are of one force"
             )
         return side[belongs]
+
+
+def _check_unbounded(model: Model) -> None:
+    """Raise `TuningError` if a state has bounds: windows with forces know none."""
+    bounded = [s.name for s in model.states if math.isfinite(s.lower) or math.isfinite(s.upper)]
+    if bounded:
+        raise TuningError(
+            f"the model has bounds of {', '.join(bounded)}, which this estimator would not keep: "
+            "take a model without them, or LinearMHE, whose limits are kept"
+        )

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from backsight.analysis.observability import independent, transmission_zeros
+from backsight.analysis.observability import rank_of, transmission_zeros
 from backsight.errors import TuningError
 from backsight.estimators.parts.linear import Linear
 from backsight.types import Array
@@ -97,15 +97,15 @@ def _check_rank(E: Array, F: Array, H: Array, names: tuple[str, ...]) -> None:
     if blind and F.any():
         raise TuningError(
             f"the sensors contain some forces directly, but not {', '.join(blind)}: {what} is "
-            f"{independent(H)} of {m}; use sensors of one kind (only accelerations, or none), or "
+            f"{rank_of(H)} of {m}; use sensors of one kind (only accelerations, or none), or "
             "name fewer forces"
         )
     if blind:
         raise TuningError(
-            f"no sensor shows {', '.join(blind)} one sample later: {what} is {independent(H)} of "
+            f"no sensor shows {', '.join(blind)} one sample later: {what} is {rank_of(H)} of "
             f"{m}; add a sensor near it"
         )
-    rank, ways = independent(H), independent(E)
+    rank, ways = rank_of(H), rank_of(E)
     if rank < m:
         limit = f"; they move the states in {ways} independent ways only" if ways < m else ""
         raise TuningError(

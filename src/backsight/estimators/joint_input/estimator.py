@@ -23,7 +23,8 @@ from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
-from backsight.models.unknown_forces import forces_as_inputs
+from backsight.models.structures.unknown_forces import forces_as_inputs
+from backsight.schema import Innovations
 from backsight.types import Array
 
 UNKNOWN = 1e4
@@ -99,6 +100,11 @@ class JointInput(AbstractEstimator):
         """See `Description.conflicts`."""
         if sound("forces") and not self.forces:
             yield "forces: no unknown force is named"
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "forced"
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""

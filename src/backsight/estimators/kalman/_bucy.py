@@ -9,6 +9,10 @@ against the filter's own time constants, which small noise makes arbitrarily sho
 sub-step of length h is a prediction followed by a correction with the interpolated measurement of
 variance :math:`R_c / h`. That has the same limit for h to 0, and P stays positive for every h.
 
+A held input jumps at the samples, and with it an output that it feeds through to (an acceleration).
+The measurement of a sample belongs to the input that follows; for the sub-steps before it, it is
+taken without the jump, :math:`y_k - h(\hat x_k, u_k) + h(\hat x_k, u_{k-1})`.
+
 Numbers are those of eq. 13-14 of Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint
 state and parameter estimation: a comparison to extended and unscented Kalman filter".
 """
@@ -69,10 +73,11 @@ def assemble_continuous(
 
     # Eq. 13-14 in sub-steps, with the interpolated measurement.
     inputs, held = substep_inputs(integrator, m.u_last, u)
-    ends = _between(s.model.ny, integrator.substeps)(m.y_last, y, m.m_last, mask)
+    y_before = y if integrator.hold == "foh" else _before_jump(s)(y, predicted[0], m.u_last, u)
+    ends = _between(s.model.ny, integrator.steps)(m.y_last, y_before, m.m_last, mask)
     start = [m.x, m.P, ca.MX.zeros(FLAGS)]
     leaf = _substep(s, transition, halves.correct, ramp=integrator.hold == "foh")
-    moved, _ = scan(leaf, integrator.substeps, carry=start, xs=[*inputs, *ends], constants=held)
+    moved, _ = scan(leaf, integrator.steps, carry=start, xs=[*inputs, *ends], constants=held)
     x, P, flags = choose(m.started, moved, start)
     return m.recursion(
         name,
@@ -82,6 +87,15 @@ def assemble_continuous(
         channels=ESTIMATE_CHANNELS,
         dt=s.dt,
     )
+
+
+def _before_jump(s: Setting) -> ca.Function:
+    """Measurement as it was just before the input jumped: ``(y, x, u_last, u) -> y``."""
+    x, before, after = (ca.SX.sym(k, n) for k, n in (("x", s.model.nx), *[("u", s.model.nu)] * 2))
+    y, h = ca.SX.sym("y", s.model.ny), s.model.output
+    jumps = ca.depends_on(h(x, after), after)
+    left = y - (h(x, after) - h(x, before)) if jumps else y
+    return ca.Function("before_jump", [y, x, before, after], [left])
 
 
 def _between(ny: int, n: int) -> ca.Function:

@@ -2,40 +2,34 @@
 
 import dataclasses
 from collections.abc import Iterator
-from typing import ClassVar, Literal, TypeAlias, get_args
+from typing import ClassVar, Literal
 
 import casadi as ca
+import numpy as np
 
 from backsight.algebra.factor import smallest_pivot
-from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.update import masked, measured, noise_of
 from backsight.description import Sound
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
+from backsight.estimators.kalman.prediction import Propagation, predict, transition
+from backsight.estimators.kalman.square_root import square_root_halves, wide
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
     congruence,
     joseph_form,
     kalman_gain,
-    times_transposed,
-    transposed,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-
-Propagation: TypeAlias = Literal["transition", "ode", "discrete"]
-"""Ways to carry a covariance over a sampling period, see `predict`."""
-
-COVARIANCES: tuple[Propagation, ...] = get_args(Propagation)
+from backsight.schema import Innovations
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +45,9 @@ class EKF(AbstractEstimator):
         P_k^+ = (I - K_k H_k) P_k^- (I - K_k H_k)' + K_k R K_k',
 
     sets states outside their bounds to them, and then carries the estimate to the next sample by
-    the model (eq. 13) and the covariance by one of three ways.
+    the model (eq. 13) and the covariance by one of three ways. If the prior is more than a million
+    times as wide as the noise, both steps work on a factor of the covariance, see
+    `backsight.estimators.kalman.square_root`.
 
     Parameters
     ----------
@@ -61,8 +57,8 @@ class EKF(AbstractEstimator):
         For continuous-time models.
     covariance : {"transition", "ode", "discrete"}
         ``transition`` (default) keeps P positive semidefinite at every step size; ``ode`` is the
-        paper's (eq. 14-16), which may not; ``discrete`` adds Q once per sample. See
-        `backsight.estimators.kalman.ekf.predict`.
+        paper's (eq. 14-16), which may not; ``discrete`` adds all noise once per sample. See
+        `backsight.estimators.kalman.prediction.predict`.
     measurement : {"sampled", "continuous"}
         ``continuous`` takes the measurement as a signal that goes on between the samples
         (Kalman-Bucy, eq. 13-14 of Riva et al.): it is interpolated, and its noise has the spectral
@@ -99,14 +95,24 @@ class EKF(AbstractEstimator):
         ):
             yield "measurement='continuous' goes with covariance='transition' only"
 
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white" if self.measurement == "sampled" else "coloured"
+
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
-        parts = ekf_halves(s, self.integrator, self.covariance)
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        if self.measurement == "sampled" and self.covariance != "ode" and wide(s):
+            kept = s.sampled() if self.covariance == "discrete" else s
+            return assemble(self.key, s, square_root_halves(kept))
+        parts = ekf_halves(s, s.integrator, self.covariance)
         if self.measurement == "sampled":
             return assemble(self.key, s, parts)
-        step = transition(s, self.integrator)
-        return assemble_continuous(self.key, s, parts, transition=step, integrator=self.integrator)
+        # Noise per sample is spread evenly over the time in which measurements come all the time.
+        spread = dataclasses.replace(s, Q=np.zeros_like(s.Q), Qc=s.Qc + s.Q / dt)
+        step = transition(spread, s.integrator)
+        return assemble_continuous(self.key, s, parts, transition=step, integrator=s.integrator)
 
 
 def ekf_halves(s: Setting, integrator: Integrator, covariance: Propagation) -> Halves:
@@ -184,117 +190,3 @@ def settled(s: Setting) -> ca.Function:
         return {"x_inside": inside, "flags": flags.vector()}
 
     return leaf("settled", {**notation(s), "variance": s.model.nx}, formula)
-
-
-def predict(s: Setting, integrator: Integrator, covariance: Propagation) -> ca.Function:
-    r"""Time update over one sampling period, eq. 13-16: ``(x, P, u, u_next) -> (x, P)``.
-
-    ``transition``
-        After every sub-step of length h, with the exact Jacobian :math:`\Phi` of the sub-step,
-        :math:`P \leftarrow \Phi P \Phi' + \tfrac h2 (Q + \Phi Q \Phi')`: second-order accurate
-        (the trapezoidal rule on Van Loan's integral) and positive semidefinite for every h.
-    ``ode``
-        Eq. 14-16: :math:`\dot P = Z P + P Z' + Q` by the integrator's own method, with Z taken at
-        the estimate at the start of the period. Can lose positive definiteness; for few states.
-    ``discrete``
-        :math:`P \leftarrow F P F' + Q_d` with the Jacobian F of the whole period and
-        :math:`Q_d = Q\,\Delta t`. The only choice for discrete-time models.
-    """
-    kept = Covariance(s.model.nx)
-    if kept.whole and covariance == "ode":
-        raise TuningError(
-            f"covariance 'ode' is not offered for {s.model.nx} states; use 'transition'"
-        )
-    if not s.model.continuous:
-        return _mapped(s)
-    nx, nu, n = s.model.nx, s.model.nu, integrator.substeps
-    x, P = ca.MX.sym("x", nx), ca.MX.sym("P", kept.size)
-    u, u_next = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu)
-    xs, held = substep_inputs(integrator, u, u_next)
-    if covariance == "discrete":
-        start = [x, ca.MX(ca.DM.eye(nx).full())]
-        final, _ = scan(_sensitivity(s, integrator), n, carry=start, xs=xs, constants=held)
-        ends = [final[0], _carried(s)(final[1], P)]
-    else:
-        step = transition(s, integrator) if covariance == "transition" else _ode(s, integrator)
-        frozen = [x] if covariance == "ode" else []
-        ends, _ = scan(step, n, carry=[x, P], xs=xs, constants=[*held, *frozen])
-    return ca.Function("predict", [x, P, u, u_next], ends)
-
-
-def _moved(s: Setting, integrator: Integrator) -> ca.Function:
-    """State one sub-step later, eq. 13, and its Jacobian: ``(x, ua, ub) -> (x, Phi)``."""
-    h = s.dt / integrator.substeps
-
-    def formula(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
-        x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h)
-        return {"x_next": x_next, "Phi": ca.jacobian(x_next, x)}
-
-    return leaf("moved", notation(s), formula)
-
-
-def transition(s: Setting, integrator: Integrator) -> ca.Function:
-    """One sub-step, see `predict`: ``(x, P, ua, ub) -> (x, P)``."""
-    moved, noise = _moved(s, integrator), ca.DM(s.dt / integrator.substeps / 2 * s.Q)
-
-    def formula(x: Term, P: Term, ua: Term, ub: Term) -> Results:
-        x_next, Phi = moved(x, ua, ub)
-        return {"x_next": x_next, "P_next": congruence(Phi, P + noise, noise)}
-
-    return half("transition", s, formula)
-
-
-def _ode(s: Setting, integrator: Integrator) -> ca.Function:
-    """One sub-step of eq. 14, see `predict`: ``(x, P, ua, ub, frozen) -> (x, P)``."""
-    h = s.dt / integrator.substeps
-
-    def formula(x: ca.SX, P: ca.SX, ua: ca.SX, ub: ca.SX, frozen: ca.SX) -> Results:
-        x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h)
-        Z = ca.substitute(ca.jacobian(s.model.rhs(x, ua), x), x, frozen)
-
-        def rhs(v: ca.SX, _: ca.SX) -> ca.SX:
-            ZP = Z @ unvech(v)
-            return vech(ZP + ZP.T + s.Q)
-
-        v_next = integrator.substep(rhs, vech(P), ua=ua, ub=ub, h=h)
-        return {"x_next": x_next, "P_next": unvech(v_next)}
-
-    return leaf("ode", {**notation(s), "frozen": s.model.nx}, formula)
-
-
-def _sensitivity(s: Setting, integrator: Integrator) -> ca.Function:
-    """One sub-step of the state and of F', see `predict`: ``(x, F', ua, ub) -> (x, F')``."""
-    moved, nx = _moved(s, integrator), s.model.nx
-
-    def formula(x: Term, Ft: Term, ua: Term, ub: Term) -> Results:
-        x_next, Phi = moved(x, ua, ub)
-        return {"x_next": x_next, "Ft_next": ca.densify(times_transposed(Ft, Phi))}
-
-    return half("sensitivity", s, formula, {"Ft": (nx, nx)})
-
-
-def _carried(s: Setting) -> ca.Function:
-    """``(F', P) -> F P F' + Q dt``."""
-    nx, noise = s.model.nx, ca.DM(s.Q * s.dt)
-    return half(
-        "carried",
-        s,
-        lambda Ft, P: {"P_next": congruence(transposed(Ft), P, noise)},
-        {"Ft": (nx, nx)},
-    )
-
-
-def _mapped(s: Setting) -> ca.Function:
-    """Time update of a discrete-time model, see `predict`."""
-
-    def ahead(x: ca.SX, u: ca.SX) -> Results:
-        x_next = s.model.rhs(x, u)
-        return {"x_next": x_next, "F": ca.jacobian(x_next, x)}
-
-    mapped = leaf("mapped", notation(s), ahead)
-
-    def formula(x: Term, P: Term, u: Term, u_next: Term) -> Results:  # noqa: ARG001 - it is held
-        x_next, F = mapped(x, u)
-        return {"x_next": x_next, "P_next": congruence(F, P, ca.DM(s.Q))}
-
-    return half("predict", s, formula)

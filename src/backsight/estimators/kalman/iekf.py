@@ -7,12 +7,14 @@ import casadi as ca
 
 from backsight.algebra.factor import solve_spd
 from backsight.algebra.update import masked
+from backsight.description import Count, NonNegative
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
-from backsight.estimators.kalman.ekf import Propagation, correct, ekf_halves
+from backsight.estimators.kalman.ekf import correct, ekf_halves
+from backsight.estimators.kalman.prediction import Propagation
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.covariance import Term, congruence, times_transposed
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.flags import Flags
@@ -20,6 +22,7 @@ from backsight.estimators.parts.leaf import Results, half, leaf, named_results, 
 from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 
 UNKNOWN = 1e300
 """Cost before the first step."""
@@ -84,19 +87,19 @@ class IEKF(AbstractEstimator):
     prior: Prior
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
     covariance: Propagation = "transition"
-    max_iterations: int = 10
-    tolerance: float = 1e-6
+    max_iterations: Count = 10
+    tolerance: NonNegative = 1e-6
 
-    def __post_init__(self) -> None:
-        if self.max_iterations < 1:
-            raise TuningError(f"max_iterations is {self.max_iterations}; it must be at least 1")
-        if not self.tolerance >= 0:
-            raise TuningError(f"tolerance is {self.tolerance}; it must not be negative")
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white"
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
-        once = ekf_halves(s, self.integrator, self.covariance)
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        refuse_too_wide(s, "IEKF")
+        once = ekf_halves(s, s.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)
         return assemble(self.key, s, dataclasses.replace(once, correct=iterated))
 

@@ -7,11 +7,13 @@ import casadi as ca
 import numpy as np
 import scipy
 
-from backsight.discrete.runge_kutta import Hold, Integrator
+from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman.prediction import predict
+from backsight.estimators.kalman.square_root import square_root_halves, wide
 from backsight.estimators.parts.covariance import Covariance, Term
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.fixed_gain import correct_with
@@ -19,6 +21,7 @@ from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear, linear
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 from backsight.types import Array
 
 
@@ -37,7 +40,8 @@ class KalmanFilter(AbstractEstimator):
         \hat x_{k+1}^- = A \hat x_k^+ + B u_k, \quad P_{k+1}^- = A P_k^+ A' + Q .
 
     Continuous models are carried over exactly: the state by a matrix exponential, the noise by
-    Van Loan's integral. States outside their bounds are set to them, as by `EKF`.
+    Van Loan's integral. States outside their bounds are set to them, and priors that are far wider
+    than the noise are kept as factors, as by `EKF`.
 
     Parameters
     ----------
@@ -71,11 +75,19 @@ class KalmanFilter(AbstractEstimator):
         """See `AbstractEstimator.constant_gain`."""
         return self.steady_state
 
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white"
+
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
         system = self._system(model, dt)
         if self.steady_state:
             return assemble(self.key, system.s, fixed_gain_halves(system, _riccati(system)[0]))
+        if wide(system.s):
+            ramp = ramp_end(system) if system.ramp else None
+            return assemble(self.key, system.s, square_root_halves(system.s, ramp=ramp))
         return assemble(self.key, system.s, linear_halves(system, ekf.correct(system.s)))
 
     def steady(self, model: Model, dt: float) -> tuple[Array, Array]:
@@ -118,11 +130,10 @@ def fixed_gain_halves(system: Linear, gain: Array) -> Halves:
 def predict_linear(system: Linear) -> ca.Function:
     """Time update ``(x, P, u, u_next) -> (x, P)``: A P A' + Q; see `Covariance`."""
     s = system.s
-    held = ekf.predict(s, Integrator(), "discrete")
+    held = predict(s, s.integrator, "discrete")
     if not system.ramp:
         return held
-    B = ca.sparsify(ca.DM(system.B_next))
-    ramp = leaf("ramp_end", notation(s), lambda x, u_next: {"x_end": x + ca.mtimes(B, u_next)})
+    ramp = ramp_end(system)
     kept = Covariance(s.model.nx)
 
     def formula(x: Term, spread: Term, u: Term, u_next: Term) -> Results:
@@ -130,6 +141,12 @@ def predict_linear(system: Linear) -> ca.Function:
         return {"x_end": ramp(moved, u_next), "spread_next": P}
 
     return half("predict_ramp", s, formula, {"spread": kept.size})
+
+
+def ramp_end(system: Linear) -> ca.Function:
+    """``(x, u_next) -> x``: what the input at the end of the period adds."""
+    B, sizes = ca.sparsify(ca.DM(system.B_next)), notation(system.s)
+    return leaf("ramp_end", sizes, lambda x, u_next: {"x_end": x + ca.mtimes(B, u_next)})
 
 
 def _riccati(system: Linear) -> tuple[Array, Array]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights, weights
-from backsight.algebra.symmetric import vech
 from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked, measured, noise_of
 from backsight.description import Positive
@@ -17,9 +16,11 @@ from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
-from backsight.estimators.parts.covariance import Covariance, Term, packed, times_transposed
+from backsight.estimators.kalman.square_root import covariance_of_factor
+from backsight.estimators.parts.covariance import Covariance, Term, times_transposed
 from backsight.estimators.parts.factors import (
-    cholesky,
+    Factor,
+    cholesky_factor,
     deviation_factor,
     each_column,
     minus,
@@ -32,7 +33,7 @@ from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-from backsight.types import Array
+from backsight.schema import Innovations
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,9 +46,10 @@ class UKF(AbstractEstimator):
 
     Sigma points outside the bounds of the states are set to them before they are used, so that a
     parameter that must be positive (a mass) never becomes negative in the model, however wide its
-    spread; this also moves the mean away from the bound, and the sample's status says that it was
-    clipped. If a covariance has no factor, which needs a negative weight (small alpha), the update
-    is left out and the status says so.
+    spread; in the prediction this also moves the mean away from the bound, and the sample's status
+    says that it was clipped. A measurement takes the whole spread, also what is outside the bound.
+    If a covariance has no factor, which needs a negative weight (small alpha), the update is left
+    out and the status says so.
 
     Parameters
     ----------
@@ -78,11 +80,16 @@ class UKF(AbstractEstimator):
     beta: float = 2.0
     kappa: float = 0.0
 
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white"
+
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior)
+        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
         points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
-        return assemble(self.key, s, ukf_halves(s, self.integrator, points))
+        return assemble(self.key, s, ukf_halves(s, s.integrator, points))
 
 
 def points_of(s: Setting, *, alpha: float, beta: float, kappa: float) -> Weights:
@@ -101,49 +108,13 @@ def ukf_halves(s: Setting, integrator: Integrator, w: Weights) -> Halves:
         innovation=_innovation(s, w),
         correct=_correct(s, w),
         predict=_predict(s, w, integrator),
-        covariance=_covariance(s),
+        covariance=covariance_of_factor(s),
         ramp=integrator.hold == "foh",
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class Factor:
-    """How the lower factor of a covariance is kept, and 1 behind it if a prediction had none.
-
-    Parameters
-    ----------
-    like : Covariance
-    """
-
-    like: Covariance
-
-    @property
-    def size(self) -> int:
-        """How many numbers are kept."""
-        return self.like.size + 1
-
-    def of(self, L: Array) -> Array:
-        """A factor in numbers as it is kept, without the last entry."""
-        return L.ravel(order="F") if self.like.whole else packed(L)
-
-    def opened(self, spread: Term) -> Term:
-        """The factor (n, n)."""
-        L = self.like.opened(spread[:-1])
-        return L if self.like.whole else ca.tril(L)
-
-    def closed(self, L: Term) -> Term:
-        """A factor (n, n) as it is kept, without the last entry."""
-        return ca.vec(L) if self.like.whole else vech(ca.densify(L))
-
-
-def cholesky_factor(P: Array) -> Array:
-    """Lower factor of a positive semidefinite matrix in numbers."""
-    A = ca.MX(ca.DM(P)) if Covariance(len(P)).whole else ca.SX(ca.DM(P))
-    return np.asarray(ca.evalf(ca.densify(cholesky(A))))
-
-
 def _points(s: Setting, w: Weights, x: Term, spread: Term) -> tuple[Term, Term]:
-    """Sigma points inside the bounds of the states, and 1 if one of them was set to a bound."""
+    """Sigma points inside the bounds of the states, and how far that moved them."""
     L = Factor(Covariance(s.model.nx)).opened(spread)
     within = leaf(
         "within",
@@ -151,7 +122,7 @@ def _points(s: Setting, w: Weights, x: Term, spread: Term) -> tuple[Term, Term]:
         lambda x: {"x_in": within_bounds(s, x), "off": within_bounds(s, x) - x},
     )
     points, off = each_column(within, sigma_columns(x, L, w.spread))
-    return points, ca.if_else(ca.norm_1(ca.vec(off)) > 0, 1, 0)
+    return points, off
 
 
 def _outputs(s: Setting, w: Weights, points: Term, u: Term) -> tuple[Term, Term]:
@@ -208,10 +179,13 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     weigh, settle = leaf("weigh", sizes, rows), leaf("settle", sizes, settled)
 
     def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
-        points, held = _points(s, w, x, spread)
+        points, off = _points(s, w, x, spread)
+        held = ca.if_else(ca.norm_1(ca.vec(off)) > 0, 1, 0)
         y_mean, dY = _outputs(s, w, points, u)
         dY, e, noise = weigh(y, dY, y_mean, mask)
-        both = on_top([dY, minus(points, x)])
+        # The outputs see points inside the bounds, the spread is that of the state: or else every
+        # sample would make it smaller next to a bound, whatever was measured.
+        both = on_top([dY, minus(points - off, x)])
         joint, definite = deviation_factor(both, w, on_top([noise, type(noise).zeros(nx, ny)]))
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
         x_post, flags = settle(x, KSy, Sy, e, held, definite, spread[-1])
@@ -223,7 +197,7 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
 
 def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
-    kept, h = Factor(Covariance(s.model.nx)), s.dt / integrator.substeps
+    kept, h = Factor(Covariance(s.model.nx)), s.dt / integrator.steps
     sizes = {"spread": kept.size, "X": (s.model.nx, len(w.mean))}
 
     def advance(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
@@ -238,7 +212,7 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
         lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
         sizes,
     )
-    noise = cholesky_factor(s.Q * s.dt if s.model.continuous else s.Q)
+    noise = cholesky_factor(s.sampled().Q)
 
     def gathered(X: Term, spread: Term) -> Results:
         mean = times_transposed(X, ca.DM(w.mean).T)
@@ -252,18 +226,6 @@ def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
     m_x, m_L = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", kept.size)
     m_u, m_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
     xs, held = substep_inputs(integrator, m_u, m_next)
-    steps = integrator.substeps if s.model.continuous else 1
+    steps = integrator.steps if s.model.continuous else 1
     (end,), _ = scan(all_points, steps, carry=[start(m_x, m_L)], xs=xs, constants=held)
     return ca.Function("predict", [m_x, m_L, m_u, m_next], gather.call([end, m_L]))
-
-
-def _covariance(s: Setting) -> ca.Function:
-    kept = Factor(Covariance(s.model.nx))
-
-    def formula(spread: Term) -> Results:
-        L = kept.opened(spread)
-        return {"P": times_transposed(L, L)}
-
-    whole = half("factor_product", s, formula, {"spread": kept.size})
-    spread = ca.MX.sym("spread", kept.size)
-    return ca.Function("covariance", [spread], [kept.like.triangle()(whole(spread))])

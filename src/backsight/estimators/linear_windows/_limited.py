@@ -10,7 +10,7 @@ from backsight.estimators.parts.stages import (
     chain_of,
     covariance_of,
     entries,
-    equations,
+    equations_among,
     outputs_and_limits,
 )
 from backsight.solvers.trajectory import Chain, by_name, solve
@@ -52,7 +52,7 @@ def limited(system: Linear, limits: Limits, N: int) -> ca.Function:
         carry=[ca.MX(1), x_start, side0, *zeros],
         constants=[wide, P, *stages],
     )
-    kept, dropped = equations(chain)(side, *stages[-2:])
+    kept, dropped = equations_among(chain)(side, *stages[-2:])
     problem = [first, P, *stages, kept, ca.MX.zeros(n, m)]
     # With a wide prior the covariance without limits is known already, unless equations hold.
     held = _some(chain)(kept)

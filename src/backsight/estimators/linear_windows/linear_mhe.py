@@ -26,6 +26,7 @@ from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import moved_on, no_window
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 from backsight.solvers.trajectory import by_name
 
 
@@ -94,6 +95,11 @@ class LinearMHE(AbstractEstimator):
         """See `Description.conflicts`."""
         if sound("limits"):
             yield from names_used_twice(self.limits)
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return "white" if self.arrival_weight == 1 else "coloured"
 
     def gains(self, model: Model, dt: float) -> Gains:
         """Gains of a full window without arrival cost, physical units, see `Gains`."""

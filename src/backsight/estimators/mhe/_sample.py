@@ -11,13 +11,14 @@ from backsight.engine.loops import iterate
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.mhe.arrival import Arrival, Leaving
 from backsight.estimators.parts.filtering import choose, data_inputs, physical, physical_innovation
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.memory import Memory
-from backsight.estimators.parts.stages import covariance_of, equations
+from backsight.estimators.parts.stages import covariance_of, equations_among
 from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import (
     empty_queue,
@@ -26,7 +27,7 @@ from backsight.estimators.parts.window import (
     queued,
 )
 from backsight.solvers.box import GaussNewton
-from backsight.solvers.trajectory import Chain, by_name, iterated, smoothed
+from backsight.solvers.trajectory import Chain, by_name, iterated, mistaken, smoothed
 from backsight.types import Array
 
 SMALL = 1e-10
@@ -44,8 +45,8 @@ class Parts:
     ----------
     s : Setting
         With the hard bounds of the states only.
-    inside : Setting
-        With the process noise inside the window.
+    walk : (nx, nx) array
+        Covariance of the process noise of a sample that the window is not told of.
     chain : Chain
     limits : Limits
     arrival : Arrival
@@ -55,7 +56,7 @@ class Parts:
     """
 
     s: Setting
-    inside: Setting
+    walk: Array
     chain: Chain
     limits: Limits
     arrival: Arrival
@@ -135,7 +136,7 @@ def solved(parts: Parts) -> Solved:
     called, moved = m.present[N], m.present[0]
     U, Y, M, present = moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))
     last = [m.x_last, m.P_last]
-    ahead = ekf.predict(parts.inside, parts.integrator, "discrete")
+    ahead = predict(s, parts.integrator, "discrete")
     prior = choose(called, ahead.call([*last, U[:, N - 1], u]), last)
     guess = ca.horzcat(m.X[:, 1:], within(s)(prior[0], 0))
     tried = ca.horzcat(m.side[:, 1:], m.side[:, N])
@@ -152,8 +153,11 @@ def solved(parts: Parts) -> Solved:
 
     # The covariance: of the last linear problem without the limits that happen to be active.
     stages = [found[k] for k in chain.sizes]
-    free, dropped = equations(chain)(found["side"], found["low"], found["high"])
+    free, dropped = equations_among(chain)(found["side"], found["low"], found["high"])
     problem = [found["offset"], P_start, *stages, free, ca.MX.zeros(*free.shape)]
+    P_end = covariance_of(chain)(dropped, found["P_end"], *problem)
+    if parts.walk.any():
+        P_end = mistaken(chain, 0, parts.walk)(*problem)
     return Solved(
         memory=m,
         inputs=[m.symbol, *data],
@@ -168,9 +172,7 @@ def solved(parts: Parts) -> Solved:
         late=m.late,
         found=found,
         problem=problem,
-        P_end=covariance_of(chain)(dropped, found["P_end"], *problem)
-        if chain.n
-        else found["P_end"],
+        P_end=P_end,
     )
 
 
@@ -182,7 +184,11 @@ def recursion(name: str, parts: Parts) -> Recursion:
     e, S = ekf.innovation(s)(*w.prior, *w.data)
     newest = physical_innovation(s).call([e, S])
     (e, S), late = queued(w.late, [e, S], parts.lag)
-    P = smoothed(chain, parts.lag)(*w.problem) if parts.lag else w.P_end
+    P = w.P_end
+    if parts.lag and parts.walk.any():
+        P = mistaken(chain, parts.lag, parts.walk)(*w.problem)
+    elif parts.lag:
+        P = smoothed(chain, parts.lag)(*w.problem)
 
     # What leaves the window goes into the arrival cost.
     x_start, spread = choose(

@@ -48,7 +48,7 @@ def _substep(s: Setting, integrator: Integrator) -> tuple[ca.SX, list[ca.SX]]:
     x, ua, ub = symbols
     if not s.model.continuous:
         return s.model.rhs(x, ua), symbols
-    h = s.dt / integrator.substeps
+    h = s.dt / integrator.steps
     return flow(s, integrator, x, ua=ua, ub=ub, h=h), symbols
 
 
@@ -57,7 +57,7 @@ def transition_pattern(s: Setting, integrator: Integrator) -> ca.Sparsity:
     moved, (x, _, _) = _substep(s, integrator)
     once = np.asarray(ca.DM(ca.jacobian(moved, x).sparsity(), 1.0).full()) != 0
     total = np.eye(s.model.nx, dtype=bool)
-    for _ in range(integrator.substeps if s.model.continuous else 1):
+    for _ in range(integrator.steps if s.model.continuous else 1):
         total = (once.astype(int) @ total.astype(int)) > 0
     return ca.sparsify(ca.DM((total | np.eye(s.model.nx, dtype=bool)).astype(float))).sparsity()
 
@@ -67,7 +67,7 @@ def _transition(s: Setting, integrator: Integrator, chain: Chain) -> ca.Function
     nx, nu = s.model.nx, s.model.nu
     count, x, x_next = ca.MX.sym("k"), ca.MX.sym("x", nx), ca.MX.sym("x_next", nx)
     u, u_next, here = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu), ca.MX.sym("here")
-    steps = integrator.substeps if s.model.continuous else 1
+    steps = integrator.steps if s.model.continuous else 1
     xs, held = substep_inputs(integrator, u, u_next)
     if not s.model.continuous:
         xs, held = [], [u, u]

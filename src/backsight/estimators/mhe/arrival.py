@@ -15,6 +15,7 @@ from backsight.estimators.base import Setting
 from backsight.estimators.kalman import ekf, ukf
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.uncertainty import covariance, covariance_faults
+from backsight.schema import Innovations
 from backsight.solvers.trajectory import Chain, transit, update
 from backsight.types import Array
 
@@ -98,6 +99,11 @@ class AbstractArrival(Description, abc.ABC):
     belong to the first sample of the window, before that sample's measurement.
     """
 
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`: white with the arrival cost of a Kalman filter."""
+        return "white"
+
     @abc.abstractmethod
     def build(self, to: Fitting) -> Arrival:
         """Fit it to a model."""
@@ -119,6 +125,11 @@ class NoArrival(AbstractArrival):
 
     width: Annotated[Positive, Called("the width of the prior")] = 1e3
 
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractArrival.innovations`."""
+        return "coloured"
+
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
         wide = ca.MX(to.chain.stored(to.s.P0) * self.width**2)
@@ -134,8 +145,8 @@ class NoArrival(AbstractArrival):
 class ConstantArrival(AbstractArrival):
     """The estimate of the last window with a constant covariance, as is done most often.
 
-    The estimate has seen the data that are still in the window: they count twice. Not the Kalman
-    filter, not even for linear models, and its covariance is what it was given.
+    The estimate has seen the data still in the window: they count twice. No Kalman filter, not even
+    for linear models.
 
     Parameters
     ----------
@@ -144,6 +155,11 @@ class ConstantArrival(AbstractArrival):
     """
 
     P: Array | None = None
+
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractArrival.innovations`."""
+        return "coloured"
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -201,26 +217,27 @@ class SmoothedArrival(AbstractArrival):
     """A Kalman filter step linearised along the trajectory that the whole window sees.
 
     ``P`` is corrected with the sample that leaves and carried to the next one with the derivatives
-    at the smoothed states, and the mean accordingly: the data that stay in the window decide where
-    to linearise but are not counted. Equal to the smoothed information of the next sample minus
-    the information of the data still in the window, without a difference being taken.
+    at the smoothed states, the mean accordingly: data that stay in the window decide where to
+    linearise but do not count. Equal to the smoothed information of the next sample minus that of
+    the data still in the window, without a difference being taken.
 
     Parameters
     ----------
     naive : bool
-        Take mean and covariance of the next sample given the whole window instead: the data in
-        the window then count again and again, and the covariance becomes too small.
+        Take mean and covariance of the next sample given the whole window: its data then count
+        again and again, and the covariance becomes too small.
     """
 
     naive: bool = False
 
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractArrival.innovations`."""
+        return "coloured" if self.naive else "white"
+
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        step = _along(to.chain, to.Q)
-        walk = ca.MX(to.chain.stored(to.Q - to.chain.Q))
-
-        def again(_x: ca.MX, _P: ca.MX, leaving: Leaving) -> list[ca.MX]:
-            return [leaving.x_next, leaving.P_next() + walk]
+        step, walk = _along(to.chain, to.Q), ca.MX(to.chain.stored(to.Q - to.chain.Q))
 
         def once(x: ca.MX, P: ca.MX, leaving: Leaving) -> list[ca.MX]:
             along = [leaving.along, leaving.along_next]
@@ -229,7 +246,7 @@ class SmoothedArrival(AbstractArrival):
         return Arrival(
             spread0=to.chain.stored(to.s.P0),
             covariance=_same(to.chain),
-            advance=again if self.naive else once,
+            advance=(lambda _x, _P, now: [now.x_next, now.P_next() + walk]) if self.naive else once,
         )
 
 

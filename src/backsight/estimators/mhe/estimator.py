@@ -27,6 +27,7 @@ from backsight.estimators.parts.limits import Limit, hard_bounds, limits_of, nam
 from backsight.estimators.parts.stages import chain_of
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.schema import Innovations
 from backsight.solvers.box import GaussNewton
 
 ARRIVALS = {
@@ -60,8 +61,7 @@ class MHE(AbstractEstimator):
     Parameters
     ----------
     noise : Noise
-        The process noise enters once per sample, with the covariance :math:`Q = Q_c\,\Delta t` of
-        a continuous model, as for ``EKF(covariance="discrete")``.
+        The process noise enters once per sample, as for ``EKF(covariance="discrete")``.
     prior : Prior
         Used until the window is full.
     N : int
@@ -83,7 +83,7 @@ class MHE(AbstractEstimator):
         imposed, it costs :math:`\tfrac12 c\,\text{violation}^2`, physical units.
     constant : tuple of str
         States without process noise inside the window; their random walk is added when the window
-        moves. For parameters: one value per window.
+        moves. For parameters: one value per window. P counts the walk inside the window, too.
     lag : int
         The estimate of a sample is made when `lag` more have been measured: a fixed-lag smoother;
         with ``lag = N`` from the start of the window. Results are put to the sample that they are
@@ -92,8 +92,9 @@ class MHE(AbstractEstimator):
 
     Notes
     -----
-    ``e`` and ``S`` are innovation and covariance of the sample before it entered the window. In P,
-    active bounds count as exact measurements: a direction that is fixed has no variance.
+    ``e`` and ``S`` are innovation and covariance of the sample before it entered the window. P is
+    without the bounds that happen to be active: that they are is known from the data only. Limits
+    with the same lower and upper end are equations, and count as exact measurements.
 
     If limits contradict each other, the estimate is the one without limits, the status says
     *infeasible*, and the output ``infeasible`` names them. ``kkt`` is the residual of the last
@@ -135,6 +136,11 @@ class MHE(AbstractEstimator):
         if sound("limits"):
             yield from names_used_twice(self.limits)
 
+    @property
+    def innovations(self) -> Innovations:
+        """See `AbstractEstimator.innovations`."""
+        return self.arrival.innovations
+
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
         return recursion(self.key, self._parts(model, dt))
@@ -152,25 +158,26 @@ class MHE(AbstractEstimator):
         return inspection(self._parts(model, dt))
 
     def _parts(self, model: Model, dt: float) -> Parts:
-        whole = setting(model, dt, noise=self.noise, prior=self.prior)
+        whole = setting(
+            model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator
+        ).sampled()
         s = hard_bounds(whole, self.soft)
         names = [x.name for x in s.model.states]
         for name in self.constant:
             if name not in names:
                 raise TuningError(f"constant: there is no state '{name}': {nearest(name, names)}")
-        period = s.dt if s.model.continuous else 1.0
         moves = np.array([n not in self.constant for n in names], float)
-        inside = dataclasses.replace(s, Q=s.Q * np.outer(moves, moves))
-        limits = limits_of(whole, inside.Q * period, self.limits, self.soft)
-        moved = transition_pattern(s, self.integrator)
-        chain = chain_of(s, limits, moved, Q=inside.Q * period, N=self.N)
+        inside = s.Q * np.outer(moves, moves)
+        limits = limits_of(whole, inside, self.limits, self.soft)
+        moved = transition_pattern(s, s.integrator)
+        chain = chain_of(s, limits, moved, Q=inside, N=self.N)
         return Parts(
             s=s,
-            inside=inside,
+            walk=s.Q - inside,
             chain=chain,
             limits=limits,
-            arrival=self.arrival.build(Fitting(s, self.integrator, s.Q * period, chain)),
-            integrator=self.integrator,
+            arrival=self.arrival.build(Fitting(s, s.integrator, s.Q, chain)),
+            integrator=s.integrator,
             optimiser=self.optimiser,
             lag=self.lag,
         )

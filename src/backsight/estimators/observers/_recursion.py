@@ -112,7 +112,8 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
     P_now = _with_noise(plan)(after["P"], after["B"])
     seen = named_results(plan.states.observed(), after["x"], after["theta"], P_now, m.parameters)
     x, theta, flags = seen["x"], seen["theta"], Flags.of(seen["flags"])
-    after |= {"x": x, "theta": theta, "parameters": seen["parameters"]}
+    parameters = seen["parameters"]
+    after |= {"x": x, "theta": theta, "parameters": parameters}
     outputs, channels = {"lam": m.lam}, [*ESTIMATE_CHANNELS, Channel("lam")]
 
     # 4. excitation, eq. 9
@@ -140,7 +141,7 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
             estimate=(x, theta, m.lam),
         )
     estimate = {
-        "x_hat": ca.vertcat(x, seen["parameters"], plan.constants),
+        "x_hat": plan.states.joined(seen["states"], parameters, plan.constants),
         "P": seen["P"],
         "y_hat": x[0],
         "e": e,
@@ -162,7 +163,7 @@ class _Between:
     """The way from sample to sample, given the input at both ends."""
 
     def __init__(self, plan: Plan, u: tuple[ca.MX, ca.MX]) -> None:
-        self.plan, self.n = plan, plan.integrator.substeps
+        self.plan, self.n = plan, plan.integrator.steps
         self.u = ramp(self.n, u[0], u[1] if plan.integrator.hold == "foh" else u[0])
         self.h = plan.dt / self.n
 
@@ -170,7 +171,8 @@ class _Between:
         """State and covariance by the model alone."""
         plan = self.plan
         leaf = free_step(plan.states.form, plan.integrator, plan.spread, h=self.h)
-        return scan(leaf, self.n, carry=[x, P], xs=self.u, constants=[theta])[0]
+        x, P = scan(leaf, self.n, carry=[x, P], xs=self.u, constants=[theta])[0]
+        return [x, _walked(plan)(x, P)]
 
     def corrected(
         self, state: dict[str, ca.MX], measured: list[ca.MX], lam: ca.MX
@@ -197,7 +199,17 @@ class _Between:
         )
         end = dict(zip(start, last, strict=True))
         P, both = _with_noise(plan)(end["P"], end["B"][:, 0]), end["B"][:, 1]
-        return {**{name: end[name] for name in ("x", "theta", "Upsilon")}, "P": P, "B": both}
+        moved = {name: end[name] for name in ("x", "theta", "Upsilon")}
+        return {**moved, "P": _walked(plan)(moved["x"], P), "B": both}
+
+
+def _walked(plan: Plan) -> ca.Function:
+    """Covariance with the random walks of one sample: ``(x, P) -> P``."""
+    size = plan.spread.size
+    x, P = ca.SX.sym("x", plan.states.form.n), ca.SX.sym("P", size * (size + 1) // 2)
+    T = plan.spread.slope(x)
+    noise = T @ ca.SX(ca.sparsify(ca.DM(plan.spread.Q))) @ T.T
+    return ca.Function("walked", [x, P], [P + vech(ca.densify(noise))])
 
 
 def _measured(plan: Plan) -> ca.Function:

@@ -7,7 +7,7 @@ adaptive high-gain observer for nonlinear systems", Automatica 46 (2010), 1483-1
 
 import dataclasses
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -31,8 +31,9 @@ class AdaptiveGain(Description):
         I = \int_{t-T}^{t} |y(s) - \bar y(s)| \, ds
 
     where :math:`\bar y` is the model's response from the estimates at t - T. The printed S has the
-    sign of the exponential wrong (it is singular at :math:`I = \gamma`). Between evaluations S is
-    constant and lambda is integrated exactly.
+    sign of the exponential wrong (it is singular at :math:`I = \gamma`). With ``switch="hard"`` S
+    is that of eq. 18, 1 where :math:`I \ge \gamma` and else 0. Between evaluations S is constant
+    and lambda is integrated exactly.
 
     Parameters
     ----------
@@ -50,6 +51,8 @@ class AdaptiveGain(Description):
         Time between evaluations [s]; the window is a multiple of it.
     up, down : float
         K_up and K_down [1/s].
+    switch : {"smooth", "hard"}
+        S of eq. 19, or the abrupt one of eq. 18, which has no beta.
     """
 
     called: ClassVar[str] = "adaptive gain"
@@ -61,6 +64,7 @@ class AdaptiveGain(Description):
     every: Positive = 0.001
     up: Positive = 500.0
     down: Positive = 5.0
+    switch: Literal["smooth", "hard"] = "smooth"
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -69,6 +73,8 @@ class AdaptiveGain(Description):
                 f"the window ({self.window:g} s) is shorter than the time between "
                 f"evaluations ({self.every:g} s)"
             )
+        if sound("switch", "beta") and self.switch == "hard" and self.beta is not None:
+            yield f"beta = {self.beta:g} is the sharpness of the smooth switch; leave it out"
 
     def lengths(self, dt: float) -> tuple[int, int]:
         """Samples between evaluations and evaluations per window."""
@@ -81,7 +87,9 @@ class AdaptiveGain(Description):
         return stride * evaluations + 1
 
     def sigmoid(self, innovation: ca.SX) -> ca.SX:
-        """S of eq. 19, with the sign corrected."""
+        """S of eq. 19, with the sign corrected, or of eq. 18."""
+        if self.switch == "hard":
+            return ca.if_else(innovation >= self.gamma, 1, 0)
         beta = 20 / self.gamma if self.beta is None else self.beta
         return 1 / (1 + ca.exp(-beta * (innovation - self.gamma)))
 

@@ -1,6 +1,7 @@
 """Adaptive high-gain observer with fixed or adaptive gain."""
 
 import dataclasses
+import functools
 from collections.abc import Iterator
 from typing import ClassVar, Literal
 
@@ -8,24 +9,27 @@ import casadi as ca
 import numpy as np
 
 from backsight.description import Positive, Sound
+from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.observers._excitation import Excitation
 from backsight.estimators.observers._recursion import Plan, assemble_observer
-from backsight.estimators.observers._states import States, state_bounds
+from backsight.estimators.observers._states import States, chain_start, state_bounds
 from backsight.estimators.observers.adaptive_gain import AdaptiveGain
 from backsight.estimators.observers.formulas import (
     Interpolation,
     ObserverGains,
     Spread,
-    check_step,
     gain_vector,
+    observer_modes,
+    observer_steps,
 )
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.models.affine import AffineForm, affine_form
+from backsight.models.affine import AffineForm, moving_states
 from backsight.models.model import Model
+from backsight.models.observer_form import moving_first, observer_form
 from backsight.types import Array
 
 
@@ -33,8 +37,8 @@ from backsight.types import Array
 class AHG(AbstractEstimator):
     r"""Adaptive high-gain observer: states and parameters without a covariance in the loop.
 
-    For models that are affine in combinations theta of their parameters (`affine_form` finds
-    them), eq. 10 in its consistent form:
+    For models that are affine in combinations theta of their parameters, in the states or in the
+    output and its derivatives (`observer_form` finds both), eq. 10 in its consistent form:
 
     .. math::
         \dot{\hat x} &= A_0 \hat x + \phi + \psi \hat\theta
@@ -54,7 +58,7 @@ class AHG(AbstractEstimator):
     gain : float
         Gain lambda [1/s]; lambda_max if it adapts.
     Gamma : (p, p) array or p numbers
-        Speed of adaptation per combination, in the order of `affine_form(model).combinations`.
+        Speed of adaptation per combination, in the order of `observer_form(model).combinations`.
     poles : number or n numbers
         Eigenvalues of A0 - k0 c0.
     form : {"consistent", "printed"}
@@ -92,7 +96,7 @@ class AHG(AbstractEstimator):
     form: Literal["consistent", "printed"] = "consistent"
     adaptive: AdaptiveGain | None = None
     excitation: Excitation = dataclasses.field(default_factory=Excitation)
-    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
+    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4"))
     interpolation: Interpolation = "model"
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
@@ -102,27 +106,43 @@ class AHG(AbstractEstimator):
                 f"adaptive gain: lower = {self.adaptive.lower:g} must be below gain = {self.gain:g}"
             )
 
+    def chosen(self, model: Model, dt: float) -> Integrator:
+        """See `AbstractEstimator.chosen`."""
+        k0, modes = self._k0(model), functools.partial(super().modes, model)
+        return observer_steps(self.integrator, modes, lam=self.gain, k0=k0, dt=dt)
+
+    def modes(self, model: Model) -> Modes:
+        """Those of the model and those of the observer's error."""
+        return super().modes(model) + observer_modes(self.gain, self._k0(model))
+
+    def _k0(self, model: Model) -> Array:
+        return gain_vector(self.poles, len(moving_states(model)))
+
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        form = affine_form(model)
+        given = model
+        model, order = moving_first(given)
+        form = observer_form(model)
         k0 = gain_vector(self.poles, form.n)
-        check_step(self.gain, k0, self.integrator, dt)
-        x0, P0 = self.prior.mean(model), self.prior.covariance(model)
+        chosen = self.chosen(given, dt)
+        x0 = self.prior.mean(given)[order]
+        P0 = self.prior.covariance(given)[np.ix_(order, order)]
+        Q = self.noise.process(given)[np.ix_(order, order)]
+        Qc = self.noise.density(given)[np.ix_(order, order)]
         theta0, J = _combinations(form, x0[form.n :])
-        T = np.eye(model.nx)
-        T[form.n :, form.n :] = J
+        start = chain_start(form, x0, P0, J, Q=Q, Qc=Qc)
         plan = Plan(
-            states=States(form, theta0, *state_bounds(model)),
+            states=States(form, theta0, *state_bounds(model), order),
             gains=ObserverGains(k0, _gamma(self.Gamma, form), consistent=self.form == "consistent"),
             lam=self.gain,
-            integrator=self.integrator,
+            integrator=chosen,
             interpolation=self.interpolation,
             dt=dt,
             R=float(self.noise.measurement(model)[0, 0]),
-            x0=x0[: form.n],
+            x0=start.x0,
             constants=np.zeros(0),
-            P0=T @ P0 @ T.T,
-            spread=Spread(T @ self.noise.process(model, dt) @ T.T, _NOTHING),
+            P0=start.P0,
+            spread=Spread(start.Q, start.Qc, _NOTHING, start.varies),
             adaptive=self.adaptive,
             window=self.excitation,
         )

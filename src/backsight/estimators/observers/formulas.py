@@ -5,16 +5,18 @@ parameter estimation: a comparison to extended and unscented Kalman filter".
 """
 
 import dataclasses
-from typing import Literal, TypeAlias
+from collections.abc import Callable
+from typing import Literal, TypeAlias, cast
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from backsight.algebra.symmetric import unvech, vech
-from backsight.discrete.runge_kutta import TABLEAUS, Integrator, Scheme
+from backsight.discrete.modes import Modes
+from backsight.discrete.runge_kutta import Integrator, RungeKutta
+from backsight.discrete.steps import explicit, stability
 from backsight.errors import TuningError
-from backsight.models.affine import AffineForm
+from backsight.models.affine import AffineForm, Coordinates
 from backsight.types import Array
 
 
@@ -58,25 +60,45 @@ def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
     return np.real(polynomial[1:]).astype(float)
 
 
-def amplification(scheme: Scheme, z: ArrayLike) -> Array:
-    """Largest factor by which a Runge-Kutta step multiplies exp(z t) over t = 1, per z."""
-    tableau = TABLEAUS[scheme]
-    stages = len(tableau.b)
-    A = np.zeros((stages, stages))
-    for i, row in enumerate(tableau.a):
-        A[i, : len(row)] = row
-    ones, b = np.ones(stages), np.array(tableau.b)
-    return np.array(
-        [abs(1 + v * b @ np.linalg.solve(np.eye(stages) - v * A, ones)) for v in np.asarray(z)]
-    )
+def observer_modes(lam: float, k0: Array) -> Modes:
+    """Modes of the observer's error, beside those of the model."""
+    A = np.diag(np.ones(len(k0) - 1), 1)
+    A[:, 0] -= k0
+    values = (lam * np.linalg.eigvals(A)).astype(complex)
+    return Modes(values, ("the observer",) * len(k0))
+
+
+LEAST_STEPS = 2
+"""Steps per sample that are taken at least: the covariance is integrated to second order only."""
+
+
+def observer_steps(
+    given: Integrator, modes: Callable[[], Modes], *, lam: float, k0: Array, dt: float
+) -> Integrator:
+    """Settle the integration step for the modes of the model and those of the observer.
+
+    Raises
+    ------
+    TuningError
+        If lambda is too large, above all for given steps, or the model too stiff.
+    """
+    own = observer_modes(lam, k0)
+    try:
+        explicit(given, lambda: own, dt=dt)
+    except TuningError as error:
+        raise TuningError(f"lambda = {lam:g} is too large: {error}") from None
+    chosen = explicit(given, lambda: modes() + own, dt=dt)
+    if given.substeps == "auto":
+        chosen = dataclasses.replace(chosen, substeps=max(chosen.steps, LEAST_STEPS))
+    check_step(lam, k0, chosen, dt)
+    return chosen
 
 
 def check_step(lam: float, k0: Array, integrator: Integrator, dt: float) -> None:
     """Raise `TuningError` if lambda is too large for the integration step."""
-    n, h = len(k0), dt / integrator.substeps
-    A = np.diag(np.ones(n - 1), 1)
-    A[:, 0] -= k0
-    growth = amplification(integrator.scheme, h * lam * np.linalg.eigvals(A))
+    h = dt / integrator.steps
+    scheme = cast(RungeKutta, integrator.scheme)
+    growth = np.abs(stability(scheme, h * observer_modes(lam, k0).values))
     if growth.max() > 1:
         raise TuningError(
             f"lambda = {lam:g} is too large for steps of {h:g} s with '{integrator.scheme}': "
@@ -123,13 +145,28 @@ class Spread:
     Parameters
     ----------
     Q : (n + p + q, n + p + q) array
-        Spectral density of the random walks of chain, theta and constants that are not estimated.
+        What the random walks of chain, theta and constants that are not estimated add per sample.
+    Qc : (n + p + q, n + p + q) array
+        Spectral density of those that go on between the samples.
     constants : casadi.Function
         ``(x, u) -> (n, q)``: how those constants move the chain; not used without any.
+    coordinates : Coordinates, optional
+        Of a chain whose derivative by the states is not the same everywhere: `Q` is then that of
+        the states.
     """
 
     Q: Array
+    Qc: Array
     constants: ca.Function
+    coordinates: Coordinates | None = None
+
+    def slope(self, x: ca.SX) -> ca.SX:
+        """Derivative of chain, theta and constants by the states, at the chain x."""
+        T = ca.SX.eye(self.size)
+        if self.coordinates is not None:
+            states = self.coordinates.states.call([x])[0]
+            T[: x.numel(), : x.numel()] = self.coordinates.slope.call([states])[0]
+        return T
 
     @property
     def size(self) -> int:
@@ -211,5 +248,8 @@ def _propagated(
     if spread.size > m:
         full[: x.numel(), m:] = spread.constants.call([x, u])[0]
     Phi = ca.SX.eye(spread.size) + h * full + h**2 / 2 * (full @ full)
-    half = ca.SX(ca.sparsify(ca.DM(h / 2 * spread.Q)))
+    half = ca.SX(ca.sparsify(ca.DM(h / 2 * spread.Qc)))
+    if spread.coordinates is not None:
+        T = spread.slope(x)
+        half = T @ half @ T.T
     return Phi, Phi @ (unvech(vP) + half) @ Phi.T + half

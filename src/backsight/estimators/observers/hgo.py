@@ -1,28 +1,33 @@
 """High-gain observer."""
 
 import dataclasses
+import functools
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from backsight.description import Positive
+from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
+from backsight.errors import ModelError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.observers._excitation import Excitation
 from backsight.estimators.observers._recursion import Plan, assemble_observer
-from backsight.estimators.observers._states import States, state_bounds
+from backsight.estimators.observers._states import States, chain_start, state_bounds
 from backsight.estimators.observers.formulas import (
     Interpolation,
     ObserverGains,
     Spread,
-    check_step,
     gain_vector,
+    observer_modes,
+    observer_steps,
 )
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.models.affine import affine_form, moving_states
+from backsight.models.affine import AffineForm, moving_states
 from backsight.models.model import Model
+from backsight.models.observer_form import moving_first, observer_form
 from backsight.types import Array
 
 
@@ -33,7 +38,10 @@ class HGO(AbstractEstimator):
     .. math::
         \dot{\hat x} = A_0 \hat x + \phi(\hat x, u) + \lambda \Lambda^{-1} k_0 (y - c_0 \hat x)
 
-    with :math:`\Lambda^{-1} = \mathrm{diag}(1, \lambda \dots \lambda^{n-1})`. States that are
+    with :math:`\Lambda^{-1} = \mathrm{diag}(1, \lambda \dots \lambda^{n-1})`. A model that is no
+    such chain is observed in the coordinates in which it is one, the output and its derivatives
+    :math:`\Phi(x)` (see `observer_form`); the result has its own states, as from the gain
+    :math:`(\partial\Phi/\partial x)^{-1} \lambda \Lambda^{-1} k_0` in them. States that are
     constant in the model (parameters) keep their start values; `AHG` estimates them.
 
     Noise and prior do not change the estimate. They give its covariance, that of the linearised
@@ -67,29 +75,48 @@ class HGO(AbstractEstimator):
     prior: Prior
     gain: Positive
     poles: complex | tuple[complex, ...] = -1.0
-    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4", 2))
+    integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4"))
     interpolation: Interpolation = "model"
+
+    def chosen(self, model: Model, dt: float) -> Integrator:
+        """See `AbstractEstimator.chosen`."""
+        k0, modes = self._k0(model), functools.partial(super().modes, model)
+        return observer_steps(self.integrator, modes, lam=self.gain, k0=k0, dt=dt)
+
+    def modes(self, model: Model) -> Modes:
+        """Those of the model and those of the observer's error."""
+        return super().modes(model) + observer_modes(self.gain, self._k0(model))
+
+    def _k0(self, model: Model) -> Array:
+        return gain_vector(self.poles, len(moving_states(model)))
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        x0, P0 = self.prior.mean(model), self.prior.covariance(model)
+        given = model
+        model, order = moving_first(given)
+        x0 = self.prior.mean(given)[order]
+        P0 = self.prior.covariance(given)[np.ix_(order, order)]
+        Q = self.noise.process(given)[np.ix_(order, order)]
+        Qc = self.noise.density(given)[np.ix_(order, order)]
         n = len(moving_states(model))
-        form = affine_form(_chain(model, n, x0[n:]))
+        form = observer_form(_chain(model, n, x0[n:]))
+        _check_output(model, n)
         k0 = gain_vector(self.poles, form.n)
-        check_step(self.gain, k0, self.integrator, dt)
+        chosen = self.chosen(given, dt)
         lower, upper = state_bounds(model)
+        start = chain_start(form, x0, P0, np.zeros((0, 0)), Q=Q, Qc=Qc)
         plan = Plan(
-            states=States(form, np.zeros(0), lower, upper),
+            states=States(form, np.zeros(0), lower, upper, order),
             gains=ObserverGains(k0, np.zeros((0, 0))),
             lam=self.gain,
-            integrator=self.integrator,
+            integrator=chosen,
             interpolation=self.interpolation,
             dt=dt,
             R=float(self.noise.measurement(model)[0, 0]),
-            x0=x0[:n],
+            x0=start.x0,
             constants=x0[n:],
-            P0=P0,
-            spread=Spread(self.noise.process(model, dt), _influence(model, n, x0[n:])),
+            P0=start.P0,
+            spread=Spread(start.Q, start.Qc, _influence(model, form, x0[n:]), start.varies),
             adaptive=None,
             window=Excitation(),
         )
@@ -109,8 +136,26 @@ def _chain(model: Model, n: int, constants: Array) -> Model:
     )
 
 
-def _influence(model: Model, n: int, constants: Array) -> ca.Function:
-    """``(x, u) -> (n, q)``: derivative of the chain's equations by the constants."""
-    x, u, c = ca.SX.sym("x", n), ca.SX.sym("u", model.nu), ca.SX.sym("c", len(constants))
+def _check_output(model: Model, n: int) -> None:
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    y = model.output(x, u)
+    held = [model.states[k].name for k in range(n, model.nx) if ca.depends_on(y, x[k])]
+    if held:
+        raise ModelError(
+            f"the output contains the constant state {', '.join(held)}, which an observer of the "
+            "others takes for exact; make it a parameter of the model"
+        )
+
+
+def _influence(model: Model, form: AffineForm, constants: Array) -> ca.Function:
+    """``(x, u) -> (n, q)``: derivative of the chain's equations by the constants.
+
+    The coordinates stay those of the start values: their observer errs with the states.
+    """
+    n = form.n
+    z, u, c = ca.SX.sym("x", n), ca.SX.sym("u", model.nu), ca.SX.sym("c", len(constants))
+    x = z if form.coordinates is None else form.coordinates.states.call([z])[0]
     slope = ca.jacobian(model.rhs(ca.vertcat(x, c), u)[:n], c)
-    return ca.Function("influence", [x, u], [ca.substitute(slope, c, ca.SX(constants))])
+    if form.coordinates is not None:
+        slope = form.coordinates.slope.call([x])[0] @ slope
+    return ca.Function("influence", [z, u], [ca.substitute(slope, c, ca.SX(constants))])

@@ -107,7 +107,7 @@ def physical(
     estimate = [
         *s.physical(k["x"], k["P"]),
         s.sy * s.model.output(k["x"], k["u"]),
-        Flags.of(raised).status(),
+        dataclasses.replace(Flags.of(raised), coarse_step=int(s.coarse)).status(),
     ]
     leave = ca.Function("physical", [k["x"], k["P"], k["u"], raised], estimate)
     *values, status = leave(x, P, u, flags)

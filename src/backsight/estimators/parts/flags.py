@@ -31,6 +31,7 @@ class Flags:
     unobserved: Raised = 0
     infeasible: Raised = 0
     dependent: Raised = 0
+    coarse_step: Raised = 0
 
     @classmethod
     def of(cls, vector: Raised) -> Flags:

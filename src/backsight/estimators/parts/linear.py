@@ -46,7 +46,8 @@ class Linear:
 def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -> Linear:
     """Check a description against the model, scale it, and carry it exactly to discrete time.
 
-    A continuous model is discretised by matrix exponentials, its noise by Van Loan's integral.
+    A continuous model is discretised by matrix exponentials, the density of its noise by Van
+    Loan's integral.
 
     Raises
     ------
@@ -63,7 +64,7 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -
     A, B, C, D = state_space(s.model)
     B_next, Q = np.zeros_like(B), s.Q
     if model.continuous:
-        _, Q = discretise_noise(A, s.Q, dt=dt)
+        Q = s.Q + discretise_noise(A, s.Qc, dt=dt)[1]
         if hold == "foh":
             A, B, B_next = foh(A, B, dt=dt)
         else:
@@ -72,7 +73,7 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -
     sampled = lti(
         A, B, C, D, states=m.states, inputs=m.inputs, outputs=m.outputs, dt=dt, name=m.name
     )
-    s = dataclasses.replace(s, model=sampled, Q=Q)
+    s = dataclasses.replace(s, model=sampled, Q=Q, Qc=np.zeros_like(Q))
     return Linear(s, A, B, B_next, C, D, hold == "foh")
 
 

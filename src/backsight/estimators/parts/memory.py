@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import EngineError
+from backsight.schema import Status
 from backsight.types import Array
 
 Value = ca.MX | ca.DM | Array | float
@@ -132,7 +133,11 @@ class Memory:
                 f"memory of the next sample of '{name}': {after.shape} instead of "
                 f"{self._symbol.shape}"
             )
-        values = [ca.vec(ca.densify(ca.MX(outputs[n]))) for n in names]
+        named = {n: ca.vec(ca.densify(ca.MX(outputs[n]))) for n in names}
+        if {"x_hat", "P", "status"} <= set(named):
+            told = _not_finite(named["x_hat"].numel())
+            named["status"] = told(named["x_hat"], named["P"], named["status"])
+        values = [named[n] for n in names]
         return Recursion(
             step=ca.Function(name, [self._symbol, *data], [after, *values]),
             carry0=self.start,
@@ -142,6 +147,23 @@ class Memory:
             lag=lag,
             innovation=innovation,
         )
+
+
+def _not_finite(n: int) -> ca.Function:
+    """``(x_hat, P, status) -> status``: with the bit `NOT_FINITE` where an estimate has no number.
+
+    Other bits that could not be told either are left out.
+    """
+    x, P, status = ca.SX.sym("x", n), ca.SX.sym("P", n * (n + 1) // 2), ca.SX.sym("status")
+    variances = [P[int(k)] for k in np.cumsum([0, *range(n, 1, -1)])]
+    # NaN is not below infinity either.
+    finite = ca.sum1(ca.fabs(ca.vertcat(x, *variances))) < np.inf
+    known = ca.if_else(ca.fabs(status) < np.inf, status, 0)
+    return ca.Function(
+        "told_if_not_finite",
+        [x, P, status],
+        [ca.if_else(finite, known, known + int(Status.NOT_FINITE))],
+    )
 
 
 def _shape(value: Array) -> tuple[int, int]:

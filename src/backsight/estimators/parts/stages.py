@@ -43,7 +43,7 @@ def outputs_and_limits(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
     return ca.Function("outputs_and_limits", given, [before, *seen])
 
 
-def equations(chain: Chain) -> ca.Function:
+def equations_among(chain: Chain) -> ca.Function:
     """``(side, low, high) -> (side, dropped)``: of the active limits those that are equations.
 
     An equation, a limit whose ends are the same, is known to hold; that another limit is active is

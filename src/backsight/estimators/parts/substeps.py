@@ -4,12 +4,13 @@ import casadi as ca
 
 from backsight.algebra import bounds
 from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.steps import advanced
 from backsight.estimators.base import Setting
 
 
 def flow(s: Setting, integrator: Integrator, x: ca.SX, *, ua: ca.SX, ub: ca.SX, h: float) -> ca.SX:
     """One sub-step of the state, eq. 33-34 of Polóni et al. (2012) for Heun's method."""
-    return integrator.substep(s.model.rhs, x, ua=ua, ub=ub, h=h)
+    return advanced(integrator, s.model, x, ua=ua, ub=ub, h=h)
 
 
 def substep_inputs(
@@ -18,7 +19,7 @@ def substep_inputs(
     """Inputs at both ends of the sub-steps: as columns (ramp), or once for all (held)."""
     if integrator.hold == "zoh":
         return [], [u, u]
-    return ramp(integrator.substeps, u, u_next), []
+    return ramp(integrator.steps, u, u_next), []
 
 
 def ramp(n: int, a: ca.MX, b: ca.MX) -> list[ca.MX]:

@@ -1,6 +1,6 @@
 """Questions about a recording and an estimator that need further runs."""
 
-from backsight.run.diagnosis._alignment import check_alignment as check_alignment
 from backsight.run.diagnosis._certify import certify as certify
+from backsight.run.diagnosis._delays import check_alignment as check_alignment
 from backsight.run.diagnosis.audit import aligned as aligned
 from backsight.run.diagnosis.audit import audited as audited

@@ -4,6 +4,7 @@ import dataclasses
 import math
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import xarray as xr
 
@@ -12,12 +13,14 @@ from backsight.analysis.certificate import (
     Claim,
     Estimates,
     LinearGaussian,
+    dense_least_squares,
     draw,
     lagged,
-    least_squares,
 )
 from backsight.description import Positive, Whole, checked
+from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.steps import choose
 from backsight.engine import vm
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -91,11 +94,12 @@ def certify(
     dt = float(recording.attrs["dt"])
     u = matched_inputs(model, recording)
     point, middle = _point(estimator, model, recording, at)
-    integrator = estimator.integration or Integrator(substeps=4)
+    given = estimator.integration or Integrator()
+    integrator = choose(given, model, lambda: estimator.modes(model), dt=dt)
     A, B, C, D = linearised(model, point, u[middle], dt=dt, integrator=integrator)
     system = LinearGaussian(
         *(A, B, C, D),
-        Q=noise.process(model, dt) * (dt if model.continuous else 1.0),
+        Q=noise.process(model) + _driven(noise, model, point, u[middle], dt),
         R=noise.measurement(model),
         P0=prior.covariance(model),
     )
@@ -103,7 +107,7 @@ def certify(
     samples = min(max(WINDOWS * (N + 1), LEAST), MOST)
     inputs = u[(middle + np.arange(samples)) % len(u)] - u[middle]
     y = draw(system, inputs, missing=MISSING, seed=seed)
-    best, full = lagged(system, inputs, y, lag), least_squares(system, inputs, y)
+    best, full = lagged(system, inputs, y, lag), dense_least_squares(system, inputs, y)
     plain = _plain(model, system, dt)
     claims = []
     for name, variant in estimator.variants().items():
@@ -144,6 +148,16 @@ def _point(
         return midpoint(estimator, model, recording)
     values = np.array([s.value for s in model.states])
     return vector(at, model.states, what="at", default=values), recording.sizes["time"] // 2
+
+
+def _driven(noise: Noise, model: Model, x: Array, u: Array, dt: float) -> Array:
+    """What the spectral density of the noise adds in a sampling period, (nx, nx)."""
+    density = noise.density(model)
+    if not density.any():
+        return density
+    symbols = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    rates = ca.densify(ca.jacobian(model.rhs(*symbols), symbols[0]))
+    return discretise_noise(np.array(ca.Function("A", symbols, [rates])(x, u)), density, dt=dt)[1]
 
 
 def _plain(model: Model, system: LinearGaussian, dt: float) -> Model:

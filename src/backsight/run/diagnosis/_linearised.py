@@ -1,14 +1,17 @@
 """A model from sample to sample in the surroundings of a point."""
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 import xarray as xr
 
 from backsight.discrete.runge_kutta import Integrator
+from backsight.discrete.steps import over_sample
 from backsight.errors import EstimationError, ModelError
+from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.diagnosis._alignment import yardstick
 from backsight.run.estimation import estimate
 from backsight.types import Array
 
@@ -29,16 +32,11 @@ def linearised(
         If an entry is not finite.
     """
     symbols = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
-    end = symbols[0]
-    if model.continuous:
-        for _ in range(integrator.substeps):
-            h = dt / integrator.substeps
-            end = integrator.substep(model.rhs, end, ua=symbols[1], ub=symbols[1], h=h)
-    else:
-        end = model.rhs(*symbols)
     y = model.output(*symbols)
-    entries = [ca.densify(ca.jacobian(of, by)) for of in (end, y) for by in symbols]
-    A, B, C, D = (np.array(m) for m in ca.Function("matrices", symbols, entries).call([x, u]))
+    entries = [ca.densify(ca.jacobian(y, by)) for by in symbols]
+    C, D = (np.array(m) for m in ca.Function("matrices", symbols, entries).call([x, u]))
+    held = dataclasses.replace(integrator, hold="zoh")
+    _, A, B = (np.array(m) for m in over_sample(held, model, dt).call([x, u, u]))
     if not all(np.isfinite(m).all() for m in (A, B, C, D)):
         raise ModelError(f"model '{model.name}' has no derivative at the point; choose another")
     return A, B, C, D
@@ -51,7 +49,7 @@ def midpoint(
     k = min(recording.sizes["time"] // 2, LONGEST)
     part = recording.isel(time=slice(0, k + 1))
     try:
-        result = estimate(yardstick(estimator), model, part)
+        result = estimate(yardstick(estimator, model), model, part)
     except EstimationError as error:
         raise ModelError(
             f"the extended Kalman filter diverged before the middle of the recording; give the "

@@ -4,13 +4,16 @@ from collections.abc import Mapping
 
 import xarray as xr
 
+from backsight.analysis.alignment import Alignment
 from backsight.analysis.comparison import ALIGNED, ALIGNMENT
-from backsight.analysis.recording import Alignment
-from backsight.errors import ModelError, TuningError
+from backsight.analysis.consistency import NoiseFactors
+from backsight.errors import BacksightError, ModelError, TuningError
+from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.diagnosis._alignment import check_alignment
-from backsight.run.diagnosis._noise_factors import MOST_STATES, with_noise_factors
+from backsight.run.diagnosis._delays import check_alignment
+from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
+from backsight.run.estimation import estimate
 
 
 def audited(
@@ -28,10 +31,54 @@ def audited(
     about: dict[str, str | int] = {} if found is None else {ALIGNMENT: str(found)}
     if found is not None and found.aligned is not None:
         about[ALIGNED] = int(found.aligned)
+    factors = noise_found(results, estimators, model, recording)
     return {
-        name: with_noise_factors(result, estimators[name], model).assign_attrs(about)
+        name: with_factors(result, factors[name]).assign_attrs(about)
         for name, result in results.items()
     }
+
+
+def noise_found(
+    results: Mapping[str, xr.Dataset],
+    estimators: Mapping[str, AbstractEstimator],
+    model: Model,
+    recording: xr.Dataset,
+) -> dict[str, NoiseFactors | None]:
+    """By how much the noise of every estimator is wrong, where that can be told.
+
+    From its own innovations if they are those of a Kalman filter. The innovations of another gain
+    are coloured whatever the noise is: its noise is judged by the Kalman filter that believes in
+    the same.
+    """
+    tried: list[tuple[AbstractEstimator, NoiseFactors | None]] = []
+    found: dict[str, NoiseFactors | None] = {}
+    for name, estimator in estimators.items():
+        if estimator.innovations == "white":
+            found[name] = factors_of(results[name], estimator, model)
+        elif estimator.innovations == "forced" or model.nx > MOST_STATES:
+            found[name] = None
+        else:
+            found[name] = _by_yardstick(estimator, model, recording, tried)
+    return found
+
+
+def _by_yardstick(
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    tried: list[tuple[AbstractEstimator, NoiseFactors | None]],
+) -> NoiseFactors | None:
+    """Factors by the Kalman filter with the same noise and prior; `tried` remembers them."""
+    try:
+        judge = yardstick(estimator, model)
+        for known, factors in tried:
+            if known == judge:
+                return factors
+        factors = factors_of(estimate(judge, model, recording), judge, model)
+    except BacksightError:
+        return None
+    tried.append((judge, factors))
+    return factors
 
 
 def aligned(

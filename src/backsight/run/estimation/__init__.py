@@ -9,8 +9,8 @@ from backsight.run.estimation._estimate import failure as failure
 from backsight.run.estimation._estimate import ready as ready
 from backsight.run.estimation._match import match as match
 from backsight.run.estimation._match import matched_inputs as matched_inputs
+from backsight.run.estimation._mhe_window import solve_window as solve_window
 from backsight.run.estimation._stream import stream as stream
-from backsight.run.estimation._window import solve_window as solve_window
 from backsight.run.estimation.lag import run_on as run_on
 from backsight.run.estimation.many import estimate_many as estimate_many
 from backsight.run.estimation.result import as_result as as_result

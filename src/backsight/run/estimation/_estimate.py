@@ -16,7 +16,7 @@ from backsight.errors import BacksightWarning, DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._match import match
-from backsight.run.estimation.lag import aligned, run_on
+from backsight.run.estimation.lag import from_first_sample, run_on
 from backsight.run.estimation.result import as_result
 from backsight.schema import FAILURES, STATUS_TEXT
 from backsight.types import Array
@@ -30,6 +30,7 @@ def estimate(
     *,
     engine: Engine | None = None,
     throw: bool = True,
+    restart: bool = False,
     progress: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
     """Estimate the states of a model from a recording.
@@ -47,6 +48,9 @@ def estimate(
         virtual machine for less than a thousand samples. The results agree to rounding.
     throw : bool
         Raise at the end if the estimator failed; otherwise only the status says so.
+    restart : bool
+        After a sample whose estimate is not finite start anew from the prior. Only the status says
+        so then; without it, everything from there on is worthless.
     progress : callable
         Told the number of samples done.
 
@@ -69,7 +73,9 @@ def estimate(
     """
     task = ready(estimator, model, recording)
     check_memory([task.recursion], task.samples)
-    return carry_out(task, engine=engine, throw=throw, progress=progress)
+    if restart:
+        task = dataclasses.replace(task, recursion=task.recursion.restarting())
+    return carry_out(task, engine=engine, throw=throw and not restart, progress=progress)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,7 +138,7 @@ def carry_out(
     )
     seconds = time.perf_counter() - started
     result = as_result(
-        aligned(outputs, recursion.lag),
+        from_first_sample(outputs, recursion.lag),
         recursion,
         task.estimator,
         task.model,

@@ -46,7 +46,7 @@ def match(
         raise DataError(
             f"output '{model.outputs[i].name}' is infinite at sample {k}; NaN means 'not measured'"
         )
-    mask = weights(model, recording)
+    mask = output_mask(model, recording)
     if (weighted := np.argwhere((mask > 0) & (mask != 1))).size and not _weighs(estimator):
         k, i = weighted[0]
         raise DataError(
@@ -72,7 +72,7 @@ def matched_inputs(model: Model, recording: xr.Dataset) -> Array:
     return u
 
 
-def weights(model: Model, recording: xr.Dataset) -> Array:
+def output_mask(model: Model, recording: xr.Dataset) -> Array:
     """Mask of the outputs in the order of the model, (n, ny), see `match`."""
     y = _columns(recording, "y", "output", of=model.outputs)
     if SIGMA_FACTOR not in recording:

@@ -24,13 +24,22 @@ class Stream:
     engine : {"native", "vm"}
         Machine code, or CasADi's virtual machine, which takes many times as long per sample but
         nothing to start.
+    restart : bool
+        After a sample whose estimate is not finite start anew from the prior.
     """
 
     def __init__(
-        self, estimator: AbstractEstimator, model: Model, dt: float, *, engine: Engine = "native"
+        self,
+        estimator: AbstractEstimator,
+        model: Model,
+        dt: float,
+        *,
+        engine: Engine = "native",
+        restart: bool = False,
     ) -> None:
         self._estimator, self._model = estimator, model
         recursion = estimator.compile(model, dt)
+        recursion = recursion.restarting() if restart else recursion
         self._channels = recursion.channels
         self._stepper = stepper(recursion, engine)
 
@@ -89,7 +98,12 @@ class Stream:
 
 @checked()
 def stream(
-    estimator: AbstractEstimator, model: Model, dt: Positive, *, engine: Engine = "native"
+    estimator: AbstractEstimator,
+    model: Model,
+    dt: Positive,
+    *,
+    engine: Engine = "native",
+    restart: bool = False,
 ) -> Stream:
     """Start an estimator on a live stream with sampling period dt [s]; see `Stream`."""
-    return Stream(estimator, model, dt, engine=engine)
+    return Stream(estimator, model, dt, engine=engine, restart=restart)

@@ -19,6 +19,6 @@ def run_on(data: Sequence[Array], lag: int) -> list[Array]:
     ]
 
 
-def aligned(outputs: Sequence[Array], lag: int) -> list[Array]:
+def from_first_sample(outputs: Sequence[Array], lag: int) -> list[Array]:
     """Outputs without those that are about samples before the first."""
     return [output[lag:] for output in outputs]

@@ -12,7 +12,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._estimate import check_length, check_memory, failure
 from backsight.run.estimation._match import match
-from backsight.run.estimation.lag import aligned, run_on
+from backsight.run.estimation.lag import from_first_sample, run_on
 from backsight.run.estimation.result import as_result
 
 
@@ -87,7 +87,7 @@ def estimate_many(
     seconds = time.perf_counter() - started
     results = [
         as_result(
-            aligned(outputs, recursion.lag),
+            from_first_sample(outputs, recursion.lag),
             recursion,
             estimator,
             model,

@@ -12,9 +12,24 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
-from backsight.run.estimation._match import weights
-from backsight.schema import AGO, RESULT_VARIABLES, SCHEMA_VERSION, SIGMA_FACTOR, WEIGHT, Status
+from backsight.run.estimation._integration import with_integration
+from backsight.run.estimation._match import output_mask
+from backsight.schema import (
+    AGO,
+    INNOVATIONS,
+    RESULT_VARIABLES,
+    SCHEMA_VERSION,
+    SIGMA_FACTOR,
+    WEIGHT,
+    Status,
+)
 from backsight.types import Array
+
+HUGE = 1e100
+"""No quantity of a machine, and no variance, is as large in any unit."""
+
+ABSURD = 1e6
+"""An output that is wrong by so many times what was ever measured comes from a diverged filter."""
 
 
 def as_result(
@@ -49,6 +64,7 @@ def as_result(
         "seconds": seconds,
         "us_per_sample": seconds / result.sizes["time"] * 1e6,
         "schema": SCHEMA_VERSION,
+        INNOVATIONS: estimator.innovations,
     }
     if (rule := estimator.outliers) is not None:
         result.attrs |= {
@@ -56,6 +72,7 @@ def as_result(
             THRESHOLD: rule.threshold,
             OUTLIER_WEIGHT: DOUBTED,
         }
+    result = with_integration(result, estimator, model)
     remarks = force_remarks(result)
     if remarks:
         result.attrs[REMARKS] = "\n".join(remarks)
@@ -72,13 +89,13 @@ def _dataset(
     outputs = [s.name for s in model.outputs]
     inputs = [s.name for s in model.inputs]
     measured = recording["y"].sel(output=outputs).values
-    measured = np.where(weights(model, recording) > 0, measured, np.nan)
+    measured = np.where(output_mask(model, recording) > 0, measured, np.nan)
     values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
     if WEIGHT in values:
         values[WEIGHT] = np.where(np.isfinite(measured), values[WEIGHT], np.nan)
-    finite = np.isfinite(values["x_hat"]).all(axis=1)
     raised = np.nan_to_num(values["status"]).astype(np.int32)
-    values["status"] = np.where(finite, raised, raised | int(Status.NOT_FINITE)).astype(np.int32)
+    diverged = np.where(_worthless(values, measured), int(Status.NOT_FINITE), 0)
+    values["status"] = (raised | diverged).astype(np.int32)
     dims = {c.name: ("time", *c.dims) for c in channels}
     variance = np.einsum("kii->ki", values["P"])
     values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
@@ -118,6 +135,21 @@ def _dataset(
         known = [n for n in names if n in truth["state"].values]
         result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
     return result
+
+
+def _worthless(values: dict[str, np.ndarray], measured: Array) -> Array:
+    """Whether the filter has diverged at a sample, (n,), whatever it says of itself.
+
+    Its numbers are not finite or not those of a machine, or it says something else of what was just
+    measured, beyond its own doubts and by far more than anything that was ever measured.
+    """
+    parts = [values[name].reshape(len(measured), -1) for name in ("x_hat", "P", "y_hat", "S")]
+    sound = np.logical_and.reduce([(np.abs(part) < HUGE).all(axis=1) for part in parts])
+    variance = np.einsum("kii->ki", np.where(sound[:, None, None], values["S"], 0.0))
+    largest = np.nanmax(np.abs(measured), initial=0.0, axis=0)
+    doubt = np.maximum(np.sqrt(np.maximum(variance, 0.0)), largest)
+    off = np.abs(np.where(sound[:, None], values["y_hat"], 0.0) - measured)
+    return ~sound | (off > ABSURD * doubt).any(axis=1)
 
 
 def _with_forces(result: xr.Dataset, model: Model) -> xr.Dataset:

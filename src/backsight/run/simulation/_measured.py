@@ -8,7 +8,7 @@ from backsight.schema import recording
 from backsight.types import Array
 
 
-def measured(
+def measured_recording(
     model: Model,
     *,
     dt: float,

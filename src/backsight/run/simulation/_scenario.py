@@ -24,7 +24,7 @@ Push: TypeAlias = Callable[[Integers, Array], Array]
 def input_columns(model: Model, u: ArrayLike | Mapping[str, ArrayLike]) -> Array:
     """Inputs of all samples, (n, nu); errors as in `simulate`."""
     names = [s.name for s in model.inputs]
-    U = _by_name(u, names) if isinstance(u, Mapping) else numbers(u, "u")
+    U = _by_name(u, names) if isinstance(u, Mapping) else as_numbers(u, "u")
     if U.ndim == 1 and model.nu == 1:
         U = U[:, None]
     if U.ndim != 2 or U.shape[1] != model.nu:
@@ -47,7 +47,7 @@ def _by_name(u: Mapping[str, ArrayLike], names: list[str]) -> Array:
     missing = [name for name in names if name not in u]
     if missing or not names:
         raise ModelError(f"u has no values for {', '.join(missing) or 'a model without inputs'}")
-    columns = {name: numbers(u[name], f"input '{name}'") for name in names}
+    columns = {name: as_numbers(u[name], f"input '{name}'") for name in names}
     shapes = {name: c.shape for name, c in columns.items()}
     if len(set(shapes.values())) > 1 or any(c.ndim != 1 for c in columns.values()):
         raise DataError(f"the inputs must be columns of equal length, but have the shapes {shapes}")
@@ -110,7 +110,7 @@ def disturbance_of(state: str, given: Disturbance, n: int) -> Push:
     if callable(given):
 
         def evaluated(_: Integers, times: Array) -> Array:
-            values = numbers(given(times), f"the disturbance of '{state}'")
+            values = as_numbers(given(times), f"the disturbance of '{state}'")
             if values.shape not in ((), times.shape):
                 raise DataError(
                     f"the disturbance of '{state}' returned the shape {values.shape} for "
@@ -122,7 +122,7 @@ def disturbance_of(state: str, given: Disturbance, n: int) -> Push:
 
         return evaluated
 
-    column = numbers(given, f"the disturbance of '{state}'")
+    column = as_numbers(given, f"the disturbance of '{state}'")
     if column.shape != (n,):
         raise DataError(
             f"the disturbance of '{state}' has the shape {column.shape}; give one value for each "
@@ -134,7 +134,7 @@ def disturbance_of(state: str, given: Disturbance, n: int) -> Push:
     return lambda samples, _: column[samples]
 
 
-def numbers(given: ArrayLike, what: str) -> Array:
+def as_numbers(given: ArrayLike, what: str) -> Array:
     """Read an array of numbers; raises `DataError` that says what is not one."""
     try:
         return np.asarray(given, float)

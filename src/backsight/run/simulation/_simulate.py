@@ -16,7 +16,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError, TuningError
 from backsight.models.model import Model
 from backsight.models.signals import vector
-from backsight.run.simulation._measured import measured
+from backsight.run.simulation._measured import measured_recording
 from backsight.run.simulation._scenario import (
     Disturbance,
     Push,
@@ -113,7 +113,7 @@ def simulate(
     U = input_columns(model, u)
     n = len(U)
     fine = Integrator(SCHEME, substeps if model.continuous else 1, hold)
-    grid = dt / fine.substeps
+    grid = dt / fine.steps
     theta = parameter_steps(model, parameters or {}, changes or {}, grid=grid, end=n * dt)
     pushes = {
         model.index(state): disturbance_of(state, push, n)
@@ -128,13 +128,13 @@ def simulate(
     X, Y = _integrate(model, fine, x, U=U, theta=theta, pushes=pushes, dt=dt)
     _check_finite(X, Y, dt)
 
-    return measured(
+    return measured_recording(
         model,
         dt=dt,
         u=U,
         x=X,
         y=Y,
-        parameters=theta.at(np.arange(n) * fine.substeps),
+        parameters=theta.at(np.arange(n) * fine.steps),
         sigma=sigma,
         seed=seed,
     )
@@ -152,7 +152,7 @@ def _integrate(
 ) -> tuple[Array, Array]:
     """States (n, nx) and outputs without noise (n, ny), in blocks that fit into memory."""
     recursion = _recursion(model, fine, pushed=list(pushes), dt=dt)
-    n, m = len(U), fine.substeps
+    n, m = len(U), fine.steps
     X, Y = np.empty((n, model.nx)), np.empty((n, model.ny))
     for first in range(0, n, BLOCK):
         part = slice(first, min(first + BLOCK, n))
@@ -170,7 +170,7 @@ def _integrate(
 
 def _recursion(model: Model, fine: Integrator, *, pushed: Sequence[int], dt: float) -> Recursion:
     """``(x, u, u_next, P, W) -> (x_next, x, y)``; P and W hold the values of all sub-steps."""
-    m, nx, nu, nw = fine.substeps, model.nx, model.nu, len(pushed)
+    m, nx, nu, nw = fine.steps, model.nx, model.nu, len(pushed)
     n_par = len(model.parameters)
     x, p, w = ca.SX.sym("x", nx), ca.SX.sym("p", n_par), ca.SX.sym("w", nw)
     u, ua, ub = (ca.SX.sym(name, nu) for name in ("u", "ua", "ub"))

@@ -16,8 +16,8 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError, ModelError, TuningError
 from backsight.models.model import Model
 from backsight.models.signals import Named, vector
-from backsight.run.simulation._measured import measured
-from backsight.run.simulation._scenario import numbers, parameter_steps
+from backsight.run.simulation._measured import measured_recording
+from backsight.run.simulation._scenario import as_numbers, parameter_steps
 from backsight.types import Array, ByName
 
 Controller = Callable[[Named, Named], Any]
@@ -114,7 +114,7 @@ def simulate_closed_loop(
     X, U, Y = (np.vstack(column) for column in zip(*parts, strict=True))
     _check_finite(X, U, dt)
 
-    return measured(
+    return measured_recording(
         model,
         dt=dt,
         u=U,
@@ -156,7 +156,7 @@ def control(model: Model, controller: Controller, reference: list[str]) -> ca.Fu
 
 def _columns(reference: Mapping[str, ArrayLike]) -> Array:
     """References of all samples, (n, nr)."""
-    columns = {name: numbers(v, f"reference '{name}'") for name, v in reference.items()}
+    columns = {name: as_numbers(v, f"reference '{name}'") for name, v in reference.items()}
     shapes = {name: c.shape for name, c in columns.items()}
     if not columns or len(set(shapes.values())) > 1 or any(c.ndim != 1 for c in columns.values()):
         raise DataError(f"the references must be columns of equal length, not {shapes}")
@@ -168,7 +168,7 @@ def _columns(reference: Mapping[str, ArrayLike]) -> Array:
 
 def _recursion(model: Model, law: ca.Function, integrator: Integrator, dt: float) -> Recursion:
     """``(x, r, P) -> (x_next, x, u, y)``; P holds the parameters of all sub-steps."""
-    m, n_par = integrator.substeps, len(model.parameters)
+    m, n_par = integrator.steps, len(model.parameters)
     x, p, u = ca.SX.sym("x", model.nx), ca.SX.sym("p", n_par), ca.SX.sym("u", model.nu)
     x_next = integrator.substep(
         lambda xi, ui: model.f.call([xi, ui, p])[0], x, ua=u, ub=u, h=dt / m

@@ -15,7 +15,7 @@ from backsight.engine.loops import iterate
 from backsight.solvers.trajectory._adjoint import adjoint
 from backsight.solvers.trajectory._dual import dual
 from backsight.solvers.trajectory.chain import Chain, by_name, naming
-from backsight.solvers.trajectory.smoother import filtered
+from backsight.solvers.trajectory.smoother import forward_pass
 
 BLOCK_PASSES = 8
 """Passes in which all wrong limits change sides at once."""
@@ -72,7 +72,7 @@ def _sweep(chain: Chain) -> ca.Function:
     n, m = chain.n, chain.N + 1
     given = chain.window()
     side, force = ca.MX.sym("side", n, m), ca.MX.zeros(n, m)
-    records = by_name(filtered(chain), [*given, side, force])
+    records = by_name(forward_pass(chain), [*given, side, force])
     back = by_name(adjoint(chain), [ca.MX(1), *records.values(), *given[2:], side, force])
     found = back | {"P_end": records["P"][:, -1], "conflict": records["conflict"]}
     names = (*KEPT, "side", "conflict", "broken", "wrong")

@@ -16,7 +16,7 @@ import numpy as np
 from backsight.engine.loops import iterate, scan
 from backsight.solvers.trajectory._adjoint import adjoint
 from backsight.solvers.trajectory.chain import Chain, by_name, naming
-from backsight.solvers.trajectory.smoother import filtered
+from backsight.solvers.trajectory.smoother import forward_pass
 
 PASSES_PER_LIMIT = 3
 """Passes per limit and sample that are always enough in practice."""
@@ -109,7 +109,7 @@ def _sweep(chain: Chain) -> ca.Function:
     n, m = chain.n, chain.N + 1
     delta, P, F, c, before, H, e, A, low, high = given = chain.window()
     count, side, force = ca.MX.sym("k"), ca.MX.sym("side", n, m), ca.MX.sym("force", n, m)
-    records = filtered(chain)(*given, side, force)
+    records = forward_pass(chain)(*given, side, force)
     found = by_name(adjoint(chain), [ca.MX(0), *records, *given[2:], side, force])
     data, constants = [delta, c, e, low, high, force], [P, F, before, H, A, side]
     results = [count + 1, *(found[k] for k in ("wrong", "nu", "side", "value")), records[9]]

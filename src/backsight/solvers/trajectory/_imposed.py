@@ -61,7 +61,7 @@ def noise_variance(chain: Chain, r: int) -> float:
     return float(chain.noise[r] @ chain.Q @ chain.noise[r])
 
 
-def sizes(chain: Chain, z: Stage, variances: ca.SX, Q: ca.SX) -> ca.SX:
+def limited_sizes(chain: Chain, z: Stage, variances: ca.SX, Q: ca.SX) -> ca.SX:
     """Variances of the limited quantities after a transition, before anything cancels."""
     F, A = ca.SX(chain.F, z.F), ca.SX(chain.A, z.A)
     found = ca.SX.zeros(chain.n)

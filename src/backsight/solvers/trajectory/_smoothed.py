@@ -7,7 +7,7 @@ from backsight.engine.dense import add_product, symmetrise, transpose
 from backsight.engine.loops import scan
 from backsight.solvers.trajectory._imposed import symmetric
 from backsight.solvers.trajectory.chain import Chain, Stage
-from backsight.solvers.trajectory.smoother import filtered
+from backsight.solvers.trajectory.smoother import forward_pass
 
 
 def smoothed(chain: Chain, back: int) -> ca.Function:
@@ -19,7 +19,7 @@ def smoothed(chain: Chain, back: int) -> ca.Function:
     nx, n = chain.nx, chain.N + 1
     delta, P = ca.MX.sym("delta", nx), ca.MX.sym("P", chain.size_P)
     stages = [ca.MX.sym(k, size, n) for k, size in chain.inputs.items()]
-    records = filtered(chain)(delta, P, *stages)
+    records = forward_pass(chain)(delta, P, *stages)
     if back == 0:
         return ca.Function("smoothed", [delta, P, *stages], [records[1][:, n - 1]])
     part = slice(n - back, n)
@@ -39,7 +39,7 @@ def smoothed_all(chain: Chain) -> ca.Function:
     nx, n = chain.nx, chain.N + 1
     delta, P = ca.MX.sym("delta", nx), ca.MX.sym("P", chain.size_P)
     stages = [ca.MX.sym(k, size, n) for k, size in chain.inputs.items()]
-    records = filtered(chain)(delta, P, *stages)
+    records = forward_pass(chain)(delta, P, *stages)
     Lambda = ca.MX.sym("L", P.numel())
     sizes = chain.records | chain.inputs
     sample = [ca.MX.sym(k, size) for k, size in sizes.items()]

@@ -7,18 +7,18 @@ import casadi as ca
 
 from backsight.engine.dense import add_product, symmetrise, transpose
 from backsight.engine.loops import iterate
-from backsight.solvers.trajectory._imposed import decided, limited_noise, sizes
+from backsight.solvers.trajectory._imposed import decided, limited_noise, limited_sizes
 from backsight.solvers.trajectory.chain import Chain, Stage
 
 
-def transit(chain: Chain) -> ca.Function:
+def dense_transit(chain: Chain) -> ca.Function:
     """See `backsight.solvers.trajectory.smoother.transit`."""
     nx = chain.nx
     delta, vP = ca.MX.sym("delta", nx), ca.MX.sym("P", chain.size_P)
     stage = [ca.MX.sym(k, size) for k, size in chain.inputs.items()]
     d, variances, z = ca.SX.sym("delta", nx), ca.SX.sym("variances", nx), Stage.of(chain)
     w, Qw, K, nu, conflict = limited_noise(chain, z)
-    size = sizes(chain, z, variances, Qw)
+    size = limited_sizes(chain, z, variances, Qw)
     mean = ca.SX(chain.F, z.F) @ d + z.c + w
     leaf = ca.Function(
         "dense_mean", [d, variances, *z.symbols], [mean, ca.densify(Qw), size, K, nu, conflict]
@@ -30,7 +30,7 @@ def transit(chain: Chain) -> ca.Function:
     return ca.Function("dense_transit", [delta, vP, *stage], [d_next, ca.vec(P_next), *limited])
 
 
-def update(chain: Chain) -> ca.Function:
+def dense_update(chain: Chain) -> ca.Function:
     """See `backsight.solvers.trajectory.smoother.update`."""
     nx, n, ny = chain.nx, chain.n, chain.ny
     delta, vP = ca.MX.sym("delta", nx), ca.MX.sym("P", chain.size_P)

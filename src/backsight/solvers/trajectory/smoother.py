@@ -20,11 +20,11 @@ import casadi as ca
 from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.loops import scan
 from backsight.solvers.trajectory import _smoother_dense as dense
-from backsight.solvers.trajectory._imposed import impose, limited_noise, sizes, symmetric
+from backsight.solvers.trajectory._imposed import impose, limited_noise, limited_sizes, symmetric
 from backsight.solvers.trajectory.chain import Chain, Stage, naming
 
 
-def filtered(chain: Chain) -> ca.Function:
+def forward_pass(chain: Chain) -> ca.Function:
     """Forward pass: ``(delta, P, *stages, side, force) -> records``.
 
     ``delta`` and ``P`` describe the first sample before its measurements. The others are columns
@@ -64,7 +64,7 @@ def transit(chain: Chain) -> ca.Function:
 
     ``K``, ``nu`` and ``conflict`` are those of limits on the noise, see `filtered`.
     """
-    return dense.transit(chain) if chain.dense else _transit(chain)
+    return dense.dense_transit(chain) if chain.dense else _transit(chain)
 
 
 def update(chain: Chain) -> ca.Function:
@@ -72,7 +72,7 @@ def update(chain: Chain) -> ca.Function:
 
     First the limits on the state, then the outputs, one row after the other.
     """
-    return dense.update(chain) if chain.dense else _update(chain)
+    return dense.dense_update(chain) if chain.dense else _update(chain)
 
 
 def _transit(chain: Chain) -> ca.Function:
@@ -83,7 +83,12 @@ def _transit(chain: Chain) -> ca.Function:
     return ca.Function(
         "transit",
         [d, vP, *z.symbols],
-        [F @ d + z.c + w, vech(ca.densify(P_next)), sizes(chain, z, ca.diag(P), Qw), *limited],
+        [
+            F @ d + z.c + w,
+            vech(ca.densify(P_next)),
+            limited_sizes(chain, z, ca.diag(P), Qw),
+            *limited,
+        ],
     )
 
 

@@ -1,0 +1,232 @@
+"""The command line.
+
+Commands import what they need when they run, so that help and version come at once.
+"""
+
+import io
+import re
+import sys
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, cast
+
+import typer
+
+from backsight.cli._console import bar, say, tell, told, warn, width
+from backsight.errors import ProblemError, nearest
+
+if TYPE_CHECKING:
+    from backsight.estimators.base import AbstractEstimator
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+study = typer.Typer(no_args_is_help=True, help="Reproduce a paper or work on a real system.")
+app.add_typer(study, name="study")
+
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace files in the folder that are not from here.")
+]
+Outside = Annotated[
+    list[str] | None,
+    typer.Option(help="Another file that an HDF5, NetCDF or MAT recording may read from."),
+]
+
+
+@app.callback(invoke_without_command=True)
+def main(
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
+) -> None:
+    """Estimate states, parameters and unknown forces from a model and measurements."""
+    # A pipe may have an encoding without µ and ±: no reason to lose the results.
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    if version:
+        import importlib.metadata
+
+        typer.echo(importlib.metadata.version("backsight"))
+        raise typer.Exit
+
+
+@app.command("run")
+def run_file(
+    problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
+    out: Out,
+    force: Force = False,
+    outside: Outside = None,
+) -> None:
+    """Run the estimators of a problem file over its recording and compare them.
+
+    The exit code is 0 if all went well, 1 if an estimator failed (the
+    others are written), and 2 if the problem, the recording or the folder
+    is at fault and nothing is written.
+    """
+    with told():
+        from backsight.problem import load, run_problem
+        from backsight.problem.methods import refusals
+        from backsight.problem.running import ESTIMATES, PAGE
+        from backsight.run.estimation import failure
+
+        for sentence in refusals():
+            warn(sentence)
+        read = load(problem)
+        with bar() as advance:
+            results = run_problem(
+                read,
+                out,
+                progress=lambda name, k, n: advance(name, k / n),
+                tell=warn,
+                force=force,
+                outside=outside or (),
+            )
+        say(f"{read.title}\n\n{results.table(read.reference, width=width())}\n")
+        for sentence in results.verdicts(read.reference):
+            say(textwrap.fill(sentence, width(), subsequent_indent="  "))
+        say(f"\nReport: {out / PAGE}" if read.report else f"\nEstimates: {out / ESTIMATES}")
+    failures = {name: failure(result) for name, result in results.items()}
+    for name, reason in failures.items():
+        if reason:
+            tell(f"{name}: {reason}")
+    if any(failures.values()):
+        raise typer.Exit(1)
+
+
+@app.command()
+def check(
+    problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
+    certify: Annotated[
+        str | None,
+        typer.Option(help="Estimator that should equal the Kalman filter on the linearised model."),
+    ] = None,
+    outside: Outside = None,
+) -> None:
+    """Say whether the recording can show what is asked for, and which sensor would help.
+
+    It also says whether outputs and inputs belong to the same samples,
+    whether units and signs are those of the model, and how the estimators
+    go from sample to sample. The exit code is 0
+    if nothing is wrong, 1 if a state that does not fade by itself cannot
+    be seen, if times, units or signs are wrong, if an integration step is
+    too coarse, or if an estimator is not what it is asked to be, and 2 if
+    the problem or the recording is at fault.
+    """
+    with told():
+        from backsight.problem import load
+        from backsight.problem.recorded import recording_of
+        from backsight.problem.seeing import coarse_steps, examine, integration
+        from backsight.run.diagnosis import aligned
+        from backsight.run.diagnosis import certify as certified
+
+        read = load(problem)
+        chosen = None if certify is None else _estimator(certify, read.estimators)
+        data = recording_of(read, outside=outside or ())
+        found = examine(read, data)
+        timing = aligned(read.estimators, read.model, data)
+        steps, coarse = integration(read, data), coarse_steps(read, data)
+        say(f"{read.title}\n\n{read.model}\n")
+        about_time = timing.lines() if timing else []
+        for sentence in [*found.lines(), *about_time, *steps, *coarse]:
+            say(textwrap.fill(sentence, width(), subsequent_indent="  "))
+        certificate = None if chosen is None else certified(chosen, read.model, data)
+        if certificate is not None:
+            say(f"\n{certificate.table()}\n")
+            for sentence in certificate.lines():
+                say(textwrap.fill(sentence, width(), subsequent_indent="  "))
+    fine = found.detectable and (timing is None or timing.sound) and not coarse
+    if not (fine and (certificate is None or certificate.holds)):
+        raise typer.Exit(1)
+
+
+@app.command()
+def export(
+    problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
+    estimator: Annotated[str, typer.Option("--estimator", "-e", help="Its name in the file.")],
+    out: Out,
+    name: Annotated[
+        str | None, typer.Option(help="Prefix in C [from the estimator's name].")
+    ] = None,
+    precision: Annotated[str, typer.Option(help="double or float.")] = "double",
+    force: Force = False,
+    outside: Outside = None,
+) -> None:
+    """Write an estimator as C99 for a controller, with a self-test from the recording."""
+    with told():
+        from backsight.export import export_c
+        from backsight.problem import load
+        from backsight.problem.recorded import recording_of
+
+        read = load(problem)
+        export_c(
+            _estimator(estimator, read.estimators),
+            read.model,
+            recording_of(read, outside=outside or ()),
+            out,
+            name=name or _prefix(estimator),
+            # Which words there are is the function's to say.
+            precision=cast(Literal["double", "float"], precision),
+            force=force,
+        )
+        say(f"Code: {out}\nTest: make -C {out} test")
+
+
+@app.command("methods")
+def list_methods() -> None:
+    """List the estimators with the settings that a problem file may give them."""
+    from backsight.problem.methods import methods as listed
+
+    say(listed(tell=warn))
+
+
+@study.command("list")
+def study_list() -> None:
+    """List the studies."""
+    with told():
+        from backsight.studies import studies
+
+        for name, entry in studies(tell=warn).items():
+            say(f"{name}: {entry.title}")
+
+
+@study.command("run")
+def study_run(
+    name: Annotated[str, typer.Argument(help="Name of the study, see `backsight study list`.")],
+    out: Out,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=0, help="Number of simulated recordings; if not given, the study's own."),
+    ] = None,
+    recording: Annotated[
+        list[Path] | None, typer.Option(help="Further recording; may be given several times.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Run a study: figures, tables, a page to read, and checks.json."""
+    with told():
+        from backsight.studies import studies
+
+        known = studies(tell=warn)
+        if name not in known:
+            raise ProblemError(f"there is no study '{name}', {nearest(name, known)}")
+        entry = known[name]
+        count = entry.seeds if seeds is None else seeds
+        with bar() as advance:
+            findings = entry.run(
+                out,
+                seeds=range(count),
+                recordings=recording or [],
+                progress=advance,
+                force=force,
+            )
+        say(f"{findings}\n\nPage: {findings.page}")
+
+
+def _estimator(name: str, known: Mapping[str, "AbstractEstimator"]) -> "AbstractEstimator":
+    if name not in known:
+        raise ProblemError(f"estimators: there is no '{name}', {nearest(name, known)}")
+    return known[name]
+
+
+def _prefix(estimator: str) -> str:
+    """Name in C for an estimator's name in a problem file: "CS-MHE" becomes "cs_mhe"."""
+    return re.sub(r"[^a-z0-9]+", "_", estimator.lower()).strip("_")

@@ -1,0 +1,27 @@
+"""The filter that other estimators are held against."""
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.errors import ModelError
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.kalman import EKF, KalmanFilter
+from backsight.models.lti import state_space
+from backsight.models.model import Model
+
+
+def yardstick(estimator: AbstractEstimator, model: Model) -> EKF | KalmanFilter:
+    """Return the Kalman filter with the noise and the prior of an estimator.
+
+    The extended one, if the model is not linear.
+
+    Raises
+    ------
+    TuningError
+        If the estimator has none.
+    """
+    noise, prior = estimator.assumed
+    hold = estimator.input_hold
+    try:
+        state_space(model)
+    except ModelError:
+        return EKF(noise, prior, estimator.integration or Integrator(hold=hold))
+    return KalmanFilter(noise, prior, hold=hold)

@@ -1,0 +1,3 @@
+"""Models from equations that are written as text."""
+
+from backsight.models.text.equations import from_equations as from_equations

@@ -1,0 +1,91 @@
+"""Models from equations written as text."""
+
+from collections.abc import Mapping
+
+import casadi as ca
+
+from backsight.models.model import Model, Signals
+from backsight.models.signals import Named, signals
+from backsight.models.text.expressions import check_names, expressions
+
+
+def from_equations(
+    *,
+    states: Signals,
+    outputs: Signals,
+    equations: Mapping[str, str],
+    output_equations: Mapping[str, str],
+    inputs: Signals = (),
+    parameters: Signals = (),
+    dt: float | None = None,
+    name: str = "model",
+) -> Model:
+    r"""Build a model from equations written as text, as a problem file holds them.
+
+    The text is read by a parser for arithmetic (see `expressions` beside this); it is never
+    executed.
+
+    Parameters
+    ----------
+    states, outputs, inputs, parameters : dict
+        Name to unit, value, ``(value, unit)`` or `Signal`, in order.
+    equations : dict
+        State to the formula of its time derivative; of its next value if `dt` is given.
+        The formula uses the names of the states, inputs and parameters.
+    output_equations : dict
+        Output to its formula.
+    dt : float, optional
+        Sampling period of a discrete-time model [s].
+    name : str
+        Shown in results.
+
+    Raises
+    ------
+    ModelError
+        If a formula is not arithmetic or uses an undeclared name (with its column and the nearest
+        name), if an equation is missing or surplus, or if the signals are described wrongly.
+
+    Examples
+    --------
+    >>> drive = from_equations(
+    ...     states={"q": "m", "v": "m/s"},
+    ...     inputs={"F": "N"},
+    ...     outputs={"y": "m"},
+    ...     parameters={"M": (95.0, "kg"), "Fv": 200.0, "Fc": 20.0, "vs": 1e-3},
+    ...     equations={"q": "v", "v": "(F - Fv*v - Fc*tanh(v/vs)) / M"},
+    ...     output_equations={"y": "q"},
+    ... )
+    >>> drive.f([0, 0], 190, drive.theta)
+    DM([0, 2])
+    """
+    groups = (
+        signals(states, "state"),
+        signals(inputs, "input"),
+        signals(parameters, "parameter"),
+    )
+    check_names(s.name for group in groups for s in group)
+    of_states = {f"equation '{n}'": text for n, text in equations.items()}
+    of_outputs = {f"output equation '{n}'": text for n, text in output_equations.items()}
+
+    def symbols(vectors: tuple[Named, ...]) -> dict[str, ca.SX]:
+        return {s.name: v[s.name] for v, group in zip(vectors, groups, strict=True) for s in group}
+
+    def f(*xup: Named) -> dict[str, ca.SX]:
+        # The output equations are read here too, so that all faults are told at once.
+        read = expressions(of_states | of_outputs, symbols(xup))
+        return {n: read[where] for n, where in zip(equations, of_states, strict=True)}
+
+    def h(*xup: Named) -> dict[str, ca.SX]:
+        read = expressions(of_outputs, symbols(xup))
+        return {n: read[where] for n, where in zip(output_equations, of_outputs, strict=True)}
+
+    return Model(
+        f=f,
+        h=h,
+        states=groups[0],
+        inputs=groups[1],
+        outputs=outputs,
+        parameters=groups[2],
+        dt=dt,
+        name=name,
+    )

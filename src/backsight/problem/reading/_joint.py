@@ -1,0 +1,110 @@
+"""The model of a problem file, with what is unknown among its states."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+from backsight.errors import ProblemError, nearest
+from backsight.models.augment import augment
+from backsight.models.model import Model
+from backsight.models.signals import Signal
+from backsight.problem.reading.checking import at, shown_value, validated
+from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
+from backsight.problem.reading.tables import ColumnTable, EstimateTable, ProblemTable
+
+
+def joint_model(table: ProblemTable) -> Model:
+    """Build the model and make states of the parameters and disturbances to estimate.
+
+    Raises
+    ------
+    ProblemError
+        With the key of what is wrong.
+    """
+    plain = _plain(table)
+    _check_columns(plain.inputs, table.recording.inputs, "input")
+    _check_columns(plain.outputs, table.recording.outputs, "output")
+    parameters = [s.name for s in plain.parameters]
+    for name in table.estimate:
+        if name not in parameters:
+            hint = nearest(name, parameters)
+            raise ProblemError(f"estimate.{name}: the model has no parameter '{name}', {hint}")
+    states = [s.name for s in plain.states]
+    for name, entry in table.disturbances.items():
+        if entry.acts_on not in states:
+            hint = nearest(entry.acts_on, states)
+            raise ProblemError(f"disturbances.{name}.acts_on: no state '{entry.acts_on}', {hint}")
+    with at("estimate"):
+        described = dataclasses.replace(
+            plain, parameters=_described(plain.parameters, table.estimate)
+        )
+        joint = augment(
+            described,
+            list(table.estimate),
+            disturbances={name: entry.acts_on for name, entry in table.disturbances.items()},
+        )
+        return dataclasses.replace(joint, states=_described(joint.states, table.disturbances))
+
+
+def _plain(table: ProblemTable) -> Model:
+    given = dict(table.model)
+    kind = given.pop("kind", None)
+    if kind is None:
+        raise ProblemError(f"model.kind: is missing; known: {', '.join(sorted(ALL_KINDS))}")
+    if not isinstance(kind, str):
+        raise ProblemError(f"model.kind: must be text in quotes, not {shown_value(kind)}")
+    if kind not in ALL_KINDS:
+        raise ProblemError(f"model.kind: unknown kind '{kind}', {nearest(kind, ALL_KINDS)}")
+    with at("model.kind"):
+        described = ALL_KINDS[kind]
+    with at("model"), ALL_KINDS.blamed(kind):
+        return validated(described, given, where="model").build(
+            RestOfFile(
+                inputs={name: column.unit for name, column in table.recording.inputs.items()},
+                outputs={name: column.unit for name, column in table.recording.outputs.items()},
+                start={name: entry.start for name, entry in table.estimate.items()},
+            )
+        )
+
+
+def _check_columns(of: tuple[Signal, ...], columns: Mapping[str, ColumnTable], kind: str) -> None:
+    check_known(of, columns, kind=kind, where=f"recording.{kind}s")
+    for signal in of:
+        if signal.name not in columns:
+            hint = nearest(signal.name, columns)
+            raise ProblemError(
+                f"recording.{kind}s: there is no column for the model's {kind} '{signal.name}', "
+                f"{hint}"
+            )
+
+
+def check_known(
+    of: Sequence[Signal], columns: Mapping[str, ColumnTable], *, kind: str, where: str
+) -> None:
+    """Raise `ProblemError` if a column's signal is unknown or has another unit in the model."""
+    known = {s.name: s.unit for s in of}
+    for name, column in columns.items():
+        if name not in known:
+            hint = nearest(name, known)
+            raise ProblemError(f"{where}.{name}: the model has no {kind} '{name}', {hint}")
+        if column.unit and known[name] and column.unit != known[name]:
+            raise ProblemError(
+                f"{where}.{name}.unit: the model takes '{name}' in {known[name]}, not "
+                f"{column.unit}; give the factor from the file's unit to {known[name]}"
+            )
+
+
+def _described(
+    group: tuple[Signal, ...], entries: Mapping[str, EstimateTable]
+) -> tuple[Signal, ...]:
+    return tuple(_signal(s, entries[s.name]) if s.name in entries else s for s in group)
+
+
+def _signal(signal: Signal, entry: EstimateTable) -> Signal:
+    return dataclasses.replace(
+        signal,
+        value=entry.start,
+        unit=signal.unit if entry.unit is None else entry.unit,
+        lower=signal.lower if entry.lower is None else entry.lower,
+        upper=signal.upper if entry.upper is None else entry.upper,
+        scale=signal.scale if entry.scale is None else entry.scale,
+    )

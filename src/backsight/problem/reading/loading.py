@@ -1,0 +1,119 @@
+"""From the text of a problem file to a `Problem`."""
+
+import os
+import re
+import stat
+import tomllib
+from pathlib import Path
+
+from backsight.discrete.runge_kutta import Integrator
+from backsight.errors import ProblemError, nearest
+from backsight.estimators import ALL_ESTIMATORS
+from backsight.estimators.base import AbstractEstimator
+from backsight.models.model import Model
+from backsight.problem.problem import Problem
+from backsight.problem.reading._joint import check_known, joint_model
+from backsight.problem.reading._room import DEEPEST, MOST_BYTES, check_keys, check_tree
+from backsight.problem.reading._uncertain import noise, prior
+from backsight.problem.reading.checking import at, validated
+from backsight.problem.reading.settings import built, fields_of
+from backsight.problem.reading.tables import EstimatorTable, ProblemTable
+
+_GROUP = re.compile(r"[\w+-]+(?:[ .][\w+-]+)*")
+"""Names of estimators become names of groups in a file."""
+
+
+def load(path: str | os.PathLike[str]) -> Problem:
+    """Read a problem file and check everything in it that needs no recording.
+
+    Parameters
+    ----------
+    path : path
+        A TOML file, see `backsight.problem`.
+
+    Raises
+    ------
+    ProblemError
+        If the file cannot be read or is not TOML (with the line), or a key is missing, unknown or
+        of the wrong kind, or its value does not fit the others (with the key).
+    """
+    file = Path(path)
+    text = _text(file)
+    check_keys(text)
+    try:
+        given = tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
+        raise ProblemError(f"{file} is not TOML: {error}") from None
+    except RecursionError:
+        raise ProblemError(f"{file}: tables and lists are more than {DEEPEST} deep") from None
+    check_tree(given)
+    table = validated(ProblemTable, given)
+    built(Integrator, table.integrator, where="integrator", fixed={})
+    model = joint_model(table)
+    check_known(model.states, table.recording.truth, kind="state", where="recording.truth")
+    states = [s.name for s in model.states]
+    for name in table.reference:
+        if name not in states:
+            hint = nearest(name, states)
+            raise ProblemError(f"reference.{name}: the model has no state '{name}', {hint}")
+    return Problem(
+        title=table.title or file.stem,
+        path=file,
+        text=text,
+        recording=table.recording,
+        model=model,
+        estimators={n: _estimator(n, e, table, model) for n, e in table.estimators.items()},
+        reference=table.reference,
+        report=table.output.report,
+    )
+
+
+def _text(file: Path) -> str:
+    try:
+        kind = file.stat()
+        if stat.S_ISDIR(kind.st_mode):
+            raise ProblemError(f"'{file}' is a folder; give a file")
+        if not stat.S_ISREG(kind.st_mode):
+            raise ProblemError(f"'{file}' is a device or a pipe; give a file")
+        if kind.st_size > MOST_BYTES:
+            raise ProblemError(f"{file} has {kind.st_size} bytes; the limit is {MOST_BYTES}")
+        return file.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        others = [str(p.name) for p in file.parent.glob("*.toml")]
+        hint = f", {nearest(file.name, others)}" if others else ""
+        raise ProblemError(f"there is no file '{file}'{hint}") from None
+    except OSError as error:
+        raise ProblemError(f"cannot read '{file}': {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise ProblemError(f"{file} is not text in UTF-8; save it as such") from None
+    except ValueError as error:  # a zero in the name
+        raise ProblemError(f"cannot read {str(file)!a}: {error}") from None
+
+
+def _estimator(
+    name: str, entry: EstimatorTable, table: ProblemTable, model: Model
+) -> AbstractEstimator:
+    where = f"estimators.{name}"
+    if not _GROUP.fullmatch(name):
+        raise ProblemError(f"{where}: use letters, digits, blanks and . + - _ in the name")
+    if entry.kind not in ALL_ESTIMATORS:
+        hint = nearest(entry.kind, ALL_ESTIMATORS)
+        raise ProblemError(f"{where}.kind: unknown kind '{entry.kind}', {hint}")
+    with at(f"{where}.kind"):
+        kind = ALL_ESTIMATORS[entry.kind]
+    takes_integrator = "integrator" in (f.name for f in fields_of(kind))
+    common = {"integrator": table.integrator} if table.integrator and takes_integrator else {}
+    unknowns = {**table.estimate, **table.disturbances}
+    return built(
+        kind,
+        {**common, **entry.settings},
+        where=where,
+        fixed={
+            "noise": noise(entry.noise, unknowns, model, where=f"{where}.noise")
+            if entry.noise
+            else noise(table.noise, unknowns, model, where="noise"),
+            "prior": prior(entry.prior, unknowns, model, where=f"{where}.prior")
+            if entry.prior
+            else prior(table.prior, unknowns, model, where="prior"),
+        },
+    )

@@ -1,0 +1,124 @@
+"""The tables of a problem file: which keys there are and what they hold."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pydantic
+
+
+class StrictTable(pydantic.BaseModel):
+    """A table with known keys; numbers are finite, and no value is converted to another kind."""
+
+    model_config = pydantic.ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False
+    )
+
+
+class ColumnTable(StrictTable):
+    """A column of the file: ``factor * column + offset`` [unit]; its name alone will do."""
+
+    column: str
+    unit: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+    remove_mean: bool = False
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _name_alone(cls, given: Any) -> Any:
+        return {"column": given} if isinstance(given, str) else given
+
+
+class RecordingTable(StrictTable):
+    """``[recording]``: the file, its columns and its time."""
+
+    path: str
+    source: str = ""
+    inputs: dict[str, ColumnTable] = {}
+    outputs: dict[str, ColumnTable] = pydantic.Field(min_length=1)
+    truth: dict[str, ColumnTable] = {}
+    sigma_factor: dict[str, ColumnTable] = {}
+    time: ColumnTable | None = None
+    dt: float | None = None
+    start: float | None = None
+    stop: float | None = None
+    resample: float | None = None
+    skip_lines: int = pydantic.Field(default=0, ge=0)
+
+
+class EstimateTable(StrictTable):
+    """``[estimate.NAME]``: a parameter that is not known."""
+
+    start: float
+    sigma: float | None = None
+    walk: float = 0.0
+    unit: str | None = None
+    lower: float | None = None
+    upper: float | None = None
+    scale: float | None = None
+
+
+class DisturbanceTable(EstimateTable):
+    """``[disturbances.NAME]``: an unknown quantity that is added to the rate of a state."""
+
+    acts_on: str
+    start: float = 0.0
+
+
+class NoiseTable(StrictTable):
+    """``[noise]``: see `backsight.estimators.uncertainty.Noise`."""
+
+    sigma_y: dict[str, float] | None = None
+    sigma_w: dict[str, float] | None = None
+    R: list[list[float]] | None = None
+    Q: list[list[float]] | None = None
+    Qc: list[list[float]] | None = None
+    sigma_u: dict[str, float] | None = None
+    sigma_p: dict[str, float] | None = None
+    cross: list[list[float]] | None = None
+    outliers: dict[str, Any] | None = None
+
+
+class PriorTable(StrictTable):
+    """``[prior]``: see `backsight.estimators.uncertainty.Prior`."""
+
+    x0: dict[str, float] = {}
+    sigma_x0: dict[str, float] | None = None
+    P0: list[list[float]] | None = None
+
+
+class EstimatorTable(StrictTable):
+    """``[estimators.NAME]``: the method, its own settings, and what it has not in common."""
+
+    model_config = pydantic.ConfigDict(extra="allow")
+
+    kind: str
+    noise: NoiseTable | None = None
+    prior: PriorTable | None = None
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The keys that only this method knows."""
+        return self.model_extra or {}
+
+
+class OutputTable(StrictTable):
+    """``[output]``: what is written."""
+
+    report: bool = True
+
+
+class ProblemTable(StrictTable):
+    """The whole file."""
+
+    title: str = ""
+    recording: RecordingTable
+    model: dict[str, Any]
+    estimate: dict[str, EstimateTable] = {}
+    disturbances: dict[str, DisturbanceTable] = {}
+    noise: NoiseTable
+    prior: PriorTable = PriorTable()
+    integrator: dict[str, Any] = {}
+    estimators: dict[str, EstimatorTable] = pydantic.Field(min_length=1)
+    reference: dict[str, float] = {}
+    output: OutputTable = OutputTable()

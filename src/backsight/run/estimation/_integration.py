@@ -1,0 +1,41 @@
+"""Say with a result how the model was carried from sample to sample, and whether that sufficed."""
+
+import numpy as np
+import xarray as xr
+
+from backsight.discrete.modes import modes_at
+from backsight.discrete.steps import complaint, told
+from backsight.estimators.base import AbstractEstimator
+from backsight.models.model import Model
+from backsight.schema import COARSE, INTEGRATION, Status
+
+POINTS, FEW = 50, 5
+"""Samples along the estimates at which the modes are looked at, and of a model with many states."""
+
+MANY = 60
+"""States from which on they are few."""
+
+
+def with_integration(result: xr.Dataset, estimator: AbstractEstimator, model: Model) -> xr.Dataset:
+    """Result with the integrator as an attribute.
+
+    If it was too coarse for the modes of the model along the estimates, all samples say so in their
+    status, and an attribute says for which mode and what would do.
+    """
+    dt = float(result.attrs["dt"])
+    chosen = estimator.chosen(model, dt)
+    if chosen is None:
+        return result
+    result = result.assign_attrs({INTEGRATION: told(chosen)})
+    finite = np.flatnonzero(np.isfinite(result["x_hat"].values).all(axis=1))
+    count = FEW if model.nx > MANY else POINTS
+    rows = finite[np.linspace(0, len(finite) - 1, min(count, len(finite))).astype(int)]
+    if not len(rows):
+        return result
+    x, u = result["x_hat"].values[rows], result["u"].values[rows]
+    coarse = complaint(chosen, lambda: modes_at(model, x, u), dt=dt)
+    if not coarse:
+        return result
+    raised = result["status"] | int(Status.COARSE_STEP)
+    status = raised.astype(np.int32).assign_attrs(result["status"].attrs)
+    return result.assign(status=status).assign_attrs({COARSE: coarse})
