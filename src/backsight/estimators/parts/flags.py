@@ -31,6 +31,7 @@ class Flags:
     unobserved: Raised = 0
     infeasible: Raised = 0
     dependent: Raised = 0
+    gate_open: Raised = 0  # raised around the method, see `backsight.estimators.robust`
 
     @classmethod
     def of(cls, vector: Raised) -> Flags:
