@@ -19,6 +19,8 @@ from backsight.analysis.observability import check_force_locations as check_forc
 from backsight.analysis.observability import check_observability as check_observability
 from backsight.analysis.observability import check_observability_along as check_observability_along
 from backsight.analysis.observability import transmission_zeros as transmission_zeros
+from backsight.analysis.outliers import Outliers as Outliers
+from backsight.analysis.outliers import outliers as outliers
 from backsight.models.sampling import check_sampling as check_sampling
 from backsight.run.diagnosis import certify as certify
 from backsight.run.diagnosis import check_alignment as check_alignment

@@ -64,6 +64,7 @@ class Status(enum.IntFlag):
     INFEASIBLE = 256
     DEPENDENT = 512
     COARSE_STEP = 1024
+    GATE_OPEN = 2048
 
 
 STATUS_TEXT = {
@@ -108,11 +109,19 @@ STATUS_TEXT = {
         "several places or moments of a force explain the measurements equally well to rounding, "
         "so that one of them was left out; a sensor more, or fewer places, would tell them apart"
     ),
+    Status.GATE_OPEN: (
+        "most samples of an output looked like outliers, so that they were taken in after all; its "
+        "noise, the model or the prior is wrong, or the sensor failed for longer than `patience`"
+    ),
 }
 """Cause and remedy of every status bit."""
 
 SIGMA_FACTOR = "sigma_factor"
 """Variable of a recording with the noise of single samples."""
+
+WEIGHT = "weight"
+"""Variable of a result: weight of every sample by a rule for outliers, ``(time, output)``: 1 in
+full, 0 left out; between, its noise was taken so much larger. NaN where not measured."""
 
 SMALLEST_FACTOR = 1e-6
 """A smaller one would make a sample exact beside the others."""

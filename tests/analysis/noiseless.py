@@ -15,5 +15,5 @@ class Noiseless(AbstractEstimator):
     key: ClassVar[str] = "noiseless"
     title: ClassVar[str] = "Estimator without noise"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
+    def build(self, model: Model, dt: float) -> Recursion:
         raise AssertionError((model, dt))

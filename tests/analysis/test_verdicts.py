@@ -49,7 +49,10 @@ CAUSES = {
         {"Q_true": 0.1, "R_true": 4.0},
         r"R is about (3|4)\.\d times too small and the process noise Q (about|far).*too large$",
     ),
-    "gain": ({"gain": 2.0}, r"past inputs explain .* of 'y'.* the model answers its input wrongly"),
+    "gain": (
+        {"gain": 2.0},
+        r"past inputs explain .* of 'y'.* the model answers its input wrongly, .*\(sigma_u\)",
+    ),
     "force": ({"force": 15.0}, r"correlated.*the model lacks dynamics or a force"),
 }
 

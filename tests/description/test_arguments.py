@@ -113,7 +113,7 @@ def test_a_third_party_estimator_is_checked_as_well():
     class Constant(AbstractEstimator):
         gain: Positive
 
-        def compile(self, model: Model, dt: float):
+        def build(self, model: Model, dt: float):
             raise NotImplementedError
 
     with pytest.raises(TuningError, match=r"Constant: gain is -1; it must be positive"):

@@ -178,7 +178,7 @@ class Ranked(AbstractEstimator):
 
     title: ClassVar[str] = "Sorted measurements"
 
-    def compile(self, model, dt):
+    def build(self, model, dt):
         c, u, y, mask = (ca.MX.sym(s, n) for s, n in zip("cuym", (N, 1, 2, 2), strict=True))
         x, shift = ca.MX.sym("x", N), ca.MX.sym("shift")
         body = ca.Function("body", [x, shift], ranked(ca.vertcat(x[3:], x[:3] / 2), shift))

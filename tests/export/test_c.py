@@ -13,6 +13,7 @@ from backsight.engine.c99 import Precision
 from backsight.engine.loops import scan
 from backsight.errors import DataError, EngineError
 from backsight.estimators import EKF, MHO
+from backsight.estimators.outliers import StudentT
 from backsight.export import export_c
 from backsight.solvers.box import GaussNewton
 from contract.cases import CASES, TrialProblem
@@ -57,8 +58,8 @@ def test_every_estimator_equals_python(key, hold, tmp_path):
 class Clashing(EKF):
     """Its estimate goes through a loop whose body has the name of a function in it."""
 
-    def compile(self, model, dt):
-        plain = super().compile(model, dt)
+    def build(self, model, dt):
+        plain = super().build(model, dt)
         sizes = len(plain.carry0), *plain.input_sizes
         symbols = [ca.MX.sym(n, k) for n, k in zip("cuym", sizes, strict=True)]
         x, a = ca.SX.sym("x", model.nx), ca.MX.sym("a", model.nx)
@@ -66,6 +67,19 @@ class Clashing(EKF):
         carry, x_hat, *others = plain.step.call(symbols)
         (x_hat,), _ = scan(ca.Function("step", [a], [2 * inside(a)]), 3, carry=[x_hat])
         return dataclasses.replace(plain, step=ca.Function("ekf", symbols, [carry, x_hat, *others]))
+
+
+@needs_compiler
+def test_outliers_are_weighed_as_in_python(tmp_path):
+    problem = TrialProblem()
+    noise = dataclasses.replace(problem.noise, outliers=StudentT())
+    recording = recorded(problem)
+    recording["y"][5, 1] += 30.0
+    recording["y"][15] -= 1.0
+    export_c(EKF(noise, problem.prior), problem.model, recording, tmp_path, name="heavy")
+    ran = run_selftest(tmp_path, "heavy")
+    assert ran.returncode == 0, ran.stdout
+    assert "weight" in (tmp_path / "heavy.h").read_text()
 
 
 @needs_compiler

@@ -81,7 +81,7 @@ BROKEN = {
     "x = 1": "AttributeError: module 'outside_a' has no attribute 'Mine'",
     "Mine = 3": "3 is not a subclass of AbstractEstimator",
     "from backsight.estimators import EKF as Mine": "EKF.key must be 'mine'",
-    "from backsight.estimators import AbstractEstimator as Mine": "has no method 'compile'",
+    "from backsight.estimators import AbstractEstimator as Mine": "has no method 'build'",
 }
 
 
@@ -125,9 +125,7 @@ def test_two_with_the_same_key_are_refused_by_both_names(add, tmp_path):
 
 
 def test_an_estimator_that_fails_in_a_run_is_named(add, backsight, tmp_path):
-    source = (
-        OWN_EKF.format(key="mine") + "    def compile(self, model, dt):\n        return {}['q']"
-    )
+    source = OWN_EKF.format(key="mine") + "    def build(self, model, dt):\n        return {}['q']"
     add("others", {"outside_a": source}, estimators={"mine": "outside_a:Mine"})
     code, _, told = backsight("run", problem(tmp_path, "mine"), "-o", tmp_path / "out")
     assert code == 2

@@ -33,8 +33,8 @@ class Wrapped(bs.EKF):
     key: ClassVar[str] = "wrapped"
     title: ClassVar[str] = "Wrapped"
 
-    def compile(self, model, dt):
-        recursion = super().compile(model, dt)
+    def build(self, model, dt):
+        recursion = super().build(model, dt)
         step = recursion.step
         given = [ca.MX.sym(step.name_in(i), *step.size_in(i)) for i in range(step.n_in())]
         results = list(step.call(self.given(given)))
@@ -112,14 +112,14 @@ def test_expected_failures_are_left_out_and_must_fail():
 
 def test_a_wrong_description_is_told_at_once():
     class Bare(AbstractEstimator):
-        def compile(self, model, dt): ...
+        def build(self, model, dt): ...
 
     told = broken(Bare)
     for message in ("has no 'key'", "has no 'title'", "no frozen dataclass"):
         assert message in told
     assert "not derived from AbstractEstimator" in broken(dict)
     fails = dataclasses.dataclass(frozen=True)(
-        type("Fails", (bs.EKF,), {"compile": lambda *_: 1 / 0})
+        type("Fails", (bs.EKF,), {"build": lambda *_: 1 / 0})
     )
     assert "Fails cannot be compiled (zoh): ZeroDivisionError" in broken(fails)
 

@@ -138,13 +138,13 @@ missing = [-999, "ERR"]
 def test_every_estimator_is_compiled_once(tmp_path, monkeypatch):
     compiled = []
     for kind in (EKF, MHO):
-        trace = kind.compile
+        trace = kind.build
 
         def counted(self, model, dt, trace=trace):
             compiled.append(self.key)
             return trace(self, model, dt)
 
-        monkeypatch.setattr(kind, "compile", counted)
+        monkeypatch.setattr(kind, "build", counted)
     monkeypatch.setattr("backsight.run.compare.audited", lambda results, *_: results)
     run_problem(load(small_problem.write(tmp_path)), tmp_path / "out", progress=lambda *_: None)
     assert compiled == ["ekf", "mho"]

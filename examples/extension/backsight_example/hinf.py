@@ -56,8 +56,8 @@ class HInfinity(ext.AbstractEstimator):
         if not 0 <= self.theta < 1:
             raise TuningError(f"theta is {self.theta}; it must be at least 0 and below 1")
 
-    def compile(self, model: Model, dt: float) -> ext.Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> ext.Recursion:
+        """See `AbstractEstimator.build`."""
         s = ext.setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
         halves = ext.ekf_halves(s, s.integrator, "transition")
         correct = _correct(s, self.theta)

@@ -69,6 +69,9 @@ class Recursion:
         A shorter recording does not fill a window without which the method is not itself.
     lag : int
         The outputs of a step are about the sample so many steps ago.
+    innovation : casadi.Function, optional
+        ``(carry, *data) -> (e, S)`` of the newest sample, where the outputs ``e`` and ``S`` are
+        about an earlier one.
     """
 
     step: ca.Function
@@ -77,6 +80,7 @@ class Recursion:
     dt: float
     least_samples: int = 1
     lag: int = 0
+    innovation: ca.Function | None = None
 
     def restarting(self) -> Recursion:
         """The same, but after a sample that leaves no finite memory it starts anew from `carry0`.

@@ -54,7 +54,7 @@ def _adopted(key: str, found: object) -> type[AbstractEstimator]:
     if not (isinstance(found, type) and issubclass(found, AbstractEstimator)):
         raise TuningError(f"{found!r} is not a subclass of AbstractEstimator")
     if inspect.isabstract(found):
-        raise TuningError(f"{found.__name__} has no method 'compile'")
+        raise TuningError(f"{found.__name__} has no method 'build'")
     if getattr(found, "key", None) != key:
         raise TuningError(f"{found.__name__}.key must be '{key}', the name of its entry point")
     if not isinstance(getattr(found, "title", None), str):

@@ -8,7 +8,7 @@ from backsight.models.lti import state_space
 from backsight.models.model import Model
 
 
-def yardstick(estimator: AbstractEstimator, model: Model) -> AbstractEstimator:
+def yardstick(estimator: AbstractEstimator, model: Model) -> EKF | KalmanFilter:
     """Return the Kalman filter with the noise and the prior of an estimator.
 
     The extended one, if the model is not linear.

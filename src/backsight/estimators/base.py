@@ -11,13 +11,13 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech, vech
-from backsight.description import Description
-from backsight.discrete.modes import Modes, modes_at, modes_over
+from backsight.discrete.modes import modes_at, modes_over
 from backsight.discrete.noise import discretise_noise
-from backsight.discrete.runge_kutta import Hold, Integrator
+from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import complaint, settle_steps
-from backsight.engine.recursion import Channel, ForwardBackward, Recursion
+from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
+from backsight.estimators._compiling import Compilable
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
 from backsight.models.model import Model
@@ -31,13 +31,9 @@ Spread: TypeAlias = Literal["full", "std"]
 
 
 @dataclasses.dataclass(frozen=True)
-class AbstractEstimator(Description, abc.ABC):
+class AbstractEstimator(Compilable, abc.ABC):
     """A method with its settings; knows no model and no data."""
 
-    key: ClassVar[str]
-    title: ClassVar[str]
-    weighs: ClassVar[bool] = False
-    """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
     kernels: ClassVar[tuple[str, ...]] = ()
     """Kernels in C that it calls; it cannot be built where they are not compiled."""
 
@@ -45,20 +41,6 @@ class AbstractEstimator(Description, abc.ABC):
         super().__post_init__()
         if self.kernels:
             library.path()  # raises where the kernels are not compiled
-
-    @property
-    def assumed(self) -> tuple[Noise, Prior]:
-        """The fields ``noise`` and ``prior``.
-
-        Raises
-        ------
-        TuningError
-            If the estimator has none.
-        """
-        noise, prior = getattr(self, "noise", None), getattr(self, "prior", None)
-        if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
-            raise TuningError(f"'{self.key}' has no noise and prior")
-        return noise, prior
 
     @property
     def innovations(self) -> Innovations:
@@ -78,33 +60,6 @@ class AbstractEstimator(Description, abc.ABC):
         """Samples from the newest one back to that of the output: the field ``lag``, or 0."""
         return int(getattr(self, "lag", 0))
 
-    @property
-    def integration(self) -> Integrator | None:
-        """The field ``integrator``, or None of an estimator that needs none."""
-        given = getattr(self, "integrator", None)
-        return given if isinstance(given, Integrator) else None
-
-    @property
-    def input_hold(self) -> Hold:
-        """Input between samples: that of the integrator, or the field ``hold``, or held."""
-        if self.integration is not None:
-            return self.integration.hold
-        return getattr(self, "hold", "zoh")
-
-    def chosen(self, model: Model, dt: float) -> Integrator | None:
-        """The integrator with nothing left open, None if the estimator or the model needs none."""
-        if self.integration is None or not model.continuous:
-            return None
-        return settle_steps(self.integration, model, lambda: self.modes(model), dt=dt)
-
-    def modes(self, model: Model) -> Modes:
-        """What has to be carried over: the modes of the model over the range of the prior."""
-        prior = getattr(self, "prior", None)
-        if not isinstance(prior, Prior):
-            start = np.array([s.value for s in model.states])
-            return modes_over(model, start, np.zeros(model.nx))
-        return modes_over(model, prior.mean(model), np.sqrt(np.diag(prior.covariance(model))))
-
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """The estimator itself, first, and with other arrival costs; by their names."""
         return {"": self}
@@ -118,29 +73,6 @@ class AbstractEstimator(Description, abc.ABC):
             If the estimator has no window whose states can be looked at.
         """
         raise TuningError(f"{self.title} has no window to look at; use MHE")
-
-    @abc.abstractmethod
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """Turn the description into ``(carry, u, y, mask) -> (carry, outputs)``.
-
-        Parameters
-        ----------
-        model : Model
-        dt : float
-            Sampling period [s].
-
-        Returns
-        -------
-        Recursion
-            Takes u (nu,), y (ny,) and mask (ny,), 1 where y was measured; physical units. If the
-            estimator `weighs`, the mask is the nominal standard deviation of the noise by that of
-            the sample.
-
-        Raises
-        ------
-        TuningError, ModelError
-            If the description does not fit the model.
-        """
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """Turn the description into a pass forward and a pass back, see `backsight.smooth`.
@@ -218,9 +150,16 @@ class Setting:
         return np.array([s.upper for s in self.model.states])
 
     def enter(self) -> ca.Function:
-        """Physical to scaled data: (u, y, mask) -> (u, y, mask)."""
+        """Physical to scaled data: (u, y, mask) -> (u, y, mask).
+
+        In parts, so that what depends on the inputs alone can be told from what the mask changes.
+        """
         u, y, mask = data_symbols(self.model)
-        return ca.Function("enter", [u, y, mask], [u / self.su, y / self.sy, mask])
+        scaled_u = ca.Function("enter_u", [u], [u / self.su])
+        scaled_y = ca.Function("enter_y", [y], [y / self.sy])
+        data = [ca.MX.sym(f"d{i}", k.numel()) for i, k in enumerate((u, y, mask))]
+        results = [scaled_u(data[0]), scaled_y(data[1]), data[2]]
+        return ca.Function("enter", data, results, {"always_inline": True})
 
     def sampled(self) -> Setting:
         """The same with all process noise as a covariance per sample.

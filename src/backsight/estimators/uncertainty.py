@@ -1,13 +1,14 @@
 """What is known before the data: noise of the process and the sensors, and the prior."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
 
 from backsight.description import Description, Range, Sound
 from backsight.errors import ModelError, TuningError
+from backsight.estimators.outliers import Gate, Huber, StudentT
 from backsight.models.model import Model
 from backsight.models.signals import Signal, vector
 from backsight.types import Array, ByName
@@ -33,6 +34,17 @@ class Noise(Description):
         Covariance of the process noise per sample; may be singular, is never inverted.
     Qc : (nx, nx) array
         Spectral density of the process noise of a continuous-time model [unit^2/s].
+    sigma_u : dict, sequence or number, optional
+        Standard deviation of inputs that were measured with noise, held over the sample like the
+        input itself; inputs that a dict leaves out are exact.
+    sigma_p : dict, optional
+        Parameters of the model that are white noise to their standard deviation: in every sample a
+        new value around that of the parameter, in f and h alike. For noise that is not additive.
+    cross : (nx, ny) array, optional
+        Covariance E[w v'] of process and measurement noise of the same sample.
+    outliers : Gate, StudentT or Huber, optional
+        How samples that do not belong are kept from the estimate, see
+        `backsight.estimators.outliers`; by default all are believed.
 
     Raises
     ------
@@ -45,6 +57,10 @@ class Noise(Description):
     R: Array | None = None
     Q: Array | None = None
     Qc: Array | None = None
+    sigma_u: Annotated[ByName | None, Range("not be negative", 0.0)] = None
+    sigma_p: Annotated[Mapping[str, float] | None, Range("not be negative", 0.0)] = None
+    cross: Array | None = None
+    outliers: Gate | StudentT | Huber | None = None
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -55,6 +71,30 @@ class Noise(Description):
         for what, given in (("R", self.R), ("Q", self.Q), ("Qc", self.Qc)):
             if given is not None and sound(what):
                 yield from covariance_faults(given, what=what, singular=what != "R")
+
+    @property
+    def beyond_additive(self) -> tuple[str, ...]:
+        """Names of the fields that make noise states, see `backsight.estimators._noise_states`."""
+        return tuple(n for n in ("sigma_u", "sigma_p", "cross") if getattr(self, n) is not None)
+
+    def of_inputs(self, model: Model) -> Array:
+        """Standard deviation of every input, (nu,)."""
+        given = {} if self.sigma_u is None else self.sigma_u
+        return np.sqrt(np.diag(_diagonal(given, model.inputs, what="sigma_u", missing=0.0)))
+
+    def of_parameters(self, model: Model) -> Array:
+        """Standard deviation of every parameter as white noise."""
+        given = {} if self.sigma_p is None else self.sigma_p
+        return np.sqrt(np.diag(_diagonal(given, model.parameters, what="sigma_p", missing=0.0)))
+
+    def per_sample(self, model: Model) -> Array:
+        """Covariance of the process noise per sample, (nx, nx), of `sigma_w` or `Q`."""
+        if self.Qc is not None:
+            raise TuningError(
+                f"{', '.join(self.beyond_additive)} goes with process noise per sample: give "
+                "sigma_w or Q instead of Qc"
+            )
+        return self.process(model)
 
     def measurement(self, model: Model) -> Array:
         """R, (ny, ny), checked against the model."""

@@ -27,6 +27,8 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     [noise]
     sigma_y = { y = 1e-6 }        # of the measurement; or R
     sigma_w = { v = 1e-4 }        # [random step per sample; or Q per sample, Qc per second]
+    sigma_u = { F = 0.1 }         # [of inputs that are measured; sigma_p of parameters, cross]
+    outliers = { kind = "Gate" }  # [or "StudentT", "Huber"; with their settings]
 
     [prior]
     sigma_x0 = { q = 0.1, v = 0.1 }                 # or P0

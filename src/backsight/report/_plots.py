@@ -7,6 +7,7 @@ import numpy as np
 
 from backsight.analysis.comparison import failed
 from backsight.analysis.consistency import windowed_nis
+from backsight.analysis.outliers import taken
 from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
 from backsight.report._traces import Trace, band_trace, bulk, limits, line_trace, literal_text, view
@@ -193,11 +194,11 @@ def _innovations(
 
 
 def _innovation(s: Series, name: str) -> tuple[Array, Array]:
-    """Innovation and three of its standard deviations; NaN where nothing was measured."""
+    """Innovation and three of its standard deviations; NaN where none was taken in."""
     i = list(s.result["output"].values).index(name)
     variance = s.result["S"].values[:, i, i]
     bound = 3.0 * np.sqrt(np.where(variance > 0, variance, np.nan))
-    there = np.isfinite(s.signal("y", "output", name))
+    there = taken(s.result).values[:, i]
     return np.where(there, s.signal("e", "output", name), np.nan), np.where(there, bound, np.nan)
 
 

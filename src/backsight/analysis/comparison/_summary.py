@@ -21,6 +21,7 @@ from backsight.analysis.consistency import (
     nis_band,
 )
 from backsight.analysis.forces import FoundHits, force_remarks, hits
+from backsight.analysis.outliers import outliers
 from backsight.errors import DataError, nearest
 from backsight.schema import COARSE, FAILURES, Status, check_result
 
@@ -84,6 +85,7 @@ def assess(
         failed=failed(result),
         remarks=tuple(force_remarks(result)),
         hits=hits(result),
+        outliers=outliers(result),
         coarse=str(result.attrs.get(COARSE, "")),
         doubts=tuple(str(result.attrs.get(DOUBTS, "")).splitlines()),
     )
@@ -103,7 +105,9 @@ def summary(
     ``within`` (per state whose truth is known: the shares within 1, 2 and 3 deviations), and
     ``noise_factors`` (by how much the variances R and Q should be larger) or None; ``hits`` (number
     of unknown forces found, and the largest of them), or None if the estimator looks for none;
-    ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force).
+    ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force);
+    ``outliers`` (per output, if there is a rule for outliers: the ``count`` of samples that were
+    left out or weighed down, of ``samples``, and how many were ``opened``, see `Outliers`).
     Arguments and errors as in `assess`.
     """
     row = assess(result, reference, burn_in=burn_in)
@@ -126,6 +130,10 @@ def summary(
         "noise_factors": _noise_factors(row.consistency.noise),
         "hits": None if row.hits is None else _hits(row.hits),
         "doubts": list(row.doubts),
+        "outliers": {
+            o.output: {"count": o.count, "samples": o.samples, "opened": o.opened}
+            for o in row.outliers
+        },
     }
 
 

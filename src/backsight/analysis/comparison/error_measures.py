@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from backsight.analysis.outliers import taken
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -57,7 +58,7 @@ def rms_innovation(result: xr.Dataset) -> xr.DataArray:
     Over the measured samples for which the estimator gives an innovation; ``NaN`` if there are
     none.
     """
-    e = result["e"].where(result["y"].notnull() & np.isfinite(result["e"]))
+    e = result["e"].where(taken(result) & np.isfinite(result["e"]))
     with np.errstate(over="ignore"):
         return (e**2).mean("time") ** 0.5
 

@@ -5,6 +5,7 @@ import math
 
 from backsight.analysis.consistency import Consistency
 from backsight.analysis.forces import FoundHits
+from backsight.analysis.outliers import Outliers
 from backsight.description import Printed
 
 
@@ -69,6 +70,8 @@ class Row(Printed):
         What else is to be said of the result, a sentence each.
     hits : Hits or None
         Unknown forces that were found; None if the estimator does not look for any.
+    outliers : tuple of Outliers
+        What a rule for outliers did, per output; empty if there was none.
     coarse : str
         Why the integration step is too coarse; empty if it is not.
     doubts : tuple of str
@@ -92,5 +95,6 @@ class Row(Printed):
     failed: bool
     remarks: tuple[str, ...] = ()
     hits: FoundHits | None = None
+    outliers: tuple[Outliers, ...] = ()
     coarse: str = ""
     doubts: tuple[str, ...] = ()

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from backsight.analysis.comparison.row import Row
 from backsight.analysis.consistency import cause, pattern
+from backsight.analysis.outliers import sentences
 from backsight.rounding import significant
 
 _CLOSE = 0.10
@@ -85,7 +86,15 @@ def sentence(row: Row) -> str:
         return f"{row.coarse}; {failed}" if row.coarse else failed
     against = _against_reference(row)
     found = str(row.hits) if row.hits is not None and not row.remarks else ""
-    clauses = (row.coarse, found, agreement(row), against, *row.remarks, *row.doubts)
+    clauses = (
+        row.coarse,
+        found,
+        agreement(row),
+        against,
+        *row.remarks,
+        *row.doubts,
+        *sentences(row.outliers),
+    )
     return "; ".join(text for text in clauses if text)
 
 

@@ -5,7 +5,7 @@ from backsight.analysis.consistency._noise_factors import LIKELY, NEAR_Q, NoiseF
 from backsight.analysis.consistency.whiteness import Colour
 from backsight.rounding import significant
 
-_MEND = "make it a state that walks, and what is measured an output"
+_MEND = "say how much: sigma_u"
 _NOISY = f", or the input is measured with noise (then {_MEND})"
 
 

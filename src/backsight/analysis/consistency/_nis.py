@@ -15,6 +15,7 @@ import scipy
 import xarray as xr
 
 from backsight.analysis.consistency._independent import independent_samples
+from backsight.analysis.outliers import taken
 from backsight.errors import DataError
 from backsight.schema import INNOVATIONS
 from backsight.types import Array
@@ -24,8 +25,8 @@ LARGEST = 1e100
 
 
 def measured_channels(result: xr.Dataset) -> xr.DataArray:
-    """Return the number of outputs measured at every sample, (time,)."""
-    return result["y"].notnull().sum("output")
+    """Return the number of outputs measured, and not left out, at every sample, (time,)."""
+    return taken(result).sum("output")
 
 
 def nis(result: xr.Dataset) -> xr.DataArray:
@@ -135,7 +136,7 @@ def _whitened(result: xr.Dataset) -> tuple[Array, Array]:
     innovation, which adds nothing to either. `S` is brought to unit diagonal first: outputs may
     differ by ten orders of magnitude, their variances by twenty.
     """
-    measured = result["y"].notnull().values
+    measured = taken(result).values
     e = np.where(measured, result["e"].values, 0.0)
     pairs = measured[:, :, None] & measured[:, None, :]
     unit = np.eye(measured.shape[1])

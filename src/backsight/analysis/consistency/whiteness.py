@@ -22,6 +22,7 @@ import xarray as xr
 
 from backsight.analysis.consistency._input_noise import noise_of_inputs
 from backsight.analysis.consistency._projection import orthonormal, without
+from backsight.analysis.outliers import taken
 from backsight.description import Printed
 from backsight.schema import INNOVATIONS
 from backsight.types import Array
@@ -98,7 +99,7 @@ def colours(result: xr.Dataset) -> tuple[Colour, ...]:
 def normalised(result: xr.Dataset) -> Array:
     """Innovations per standard deviation, (n, ny); NaN where not measured or S is no variance."""
     variance = np.einsum("kii->ki", result["S"].values)
-    known = result["y"].notnull().values & (variance > 0) & np.isfinite(variance)
+    known = taken(result).values & (variance > 0) & np.isfinite(variance)
     deviation = np.sqrt(np.where(known, variance, 1.0))
     with np.errstate(over="ignore"):
         r = np.where(known, result["e"].values / deviation, np.nan)

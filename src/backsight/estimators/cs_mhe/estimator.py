@@ -180,8 +180,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         """See `AbstractEstimator.variants`: only itself, by the word for its arrival cost."""
         return {self.arrival: self}
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         return cs_recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
 
     def forced(self, model: Model, dt: float) -> Forced:

@@ -107,8 +107,8 @@ class JointInput(AbstractEstimator):
         """See `AbstractEstimator.innovations`."""
         return "forced"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         return _recursion(self.key, self._forces(model, dt))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:

@@ -81,6 +81,7 @@ class EKF(AbstractEstimator):
     key: ClassVar[str] = "ekf"
     title: ClassVar[str] = "Extended Kalman filter"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -102,8 +103,8 @@ class EKF(AbstractEstimator):
         """See `AbstractEstimator.innovations`."""
         return "white" if self.measurement == "sampled" else "coloured"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
         if self.measurement == "sampled" and self.covariance != "ode" and wide(s):
             kept = s.sampled() if self.covariance == "discrete" else s

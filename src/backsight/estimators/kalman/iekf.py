@@ -83,6 +83,7 @@ class IEKF(AbstractEstimator):
     key: ClassVar[str] = "iekf"
     title: ClassVar[str] = "Iterated extended Kalman filter"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -96,8 +97,8 @@ class IEKF(AbstractEstimator):
         """See `AbstractEstimator.innovations`."""
         return "white"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
         refuse_too_wide(s, "IEKF")
         once = ekf_halves(s, s.integrator, self.covariance)

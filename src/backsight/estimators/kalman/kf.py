@@ -65,6 +65,7 @@ class KalmanFilter(AbstractEstimator):
     key: ClassVar[str] = "kf"
     title: ClassVar[str] = "Kalman filter"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -72,12 +73,17 @@ class KalmanFilter(AbstractEstimator):
     steady_state: bool = False
 
     @property
+    def constant_gain(self) -> bool:
+        """See `AbstractEstimator.constant_gain`."""
+        return self.steady_state
+
+    @property
     def innovations(self) -> Innovations:
         """See `AbstractEstimator.innovations`."""
         return "white"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         system = self._system(model, dt)
         if self.steady_state:
             return assemble(self.key, system.s, fixed_gain_halves(system, _riccati(system)[0]))

@@ -137,8 +137,13 @@ class Luenberger(AbstractEstimator):
             form=self.form,
         )
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    @property
+    def constant_gain(self) -> bool:
+        """See `AbstractEstimator.constant_gain`."""
+        return True
+
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         system = self._system(model, dt)
         gain = self._gain(system, model)
         if self.form == "prediction":

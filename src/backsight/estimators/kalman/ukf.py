@@ -74,6 +74,7 @@ class UKF(AbstractEstimator):
     key: ClassVar[str] = "ukf"
     title: ClassVar[str] = "Unscented Kalman filter"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -87,8 +88,8 @@ class UKF(AbstractEstimator):
         """See `AbstractEstimator.innovations`."""
         return "white"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
         points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
         return assemble(self.key, s, ukf_halves(s, s.integrator, points))

@@ -82,6 +82,7 @@ class LinearMHE(AbstractEstimator):
     key: ClassVar[str] = "lmhe"
     title: ClassVar[str] = "Least-squares moving horizon estimator"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -106,8 +107,8 @@ class LinearMHE(AbstractEstimator):
         require_observable(model, samples=self.N + 1)
         return in_units(gains(system, self.N), system.s)
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         system = self._system(model, dt)
         s, N = system.s, self.N
         if self.arrival_weight == 0:

@@ -120,8 +120,8 @@ class RecursiveMHE(AbstractEstimator):
         system = self._system(model, dt)
         return _eigenvalues(system, self.N, self.every, self.alpha)
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`.
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`.
 
         Warns
         -----

@@ -14,7 +14,7 @@ from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.mhe.arrival import Arrival, Leaving
-from backsight.estimators.parts.filtering import choose, data_inputs, physical
+from backsight.estimators.parts.filtering import choose, data_inputs, physical, physical_innovation
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.memory import Memory
@@ -182,6 +182,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
     w = solved(parts)
     found, end = w.found, N - parts.lag
     e, S = ekf.innovation(s)(*w.prior, *w.data)
+    newest = physical_innovation(s).call([e, S])
     (e, S), late = queued(w.late, [e, S], parts.lag)
     P = w.P_end
     if parts.lag and parts.walk.any():
@@ -216,7 +217,14 @@ def recursion(name: str, parts: Parts) -> Recursion:
         outputs["infeasible"] = names
         channels = (*channels, Channel("infeasible", ("limit",), labels=parts.limits.names))
     return w.memory.recursion(
-        name, w.inputs[1:], next=carry, outputs=outputs, channels=channels, dt=s.dt, lag=parts.lag
+        name,
+        w.inputs[1:],
+        next=carry,
+        outputs=outputs,
+        channels=channels,
+        dt=s.dt,
+        lag=parts.lag,
+        innovation=ca.Function("newest_innovation", w.inputs, newest) if parts.lag else None,
     )
 
 

@@ -111,6 +111,7 @@ class MHE(AbstractEstimator):
     key: ClassVar[str] = "mhe"
     title: ClassVar[str] = "Moving horizon estimator"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -140,8 +141,8 @@ class MHE(AbstractEstimator):
         """See `AbstractEstimator.innovations`."""
         return self.arrival.innovations
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         return recursion(self.key, self._parts(model, dt))
 
     def variants(self) -> Mapping[str, AbstractEstimator]:

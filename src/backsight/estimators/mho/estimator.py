@@ -88,6 +88,7 @@ class MHO(AbstractEstimator):
     key: ClassVar[str] = "mho"
     title: ClassVar[str] = "Moving horizon observer"
     weighs: ClassVar[bool] = True
+    noise_states: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -98,8 +99,8 @@ class MHO(AbstractEstimator):
     optimiser: GaussNewton | QuasiNewton = dataclasses.field(default_factory=GaussNewton)
     bands: Literal["true", "filters"] = "true"
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
         refuse_too_wide(s, "MHO")
         N = self.N

@@ -118,8 +118,8 @@ class AHG(AbstractEstimator):
     def _k0(self, model: Model) -> Array:
         return gain_vector(self.poles, len(moving_states(model)))
 
-    def compile(self, model: Model, dt: float) -> Recursion:
-        """See `AbstractEstimator.compile`."""
+    def build(self, model: Model, dt: float) -> Recursion:
+        """See `AbstractEstimator.build`."""
         given = model
         model, order = moving_first(given)
         form = observer_form(model)

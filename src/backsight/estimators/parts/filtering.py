@@ -145,16 +145,23 @@ def physical(
     flags : MX
         `Flags.vector`.
     """
-    sizes = {"x": x, "P": P, "u": u, "e": e, "S": S}
-    symbols = {name: ca.SX.sym(name, value.numel()) for name, value in sizes.items()}
+    k = {n: ca.SX.sym(n, v.numel()) for n, v in {"x": x, "P": P, "u": u}.items()}
     raised = ca.SX.sym("flags", FLAGS)
-    outputs = [
-        *s.physical(symbols["x"], symbols["P"]),
-        s.sy * s.model.output(symbols["x"], symbols["u"]),
-        s.sy * symbols["e"],
-        vech(unvech(symbols["S"]) * ca.SX(np.outer(s.sy, s.sy))),
+    estimate = [
+        *s.physical(k["x"], k["P"]),
+        s.sy * s.model.output(k["x"], k["u"]),
         dataclasses.replace(Flags.of(raised), coarse_step=int(s.coarse)).status(),
     ]
-    leave = ca.Function("physical", [*symbols.values(), raised], outputs)
-    values = leave(x, P, u, e, S, flags)
-    return {c.name: v for c, v in zip(ESTIMATE_CHANNELS, values, strict=True)}
+    leave = ca.Function("physical", [k["x"], k["P"], k["u"], raised], estimate)
+    *values, status = leave(x, P, u, flags)
+    # Apart from the rest: the innovation is known before the sample enters.
+    values += physical_innovation(s).call([e, S])
+    return {c.name: v for c, v in zip(ESTIMATE_CHANNELS, [*values, status], strict=True)}
+
+
+def physical_innovation(s: Setting) -> ca.Function:
+    """Innovation and lower triangle of its covariance in physical units: ``(e, S) -> (e, S)``."""
+    ny = s.model.ny
+    e, S = ca.SX.sym("e", ny), ca.SX.sym("S", ny * (ny + 1) // 2)
+    results = [s.sy * e, vech(unvech(S) * ca.SX(np.outer(s.sy, s.sy)))]
+    return ca.Function("physical_innovation", [e, S], results)

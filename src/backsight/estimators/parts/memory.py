@@ -98,6 +98,7 @@ class Memory:
         dt: float,
         least_samples: int = 1,
         lag: int = 0,
+        innovation: ca.Function | None = None,
     ) -> Recursion:
         """Put a step together.
 
@@ -113,7 +114,7 @@ class Memory:
             Name of a channel to its value.
         channels : sequence of Channel
             What the outputs are, in the order of the recursion.
-        dt, least_samples, lag
+        dt, least_samples, lag, innovation
             See `Recursion`.
 
         Raises
@@ -144,6 +145,7 @@ class Memory:
             dt=dt,
             least_samples=least_samples,
             lag=lag,
+            innovation=innovation,
         )
 
 

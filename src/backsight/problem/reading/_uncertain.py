@@ -1,13 +1,16 @@
 """The tables ``[noise]`` and ``[prior]``, with what the unknowns say of themselves."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from backsight.errors import ProblemError
+from backsight.estimators.outliers import Gate, Huber, StudentT
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.problem.reading.checking import at
+from backsight.problem.reading.settings import part
 from backsight.problem.reading.tables import EstimateTable, NoiseTable, PriorTable
 from backsight.types import Array
 
@@ -28,11 +31,21 @@ def noise(table: NoiseTable, unknowns: Unknowns, model: Model, *, where: str) ->
             sigma_w=_joined(table.sigma_w, walks, f"{where}.sigma_w", "walk") or None,
             Q=_matrix(table.Q, f"{where}.Q"),
             Qc=_matrix(table.Qc, f"{where}.Qc"),
+            sigma_u=table.sigma_u,
+            sigma_p=table.sigma_p,
+            cross=_matrix(table.cross, f"{where}.cross"),
+            outliers=_rule(table.outliers, f"{where}.outliers"),
         )
         made.measurement(model)
         made.process(model)
         made.density(model)
+        made.of_inputs(model)
+        made.of_parameters(model)
     return made
+
+
+def _rule(given: Mapping[str, Any] | None, where: str) -> Gate | StudentT | Huber | None:
+    return None if given is None else part([Gate, StudentT, Huber], given, where=where)
 
 
 def prior(table: PriorTable, unknowns: Unknowns, model: Model, *, where: str) -> Prior:

@@ -81,7 +81,7 @@ def _value(annotation: Any, given: object, where: str) -> object:
     annotation = plain(annotation)
     parts = dataclasses_in(annotation)
     if parts and isinstance(given, Mapping):
-        return _part(parts, given, where)
+        return part(parts, given, where=where)
     if _is_union(annotation):
         options = [plain(o) for o in typing.get_args(annotation)]
         options = [o for o in options if o not in (*parts, types.NoneType)]
@@ -109,7 +109,11 @@ def _value(annotation: Any, given: object, where: str) -> object:
     return _single(annotation, given, where)
 
 
-def _part(parts: Sequence[type], given: Mapping[str, Any], where: str) -> object:
+def part(parts: Sequence[type[T]], given: Mapping[str, Any], *, where: str) -> T:
+    """Make one of several dataclasses of a table; the key ``kind`` names it, else it is the first.
+
+    Errors as in `built`.
+    """
     named = {part.__name__: part for part in parts}
     rest = dict(given)
     name = rest.pop("kind", parts[0].__name__) if len(parts) > 1 else parts[0].__name__

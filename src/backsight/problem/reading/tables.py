@@ -82,6 +82,10 @@ class NoiseTable(StrictTable):
     R: list[list[float]] | None = None
     Q: list[list[float]] | None = None
     Qc: list[list[float]] | None = None
+    sigma_u: dict[str, float] | None = None
+    sigma_p: dict[str, float] | None = None
+    cross: list[list[float]] | None = None
+    outliers: dict[str, Any] | None = None
 
 
 class PriorTable(StrictTable):

@@ -13,9 +13,11 @@ from backsight.description import Called, Count, checked
 from backsight.engine.execute import choose_engine, prepare
 from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
 from backsight.run.diagnosis._units import outputs_of_run, reconsidered, response_ratios
 from backsight.run.estimation import match
+from backsight.schema import WEIGHT
 from backsight.types import Array
 
 Scores = tuple[dict[int, Array], dict[int, float]]
@@ -78,10 +80,15 @@ def check_alignment(
     predicting = yardstick(estimator, model)
     data = [part[:MOST] for part in match(model, recording, estimator=predicting)]
     dt = float(recording.attrs["dt"])
-    recursion = predicting.compile(model, dt)
+    plain = dataclasses.replace(predicting.noise, outliers=None)
+    recursion = dataclasses.replace(predicting, noise=plain).compile(model, dt)
     engine = choose_engine(None, (2 * reach + 2) * len(data[0]))
     prepare(recursion, engine)
     u, y, mask = data
+    if predicting.outliers is not None:
+        # The same samples for every shift: a gate would leave out more where it fits worse.
+        (weight,) = outputs_of_run(predicting.compile(model, dt), data, "vm", (WEIGHT,))
+        mask = mask * (weight >= DOUBTED)
     names = [s.name for s in model.outputs]
     ratios = response_ratios(recursion, u, y, mask, engine=engine, names=names) if model.nu else ()
     if any(r.factor != 1.0 for r in ratios):

@@ -13,6 +13,7 @@ from backsight.analysis.consistency import (
     filter_gains,
     noise_factors,
 )
+from backsight.analysis.outliers import taken, weighed
 from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import over_sample, settle_steps
@@ -68,7 +69,9 @@ def factors_of(
         return None
     if model.nx > MOST_STATES or SIGMA_FACTOR in result:
         return None
-    measured = np.flatnonzero(result["y"].notnull().any("output").values)
+    if weighed(result) or noise.beyond_additive:
+        return None
+    measured = np.flatnonzero(taken(result).any("output").values)
     earliest = max(result.sizes["time"] // 2, result.sizes["time"] - LONGEST // model.nx**2)
     measured = measured[measured >= earliest][-MOST:]
     if len(measured) < LEAST:
@@ -105,7 +108,7 @@ def _path(
         F=F,
         H=H,
         P=result["P"].values,
-        e=np.where(result["y"].notnull().values, result["e"].values, np.nan),
+        e=np.where(taken(result).values, result["e"].values, np.nan),
         S=result["S"].values,
         Q=added,
         R=noise.measurement(model),

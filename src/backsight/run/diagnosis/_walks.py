@@ -41,7 +41,7 @@ class Walks:
         try:
             judge = yardstick(estimator, model)
             noise, prior = judge.assumed
-            constants, _ = constants_and_forces(model, noise, float(result.attrs["dt"]))
+            constants, _ = constants_and_forces(model, noise)
             before = np.sqrt(np.diag(prior.covariance(model)))[constants]
         except BacksightError:
             return []
@@ -69,7 +69,6 @@ def tried(judge: AbstractEstimator, model: Model, recording: xr.Dataset) -> Walk
     None if there are no constants beside forces that walk, or the filter diverges as it is.
     """
     noise, _ = judge.assumed
-    dt = float(recording.attrs["dt"])
     constants, forces = constants_and_forces(model, noise)
     if not (len(constants) and len(forces)) or recording.sizes["time"] * model.nx**2 > ENTRIES:
         return None

@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -11,7 +12,7 @@ import xarray as xr
 from backsight.description import checked
 from backsight.engine.execute import Engine, choose_engine, prepare, run_recursion
 from backsight.engine.recursion import Channel, Recursion
-from backsight.errors import DataError, EstimationError
+from backsight.errors import BacksightWarning, DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._match import match
@@ -101,10 +102,31 @@ class Task:
 def ready(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> Task:
     """Check all but the memory that the result takes, see `estimate`."""
     data = match(model, recording, estimator=estimator)
+    _warn_of_useless_rule(estimator, model, data)
     check_window(estimator, len(data[0]))
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
     check_length(recursion, len(data[0]))
     return Task(estimator, model, recording, recursion, data)
+
+
+def _warn_of_useless_rule(
+    estimator: AbstractEstimator, model: Model, data: tuple[Array, Array, Array]
+) -> None:
+    """Warn of outputs of which no value can be an outlier: the noise alone is allowed more."""
+    if estimator.outliers is None:
+        return
+    _, y, mask = data
+    sigma = np.sqrt(np.diag(estimator.assumed[0].measurement(model)))
+    for i, output in enumerate(model.outputs):
+        seen = y[mask[:, i] > 0, i]
+        if seen.size > 1 and np.ptp(seen) < estimator.outliers.threshold * sigma[i]:
+            warnings.warn(
+                f"the rule for outliers of '{output.name}' can never act: all values lie within "
+                f"{np.ptp(seen):.3g}, and a deviation of "
+                f"{estimator.outliers.threshold * sigma[i]:.3g} is allowed; is sigma_y too large?",
+                BacksightWarning,
+                stacklevel=3,
+            )
 
 
 def carry_out(

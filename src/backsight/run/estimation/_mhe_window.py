@@ -8,8 +8,10 @@ from backsight.engine import vm
 from backsight.engine.recursion import Channel
 from backsight.errors import DataError
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.robust import entering
 from backsight.models.model import Model
 from backsight.run.estimation._match import match
+from backsight.types import Array
 
 
 @checked()
@@ -52,14 +54,18 @@ def solve_window(
     if not 0 <= k < len(u):
         raise DataError(f"there is no sample {at} in a recording of {len(u)} samples")
     dt = float(recording.attrs["dt"])
-    recursion, inspect = estimator.compile(model, dt), estimator.inspect(model, dt)
+    recursion = estimator.compile(model, dt)
+    method, wide = estimator.widened(model, dt)
+    inspect, nx = method.inspect(wide, dt), model.nx
     carry, _ = vm.run(recursion, [u[:k], y[:k], mask[:k]], carry=recursion.carry0)
-    present, *columns = (np.asarray(c).T for c in inspect(carry, u[k], y[k], mask[k]))
+    inside, weighed = _entered(estimator, model, dt, carry, [u[k], y[k], mask[k]])
+    present, *columns = (np.asarray(c).T for c in inspect(inside, u[k], y[k], weighed))
     here = present[:, 0] > 0
     x, P, w, v, multiplier, side = (c[here] for c in columns)
     first = k + 1 - int(here.sum())
     names, outputs = [s.name for s in model.states], [s.name for s in model.outputs]
     P = Channel("P", ("state", "state_"), symmetric=True).unpack(P)
+    x, P, w = x[:, :nx], P[:, :nx, :nx], w[:, :nx]
     deviation = np.sqrt(np.maximum(np.einsum("kii->ki", P), 0.0))
     found = xr.Dataset(
         {
@@ -85,3 +91,14 @@ def solve_window(
         )
         found["limit"] = list(labels[0])
     return found
+
+
+def _entered(
+    estimator: AbstractEstimator, model: Model, dt: float, carry: Array, data: list[Array]
+) -> tuple[Array, Array]:
+    """Memory of the method itself, and the mask of a sample as the rule for outliers weighs it."""
+    if estimator.outliers is None:
+        return carry, data[2]
+    plain = estimator.plain(model, dt)
+    weight = np.asarray(entering(plain, estimator.outliers)(carry, *data)[0]).ravel()
+    return carry[: len(plain.carry0)], data[2] * weight

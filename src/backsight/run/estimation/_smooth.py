@@ -112,18 +112,34 @@ def ready_to_smooth(
     """Check all but the memory that the result takes, see `smooth`."""
     data = match(model, recording, estimator=estimator)
     _check_own(type(estimator))
+    _check_noise(estimator)
     passes = estimator.smoother(model, float(recording.attrs["dt"]), covariance=covariance)
     return SmoothingTask(estimator, model, recording, passes, data)
+
+
+def _check_noise(estimator: AbstractEstimator) -> None:
+    """Raise `TuningError` if the way back would not know of something that the filter does."""
+    noise, _ = estimator.assumed
+    if noise.beyond_additive:
+        raise TuningError(
+            f"{', '.join(noise.beyond_additive)} of the noise cannot be smoothed; make such noise "
+            "states of the model"
+        )
+    if estimator.outliers is not None:
+        raise TuningError(
+            "a rule for outliers goes with a filter only: estimate first, set the samples with a "
+            "small weight to NaN, and smooth without the rule"
+        )
 
 
 def _check_own(kind: type[AbstractEstimator]) -> None:
     """Raise `TuningError` if a class changes the filter of its base, but not the smoother."""
     maker = {
         method: next(c for c in kind.__mro__ if method in vars(c))
-        for method in ("compile", "smoother")
+        for method in ("build", "smoother")
     }
     base = maker["smoother"]
-    if base is not AbstractEstimator and maker["compile"] is not base:
+    if base is not AbstractEstimator and maker["build"] is not base:
         raise TuningError(
             f"{kind.__name__} is another filter than {base.__name__}, but has its smoother: give "
             "it a method 'smoother' of its own"

@@ -6,8 +6,11 @@ import numpy as np
 import xarray as xr
 
 from backsight.analysis.forces import REMARKS, force_remarks
+from backsight.analysis.outliers import DOUBTED as OUTLIER_WEIGHT
+from backsight.analysis.outliers import RULE, THRESHOLD
 from backsight.engine.recursion import Channel
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
 from backsight.run.estimation._integration import with_integration
 from backsight.run.estimation._match import output_mask
@@ -17,6 +20,7 @@ from backsight.schema import (
     RESULT_VARIABLES,
     SCHEMA_VERSION,
     SIGMA_FACTOR,
+    WEIGHT,
     Status,
 )
 from backsight.types import Array
@@ -64,6 +68,12 @@ def as_result(
         "schema": SCHEMA_VERSION,
         INNOVATIONS: estimator.innovations,
     }
+    if (rule := estimator.outliers) is not None:
+        result.attrs |= {
+            RULE: type(rule).__name__,
+            THRESHOLD: rule.threshold,
+            OUTLIER_WEIGHT: DOUBTED,
+        }
     result = with_integration(result, estimator, model)
     remarks = force_remarks(result)
     if remarks:
@@ -83,6 +93,8 @@ def _dataset(
     measured = recording["y"].sel(output=outputs).values
     measured = np.where(output_mask(model, recording) > 0, measured, np.nan)
     values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
+    if WEIGHT in values:
+        values[WEIGHT] = np.where(np.isfinite(measured), values[WEIGHT], np.nan)
     raised = np.nan_to_num(values["status"]).astype(np.int32)
     diverged = np.where(_worthless(values, measured), int(Status.NOT_FINITE), 0)
     values["status"] = (raised | diverged).astype(np.int32)

@@ -1,0 +1,197 @@
+"""From a description to a recursion: what is the same for every method."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from typing import Any, ClassVar, Self, final
+
+import numpy as np
+
+from backsight.description import Description
+from backsight.discrete.modes import Modes, modes_at, modes_over
+from backsight.discrete.runge_kutta import Hold, Integrator
+from backsight.discrete.steps import complaint, explicit, settle_steps
+from backsight.engine.recursion import Recursion
+from backsight.errors import BacksightError, TuningError
+from backsight.estimators._noise_states import linear_in_noise, widened, without_noise_states
+from backsight.estimators.outliers import AbstractOutlierRule
+from backsight.estimators.robust import robust
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.model import Model
+from backsight.schema import Status
+
+
+@dataclasses.dataclass(frozen=True)
+class Compilable(Description, abc.ABC):
+    """A method that builds a recursion, with what goes around it: noise states, outlier rules."""
+
+    key: ClassVar[str]
+    title: ClassVar[str]
+    weighs: ClassVar[bool] = False
+    """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
+    noise_states: ClassVar[bool] = False
+    """Whether it is right for noise as states, see `backsight.estimators._noise_states`."""
+
+    @property
+    def assumed(self) -> tuple[Noise, Prior]:
+        """The fields ``noise`` and ``prior``.
+
+        Raises
+        ------
+        TuningError
+            If the estimator has none.
+        """
+        noise, prior = getattr(self, "noise", None), getattr(self, "prior", None)
+        if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
+            raise TuningError(f"'{self.key}' has no noise and prior")
+        return noise, prior
+
+    @property
+    def integration(self) -> Integrator | None:
+        """The field ``integrator``, or None of an estimator that needs none."""
+        given = getattr(self, "integrator", None)
+        return given if isinstance(given, Integrator) else None
+
+    @property
+    def input_hold(self) -> Hold:
+        """Input between samples: that of the integrator, or the field ``hold``, or held."""
+        if self.integration is not None:
+            return self.integration.hold
+        return getattr(self, "hold", "zoh")
+
+    def chosen(self, model: Model, dt: float) -> Integrator | None:
+        """The integrator with nothing left open, None if the estimator or the model needs none.
+
+        A matrix exponential does not follow parameters that are noise and not simply added.
+        """
+        if self.integration is None or not model.continuous:
+            return None
+        found = settle_steps(self.integration, model, lambda: self.modes(model), dt=dt)
+        noise = getattr(self, "noise", None)
+        follows = not isinstance(noise, Noise) or linear_in_noise(noise, model)
+        if found.scheme != "exact" or follows:
+            return found
+        return explicit(self.integration, lambda: self.modes(model), dt=dt)
+
+    def modes(self, model: Model) -> Modes:
+        """What has to be carried over: the modes of the model over the range of the prior."""
+        prior = getattr(self, "prior", None)
+        if not isinstance(prior, Prior):
+            start = np.array([s.value for s in model.states])
+            return modes_over(model, start, np.zeros(model.nx))
+        return modes_over(model, prior.mean(model), np.sqrt(np.diag(prior.covariance(model))))
+
+    @property
+    def outliers(self) -> AbstractOutlierRule | None:
+        """The rule for outliers of the field ``noise``; None without one."""
+        noise = getattr(self, "noise", None)
+        return noise.outliers if isinstance(noise, Noise) else None
+
+    @property
+    def constant_gain(self) -> bool:
+        """Whether the noise of a sample changes its covariance only, not how it is corrected."""
+        return False
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        if "compile" in vars(cls):
+            raise BacksightError(
+                f"{cls.__name__} defines 'compile'; write 'build', which 'compile' calls"
+            )
+
+    @final
+    def compile(self, model: Model, dt: float) -> Recursion:
+        """Turn the description into a recursion: what `build` makes, with the outlier rule.
+
+        Parameters, result and errors are those of `build`; the recursion has the channel
+        ``weight`` if the noise has a rule for outliers, see `backsight.estimators.outliers`.
+        """
+        rule = self.outliers
+        if rule is not None and (problem := self._refusal(rule)):
+            raise TuningError(problem)
+        plain = self.plain(model, dt)
+        return plain if rule is None else robust(plain, rule)
+
+    @final
+    def plain(self, model: Model, dt: float) -> Recursion:
+        """The recursion without the rule for outliers; noise that is not additive as states."""
+        method, wide = self.widened(model, dt)
+        built = method.build(wide, dt)
+        if wide is model:
+            return built
+        # The widened model is in discrete time: of its integrator the method knows nothing.
+        raised = Status.COARSE_STEP if self._coarse(model, dt) else Status(0)
+        return without_noise_states(built, model.nx, raised=raised)
+
+    @final
+    def widened(self, model: Model, dt: float) -> tuple[Self, Model]:
+        """Itself and the model, or both with noise states behind the states of the model.
+
+        Raises
+        ------
+        TuningError
+            If the method cannot take the noise as states.
+        """
+        noise = getattr(self, "noise", None)
+        if not (isinstance(noise, Noise) and noise.beyond_additive):
+            return self, model
+        given, (_, prior) = ", ".join(noise.beyond_additive), self.assumed
+        if not self.noise_states:
+            raise TuningError(
+                f"{self.title} cannot take {given} of the noise into account; use KalmanFilter, "
+                "EKF, IEKF, UKF, MHO, LinearMHE or MHE"
+            )
+        if self.input_hold != "zoh":
+            raise TuningError(f"{given} of the noise needs inputs that are held: hold = 'zoh'")
+        if getattr(self, "measurement", "sampled") != "sampled":
+            raise TuningError(f"{given} of the noise goes with measurement = 'sampled' only")
+        found = widened(noise, prior, model, dt, integrator=self.chosen(model, dt))
+        changes: dict[str, Any] = {"noise": found.noise, "prior": found.prior}
+        return dataclasses.replace(self, **changes), found.model
+
+    def _coarse(self, model: Model, dt: float) -> bool:
+        """Whether the integrator is too coarse for the model at the prior's mean."""
+        chosen = self.chosen(model, dt)
+        if chosen is None:
+            return False
+        x0, still = self.assumed[1].mean(model)[None], np.zeros((1, model.nu))
+        return bool(complaint(chosen, lambda: modes_at(model, x0, still), dt=dt))
+
+    def _refusal(self, rule: AbstractOutlierRule) -> str:
+        """Why the estimator cannot follow a rule for outliers; empty if it can."""
+        kind = type(rule).__name__
+        if not self.weighs:
+            return (
+                f"{self.title} cannot weigh single samples, which outliers = {kind}() needs; use "
+                "an estimator that can, such as EKF"
+            )
+        if self.constant_gain and not rule.leaves_out:
+            return (
+                f"{self.title} has a constant gain, which the weights of {kind}() cannot change; "
+                "use Gate(), or an estimator that computes its gain, such as KalmanFilter"
+            )
+        return ""
+
+    @abc.abstractmethod
+    def build(self, model: Model, dt: float) -> Recursion:
+        """Turn the description into ``(carry, u, y, mask) -> (carry, outputs)``.
+
+        Parameters
+        ----------
+        model : Model
+        dt : float
+            Sampling period [s].
+
+        Returns
+        -------
+        Recursion
+            Takes u (nu,), y (ny,) and mask (ny,), 1 where y was measured; physical units. If the
+            estimator `weighs`, the mask is the nominal standard deviation of the noise by that of
+            the sample.
+
+        Raises
+        ------
+        TuningError, ModelError
+            If the description does not fit the model.
+        """
