@@ -80,7 +80,7 @@ def test_structures_and_forces_that_cannot_be(refused, tmp_path, file, changes, 
         ),
         (
             {"threshold = 0.5": "threshold = 50.0"},
-            "all forces that were found, up to 9.88, are below the threshold; lower it",
+            "all forces that were found, up to 10.0, are below the threshold; lower it",
         ),
     ],
 )

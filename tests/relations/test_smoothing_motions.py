@@ -131,7 +131,7 @@ def test_windows_say_what_to_smooth_with(kind):
 
 def test_a_filter_that_is_another_does_not_smooth_as_its_base():
     class Other(EKF):
-        def compile(self, model, dt):
+        def build(self, model, dt):
             return super().compile(model, dt)
 
     model, recording, _ = pendulum(0, n=20)
