@@ -153,7 +153,7 @@ def test_states_are_told_apart_by_what_moves_them():
     noise = bs.Noise(sigma_y=1.0, sigma_w={"v": 1e-5, "D": 1.0})
 
     def names(model: bs.Model, assumed: bs.Noise) -> tuple[list[str], list[str]]:
-        places = constants_and_forces(model, assumed, 0.01)
+        places = constants_and_forces(model, assumed)
         constants, forces = ([model.states[i].name for i in of] for of in places)
         return constants, forces
 

@@ -5,8 +5,8 @@ from backsight.analysis.consistency._noise_factors import LIKELY, NEAR_Q, NoiseF
 from backsight.analysis.consistency.whiteness import Colour
 from backsight.rounding import significant
 
-_MEND = "say how much: sigma_u"
-_NOISY = f", or the input is measured with noise (then {_MEND})"
+_MEND = "say how much (sigma_u)"
+_NOISY = f", or the input is measured with noise: then {_MEND}"
 
 
 def pattern(found: Consistency) -> str:
@@ -43,8 +43,8 @@ def _noise_of_input(colour: Colour) -> str:
     share = significant(100 * colour.noise, 2)
     return (
         f"what is new in the input '{colour.noisy}' explains {share} % of the innovations of "
-        f"'{colour.output}', more than its whole past does: it is "
-        f"measured with noise ({_MEND}), unless a controller makes it from the outputs"
+        f"'{colour.output}', more than its whole past does: it is measured with noise, "
+        f"{_MEND}, unless a controller makes it from the outputs"
     )
 
 
