@@ -19,6 +19,7 @@ def main(path: Path) -> None:
     aside[200:220] = np.nan
     columns = {"t_ms": 1e3 * t, "motor": motor, "aside_mm": 1e3 * aside}
     write_blk(path, columns, {"t_ms": 1.0, "motor": 1e-4, "aside_mm": 0.01})
+    print(f"wrote {path}")
 
 
 if __name__ == "__main__":
