@@ -1,7 +1,6 @@
 """Adaptive high-gain observer with fixed or adaptive gain."""
 
 import dataclasses
-import functools
 from collections.abc import Iterator
 from typing import ClassVar, Literal
 
@@ -9,12 +8,11 @@ import casadi as ca
 import numpy as np
 
 from backsight.description import Positive, Sound
-from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
-from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.observers._excitation import Excitation
+from backsight.estimators.observers._high_gain import AbstractHighGain
 from backsight.estimators.observers._recursion import Plan, assemble_observer
 from backsight.estimators.observers._states import States, chain_start, state_bounds
 from backsight.estimators.observers.adaptive_gain import AdaptiveGain
@@ -23,18 +21,16 @@ from backsight.estimators.observers.formulas import (
     ObserverGains,
     Spread,
     gain_vector,
-    observer_modes,
-    observer_steps,
 )
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.models.canonical.affine import AffineForm, moving_states
+from backsight.models.canonical.affine import AffineForm
 from backsight.models.canonical.observer_form import moving_first, observer_form
 from backsight.models.model import Model
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class AHG(AbstractEstimator):
+class AHG(AbstractHighGain):
     r"""Adaptive high-gain observer: states and parameters without a covariance in the loop.
 
     For models that are affine in combinations theta of their parameters, in the states or in the
@@ -105,18 +101,6 @@ class AHG(AbstractEstimator):
             yield (
                 f"adaptive gain: lower = {self.adaptive.lower:g} must be below gain = {self.gain:g}"
             )
-
-    def chosen(self, model: Model, dt: float) -> Integrator:
-        """See `AbstractEstimator.chosen`."""
-        k0, modes = self._k0(model), functools.partial(super().modes, model)
-        return observer_steps(self.integrator, modes, lam=self.gain, k0=k0, dt=dt)
-
-    def modes(self, model: Model) -> Modes:
-        """Those of the model and those of the observer's error."""
-        return super().modes(model) + observer_modes(self.gain, self._k0(model))
-
-    def _k0(self, model: Model) -> Array:
-        return gain_vector(self.poles, len(moving_states(model)))
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""

@@ -1,19 +1,17 @@
 """High-gain observer."""
 
 import dataclasses
-import functools
 from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
 from backsight.description import Positive
-from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import ModelError
-from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.observers._excitation import Excitation
+from backsight.estimators.observers._high_gain import AbstractHighGain
 from backsight.estimators.observers._recursion import Plan, assemble_observer
 from backsight.estimators.observers._states import States, chain_start, state_bounds
 from backsight.estimators.observers.formulas import (
@@ -21,8 +19,6 @@ from backsight.estimators.observers.formulas import (
     ObserverGains,
     Spread,
     gain_vector,
-    observer_modes,
-    observer_steps,
 )
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.canonical.affine import AffineForm, moving_states
@@ -32,7 +28,7 @@ from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class HGO(AbstractEstimator):
+class HGO(AbstractHighGain):
     r"""High-gain observer: derivatives of the output, as fast as the noise allows (eq. 5).
 
     .. math::
@@ -77,18 +73,6 @@ class HGO(AbstractEstimator):
     poles: complex | tuple[complex, ...] = -1.0
     integrator: Integrator = dataclasses.field(default_factory=lambda: Integrator("rk4"))
     interpolation: Interpolation = "model"
-
-    def chosen(self, model: Model, dt: float) -> Integrator:
-        """See `AbstractEstimator.chosen`."""
-        k0, modes = self._k0(model), functools.partial(super().modes, model)
-        return observer_steps(self.integrator, modes, lam=self.gain, k0=k0, dt=dt)
-
-    def modes(self, model: Model) -> Modes:
-        """Those of the model and those of the observer's error."""
-        return super().modes(model) + observer_modes(self.gain, self._k0(model))
-
-    def _k0(self, model: Model) -> Array:
-        return gain_vector(self.poles, len(moving_states(model)))
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
