@@ -93,8 +93,9 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         found are shown as fitted without it, by least squares in which the others stay zero;
         `threshold` judges them by the l1 norm. Their deviation then counts what the l1 norm had
         taken away, and the atoms that could nearly as well have been chosen (whose optimality
-        condition is used up to a half). ``kept`` shows the optimum of the cost itself, as in the
-        paper, with a deviation that knows nothing of both. States are the same.
+        condition is used up to a half), and so does the covariance of the states. ``kept`` shows
+        the optimum of the cost itself, as in the paper, with deviations that know nothing of both.
+        The states themselves are the same.
     lag : int, optional
         The output is about the sample that is `lag` older than the newest one; N if not given,
         the first of the window. The newest forces cannot be told apart yet.
@@ -112,7 +113,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     The solution is exact: a warm-started active set. Covariances of the states are those of the
     least-squares problem in which the forces that are zero stay zero and the others are free. With
-    ``arrival="smoothed"`` they are too small, since its measurements count several times.
+    ``arrival="smoothed"`` and ``bias="kept"`` they are too small, since its measurements count
+    several times; with ``bias="removed"`` they count them once.
 
     A window that is not full yet, or has gaps, is one with samples that were not measured.
 
