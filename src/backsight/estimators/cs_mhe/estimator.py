@@ -26,6 +26,7 @@ from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
@@ -184,7 +185,9 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        return cs_recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
+        forced = self.forced(model, dt)
+        refuse_too_wide(forced.system.s, "CompressiveSensingMHE")
+        return cs_recursion(self.key, self._solver(forced), self.carryover)
 
     def forced(self, model: Model, dt: float) -> Forced:
         """See `AbstractForceEstimator.forced`."""
