@@ -116,6 +116,12 @@ STATUS_TEXT = {
 }
 """Cause and remedy of every status bit."""
 
+ROLE = "state_role"
+"""Coordinate of the states of a result: `UNKNOWN`, or "motion"."""
+
+UNKNOWN = "unknown"
+"""Role of a state that the model leaves as it is: an unknown constant, parameter or force."""
+
 SIGMA_FACTOR = "sigma_factor"
 """Variable of a recording with the noise of single samples."""
 
