@@ -161,7 +161,7 @@ def _path(t: Array, values: Array, time: Array, span: Sequence[float]) -> str:
     """Return the ``d`` of an SVG path; what lies outside the range is cut."""
     length = time[-1] - time[0] or 1.0
     x = (t - time[0]) / length * _WIDTH
-    y = (span[1] - np.clip(values, *span)) / (span[1] - span[0]) * _HEIGHT
+    y = (span[1] - np.clip(values, span[0], span[1])) / (span[1] - span[0]) * _HEIGHT
     finite = np.isfinite(y)
     points = [f"{a:.1f} {b:.1f}" for a, b in zip(x[finite], y[finite], strict=True)]
     return f"M{' L'.join(points)}" if points else "M0 0"
