@@ -95,15 +95,9 @@ def read_estimates(path: str | os.PathLike[str]) -> SavedRun:
     try:
         with h5py.File(path) as file:
             check_links(file, ())
-            groups = [name for name, entry in file.items() if isinstance(entry, h5py.Group)]
-            for group in groups:
-                for name, entry in file[group].items():
-                    if (
-                        isinstance(entry, h5py.Dataset)
-                        and entry.dtype.kind in "fiub"
-                        and entry.shape
-                    ):
-                        check_dataset(entry, f"{group}/{name}", ())
+            inside = {n: entry for n, entry in file.items() if isinstance(entry, h5py.Group)}
+            for name, group in inside.items():
+                _check_group(group, name)
         with xr.open_dataset(path, engine="h5netcdf") as root:
             about = dict(root.attrs)
         results = {g: xr.load_dataset(path, group=g, engine="h5netcdf") for g in inside}
