@@ -19,8 +19,20 @@ from backsight.errors import ProblemError, nearest
 if TYPE_CHECKING:
     from backsight.estimators.base import AbstractEstimator
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-study = typer.Typer(no_args_is_help=True, help="Reproduce a paper or work on a real system.")
+SHORT = {"help_option_names": ["-h", "--help"]}
+# Markup would take the brackets of "[from the estimator's name]" for a style.
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings=SHORT,
+)
+study = typer.Typer(
+    no_args_is_help=True,
+    help="Reproduce a paper or work on a real system.",
+    rich_markup_mode=None,
+    context_settings=SHORT,
+)
 app.add_typer(study, name="study")
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
@@ -200,11 +212,16 @@ def report_again(
 
 
 @app.command("methods")
-def list_methods() -> None:
+def list_methods(
+    name: Annotated[
+        str | None, typer.Argument(help="A kind, such as ekf: what every setting means.")
+    ] = None,
+) -> None:
     """List the estimators with the settings that a problem file may give them."""
-    from backsight.problem.methods import methods as listed
+    with told():
+        from backsight.problem.methods import method, methods
 
-    say(listed(tell=warn))
+        say(methods(tell=warn) if name is None else method(name))
 
 
 @study.command("list")
