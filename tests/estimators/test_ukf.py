@@ -1,5 +1,6 @@
 import dataclasses
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -8,6 +9,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import native, vm
 from backsight.errors import TuningError
 from backsight.estimators import UKF, KalmanFilter, Noise, Prior
+from backsight.models.augment import augment
 from backsight.models.lti import lti
 from backsight.models.model import Model
 from backsight.models.signals import Signal
@@ -185,6 +187,33 @@ def test_a_slope_at_its_bound_is_that_of_the_kalman_filter():
     np.testing.assert_allclose(moved["P"], kalman["P"], atol=1e-12)
     assert clipped["x_hat"][-1, 1] > moved["x_hat"][-1, 1] + 1e-3
     assert clipped["P"][-1, 1, 1] < 0.9 * moved["P"][-1, 1, 1]
+
+
+def test_a_gap_that_is_open_at_the_prior_is_found():
+    """The stop at 0.5 pushes back beyond it only; at the prior's mean of 3 nothing has a slope."""
+    plant = augment(
+        Model(
+            f=lambda x, u, p: [x.v, -100 * x.x - 2 * x.v - 1e3 * ca.fmax(x.x - p.g, 0) + u.F],
+            h=lambda x, u, p: [x.x],
+            states={"x": "", "v": ""},
+            inputs={"F": ""},
+            outputs={"y": ""},
+            parameters={"g": Signal(value=3.0, lower=0.0)},
+        ),
+        ["g"],
+    )
+    dt, n, rng, x = 0.01, 300, np.random.default_rng(1), np.zeros(2)
+    u, y = 100 * np.sin(8 * dt * np.arange(n))[:, None], np.zeros((n, 1))
+    for k in range(n):
+        y[k] = x[0] + 1e-3 * rng.standard_normal()
+        for _ in range(20):
+            push = u[k, 0] - 1e3 * max(x[0] - 0.5, 0)
+            x = x + dt / 20 * np.array([x[1], push - 100 * x[0] - 2 * x[1]])
+    prior = Prior(sigma_x0={"x": 0.1, "v": 0.1, "g": 1.5})
+    result = Run(UKF(Noise(sigma_y=1e-3, sigma_w={"v": 0.3}), prior), plant, dt)(u, y)
+    g, std = result["x_hat"][-1, 2], np.sqrt(result["P"][-1, 2, 2])
+    assert abs(g - 0.5) < 0.02
+    assert std < 0.02
 
 
 @pytest.mark.parametrize("first", ["measured", "posterior"])

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import backsight as bs
 from backsight.estimators import mhe
 from backsight.estimators.base import AbstractEstimator
-from coverage.plants import Plant, damping, oscillator, pendulum, slope
+from bands.plants import Plant, damping, oscillator, pendulum, slope
 
 PLANTS: Mapping[str, Callable[[], Plant]] = {
     "oscillator": oscillator,

@@ -9,8 +9,8 @@ from backsight.analysis.comparison._summary import assess
 from backsight.analysis.comparison.verdict import sentence
 from backsight.run.diagnosis._factors_of_results import with_factors
 from backsight.run.diagnosis.audit import noise_found
-from coverage.plants import drawn
-from coverage.rows import PLANTS, ROWS
+from bands.plants import drawn
+from bands.rows import PLANTS, ROWS
 
 SAMPLES, RUNS, RIGHT = 1200, 10, 40
 JUDGED = [name for name, row in ROWS.items() if row.forces == "none"]

@@ -6,8 +6,8 @@ import pytest
 from backsight.engine.lanes import run_many
 from backsight.estimators import ESTIMATORS
 from backsight.run.estimation.lag import from_first_sample, run_on
-from coverage.plants import Plant, Runs, drawn
-from coverage.rows import PLANTS, ROWS, Row
+from bands.plants import Plant, Runs, drawn
+from bands.rows import PLANTS, ROWS, Row
 
 RUNS = 400
 SAMPLES = {
