@@ -18,7 +18,7 @@ from backsight.data import from_arrays
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import DataError, TuningError
 from backsight.estimators import EKF, MHE, MHO, UKF, KalmanFilter, Limit, LinearMHE, Noise, Prior
-from backsight.estimators.mhe import EKFArrival, NoArrival, SmoothedArrival, UKFArrival
+from backsight.estimators.arrival import EKFArrival, NoArrival, SmoothedArrival, UKFArrival
 from backsight.models.augment import augment
 from backsight.models.builtin import duffing
 from backsight.models.lti import lti

@@ -28,8 +28,8 @@ from backsight.estimators import (
     Prior,
     RecursiveMHE,
 )
+from backsight.estimators.arrival import ConstantArrival, NoArrival, SmoothedArrival
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.mhe import ConstantArrival, NoArrival, SmoothedArrival
 from backsight.models.lti import lti
 from backsight.run.diagnosis._factors_of_results import with_factors
 from backsight.run.diagnosis.audit import noise_found

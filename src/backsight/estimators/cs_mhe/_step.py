@@ -6,6 +6,7 @@ import numpy as np
 from backsight.algebra.symmetric import vech
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
+from backsight.estimators.cs_mhe._arrival import next_covariance
 from backsight.estimators.cs_mhe._window import (
     ROUNDING,
     Solver,
@@ -23,9 +24,6 @@ from backsight.estimators.parts.window import empty_queue, moved_on, queued
 
 NUMBERS = ("nonzeros", "steps", "kkt", "lam_max")
 """Outputs about the active set."""
-
-CONSTANT = 1
-"""Arrival cost with a covariance that stays."""
 
 
 def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recursion:
@@ -69,7 +67,7 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
 
     # 4. arrival cost, eq. 12, and what the next window expects (Algorithm 1)
     second = ca.horzcat(states[:, 1:], last)[:, 0] + found.x[0]
-    P_second = ca.MX(s.P0) if solver.arrival == CONSTANT else found.P[0]
+    P_second = next_covariance(solver.arrival, s, found.P[0])
     x_start, P_start = choose(slid, [second, P_second], [m.x_start, m.P_start])
     tail = m.tail
     if tail.numel():

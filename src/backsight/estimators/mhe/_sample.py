@@ -9,11 +9,11 @@ from backsight.algebra.symmetric import vech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import Channel, Recursion
+from backsight.estimators.arrival import Arrival, Leaving
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._window import linearise
-from backsight.estimators.mhe.arrival import Arrival, Leaving
 from backsight.estimators.parts.filtering import choose, data_inputs, physical, physical_innovation
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.limits import Limits
