@@ -6,7 +6,7 @@ import pytest
 from backsight.errors import DataError, EstimationError
 from backsight.estimators import EKF, MHO
 from backsight.run.estimation import estimate, estimate_many
-from contract.cases import TrialProblem
+from backsight.testing import TrialProblem
 
 PROBLEM = TrialProblem()
 
