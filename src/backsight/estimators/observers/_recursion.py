@@ -11,15 +11,15 @@ from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.observers._excitation import Excitation, excitation, excitation_start
-from backsight.estimators.observers._states import States
-from backsight.estimators.observers.adaptive_gain import AdaptiveGain, adapt, gain_start
-from backsight.estimators.observers.formulas import (
+from backsight.estimators.observers._formulas import (
     Interpolation,
     ObserverGains,
     Spread,
     free_step,
     observer_step,
 )
+from backsight.estimators.observers._states import States
+from backsight.estimators.observers.adaptive_gain import AdaptiveGain, adapt, gain_start
 from backsight.estimators.parts.covariance import packed
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.flags import Flags

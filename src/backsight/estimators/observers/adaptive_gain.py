@@ -195,6 +195,37 @@ def prediction_error(form: AffineForm, integrator: Integrator, dt: float) -> ca.
     )
 
 
+def window_innovation(
+    form: AffineForm, integrator: Integrator, order: list[int], *, dt: float, length: int
+) -> ca.Function:
+    """Innovation of eq. 19, see `AbstractAdaptiveObserver.window_innovation`.
+
+    Parameters
+    ----------
+    form, integrator
+        As for `prediction_error`.
+    order : list of int
+        Which of the model's states are those of the form, and then its parameters.
+    dt : float
+    length : int
+        Sampling periods of the window.
+    """
+    x_hat = ca.MX.sym("x_hat", len(order))
+    U, Y, M = (ca.MX.sym(k, m, length + 1) for k, m in (("U", form.nu), ("Y", 1), ("M", 1)))
+    ordered = x_hat[order]
+    x, theta = ordered[: form.n], form.theta(ordered[form.n :])
+    if form.coordinates is not None:
+        x = form.coordinates.chain(x)
+    ends = (part for d in (U, Y, M) for part in (d[:, :-1], d[:, 1:]))
+    (_, area), _ = scan(
+        prediction_error(form, integrator, dt),
+        length,
+        carry=[x, ca.MX(0)],
+        xs=[ca.repmat(theta, 1, length), *ends],
+    )
+    return ca.Function("window_innovation", [x_hat, U, Y, M], [area])
+
+
 def gain_start(gain: AdaptiveGain, dt: float, *, x0: Array, theta0: Array) -> dict[str, Array]:
     """Memory of the adaptive gain before the first sample."""
     _, count = gain.lengths(dt)

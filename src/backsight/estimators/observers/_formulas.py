@@ -39,27 +39,6 @@ class ObserverGains:
     consistent: bool = True
 
 
-def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
-    """k0 (n,) that places the eigenvalues of A0 - k0 c0.
-
-    Parameters
-    ----------
-    poles : number or n numbers
-        One number: n-fold. Complex ones in conjugate pairs; all with negative real part.
-    """
-    wanted = np.atleast_1d(np.asarray(poles, complex))
-    if wanted.size == 1:
-        wanted = np.repeat(wanted, n)
-    if wanted.shape != (n,):
-        raise TuningError(f"poles has {wanted.size} entries; the chain has {n} states")
-    if not np.all(np.real(wanted) < 0):
-        raise TuningError(f"poles {wanted.tolist()} must all have a negative real part")
-    polynomial = np.poly(wanted)
-    if np.any(np.abs(np.imag(polynomial)) > 1e-9):
-        raise TuningError(f"complex poles {wanted.tolist()} must come in conjugate pairs")
-    return np.real(polynomial[1:]).astype(float)
-
-
 def observer_modes(lam: float, k0: Array) -> Modes:
     """Modes of the observer's error, beside those of the model."""
     A = np.diag(np.ones(len(k0) - 1), 1)
