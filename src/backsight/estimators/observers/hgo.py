@@ -55,7 +55,8 @@ class HGO(AbstractHighGain):
     integrator : Integrator
         `hold` is that of the input.
     interpolation : {"model", "linear", "hold"}
-        The measurement between samples, see `_formulas.Interpolation`.
+        The measurement between samples: along the prediction of the model, by straight lines,
+        or held, which delays it by half a sampling period.
 
     References
     ----------
