@@ -5,6 +5,7 @@ numbers; `Description` checks every field against it and tells all that is wrong
 `checked` does the same for the arguments of a function.
 """
 
+from backsight.description._alike import alike
 from backsight.description._arguments import checked
 from backsight.description._base import Description, Sound
 from backsight.description._fits import fault
@@ -44,6 +45,7 @@ __all__ = [
     "Sound",
     "Unlimited",
     "Whole",
+    "alike",
     "checked",
     "described",
     "equations_of",

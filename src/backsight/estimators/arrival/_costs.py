@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech
-from backsight.description import Called, Positive, Sound
+from backsight.description import Called, Positive, Sound, alike
 from backsight.estimators.arrival._base import AbstractArrival, Arrival, Fitting, Leaving
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman import ekf, ukf
@@ -174,7 +174,7 @@ ARRIVALS: dict[str, AbstractArrival] = {
 
 def arrival_name(arrival: AbstractArrival) -> str:
     """Its name in `ARRIVALS`, or what it prints as."""
-    return next((name for name, part in ARRIVALS.items() if part == arrival), str(arrival))
+    return next((name for name, part in ARRIVALS.items() if alike(part, arrival)), str(arrival))
 
 
 def _filter(halves: Halves, covariance: ca.Function) -> Arrival:

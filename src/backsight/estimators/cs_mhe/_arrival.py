@@ -39,7 +39,7 @@ def next_covariance(arrival: LinearArrival, s: Setting, found: ca.MX) -> ca.MX:
 
 def arrival_faults(arrival: LinearArrival) -> Iterator[str]:
     """Say what the window cannot take of an arrival cost."""
-    if isinstance(arrival, NoArrival) and arrival != NoArrival():
+    if isinstance(arrival, NoArrival) and arrival.width != NoArrival().width:
         yield (
             f"the arrival cost is {arrival}; its width is that of a proximal point, which this "
             "estimator does not need: the first state is free. Take NoArrival()"

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import casadi as ca
 import numpy as np
 
-from backsight.description import Called, Distinct, Horizon, Lag, Positive, Sound
+from backsight.description import Called, Distinct, Horizon, Lag, Positive, Sound, alike
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError, nearest
@@ -140,7 +140,7 @@ class MHE(AbstractEstimator):
 
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: the arrival costs in `ARRIVALS`."""
-        others = {n: part for n, part in ARRIVALS.items() if part != self.arrival}
+        others = {n: part for n, part in ARRIVALS.items() if not alike(part, self.arrival)}
         return {arrival_name(self.arrival): self} | {
             n: dataclasses.replace(self, arrival=part) for n, part in others.items()
         }
