@@ -86,7 +86,7 @@ def test_arrival_cost_and_lag_are_written_as_for_the_mhe(problem, line, arrival)
         ('"HalfSines", widths', '"HalfSine", widths', "dictionary.kind: unknown kind 'HalfSine'"),
         ("widths = [1, 2]", "widths = [1, 12]", "atoms of 12 steps"),
         ("age = 4", "age = 0", "carryover: age is 0"),
-        ("lam = 0.3\n", 'lam = 0.3\nlag = "M"\n', "unknown the lag 'M'"),
+        ("lam = 0.3\n", 'lam = 0.3\nlag = "M"\n', "unknown lag 'M'"),
         ("lam = 0.3\n", 'lam = 0.3\narrival = "smoothed"\n', "arrival"),
         ("lam = 0.3\n", "", "estimators.CS.lam: is missing"),
         ("lam = 0.3", "lam = -0.3", "estimators.CS: lam is -0.3"),
