@@ -21,7 +21,7 @@ import numpy as np
 from backsight.algebra.sigma import Weights
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Term, transposed
-from backsight.estimators.parts.factors import each_column, minus, on_top, sigma_columns
+from backsight.estimators.parts.factors import each_column, on_top, sigma_columns
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.substeps import within_bounds
 
@@ -40,8 +40,6 @@ class Points:
     ----------
     inside : (n, 2 n + 1)
         Where the model is asked: mean, points in the direction of each column, opposite points.
-    apart : (n, 2 n + 1)
-        Deviations of the points from the mean, whatever the bounds are.
     pairs : (2, n)
         Of every pair the share of its distance that was left, and 1 if it was moved.
     held : scalar
@@ -49,7 +47,6 @@ class Points:
     """
 
     inside: Term
-    apart: Term
     pairs: Term
     held: Term
 
@@ -72,7 +69,7 @@ class SigmaPoints:
         """Points of a mean inside the bounds and a lower factor (n, n)."""
         if not _bounded(s):
             plain = sigma_columns(x, L, self.weights.spread)
-            return Points(plain, minus(plain, x), _as_they_are(s, x), type(x)(0))
+            return Points(plain, _as_they_are(s, x), type(x)(0))
         choose = _moved if self.outside == "moved" else _clipped
         return choose(s, self.weights, x, L)
 
@@ -97,14 +94,14 @@ def _as_they_are(s: Setting, like: Term) -> Term:
 
 def _moved(s: Setting, w: Weights, x: Term, L: Term) -> Points:
     """Pairs that leave the bounds are moved inside."""
-    n, plain = s.model.nx, sigma_columns(x, L, w.spread)
+    n = s.model.nx
     sizes = {**notation(s), "d": n, "c": n, "sigma": n}
     norm = leaf("row_size", sizes, lambda d: {"size": ca.norm_2(d)})
     between = leaf("truncated", sizes, lambda x, sigma: _between(s, x, sigma))
     place = leaf("place_pair", sizes, lambda d, x, c: _placed(s, d, x, c))
     c = between(x, transposed(each_column(norm, transposed(L))[0]))
     high, low, pairs = each_column(place, w.spread * L, x, c)
-    return Points(ca.horzcat(x, high, low), minus(plain, x), pairs, ca.mmax(pairs[1, :]))
+    return Points(ca.horzcat(x, high, low), pairs, ca.mmax(pairs[1, :]))
 
 
 def _clipped(s: Setting, w: Weights, x: Term, L: Term) -> Points:
@@ -113,7 +110,7 @@ def _clipped(s: Setting, w: Weights, x: Term, L: Term) -> Points:
     within = leaf("within", notation(s), lambda x: {"x_in": within_bounds(s, x)})
     (inside,) = each_column(within, plain)
     held = ca.if_else(ca.norm_1(ca.vec(inside - plain)) > 0, 1, 0)
-    return Points(inside, minus(plain, x), _as_they_are(s, x), held)
+    return Points(inside, _as_they_are(s, x), held)
 
 
 def _between(s: Setting, x: ca.SX, sigma: ca.SX) -> Results:

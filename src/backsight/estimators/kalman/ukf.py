@@ -25,8 +25,8 @@ from backsight.estimators.parts.factors import (
     cholesky_factor,
     deviation_factor,
     each_column,
+    joint_factor,
     minus,
-    on_top,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
@@ -209,8 +209,9 @@ def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
         chosen = _around(s, points, x, spread)
         y_mean, dY = _from_mean(_outputs(s, points, chosen, u), w)
         dY, e, noise = weigh(y, dY, y_mean, mask)
-        both = on_top([dY, chosen.apart])
-        joint, definite = deviation_factor(both, w, on_top([noise, type(noise).zeros(nx, ny)]))
+        # The outputs see points inside the bounds, the spread is that of the state: or else every
+        # sample would make it smaller next to a bound, whatever was measured.
+        joint, definite = joint_factor(dY, kept.opened(spread), w, noise)
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
         x_post, flags = settle(x, KSy, Sy, e, chosen.held, definite, spread[-1])
         L_next = ca.if_else(definite, kept.closed(L_post), spread[:-1])
