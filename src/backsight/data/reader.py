@@ -1,7 +1,7 @@
 """Read a recording from a file."""
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -170,6 +170,13 @@ def read(
     if given is not None and not clock:
         lengths["the file's own time"] = len(given)
     n = checks.check_lengths(lengths, where)
+    understood = contents.understood
+    timed = slice(0, n) if given is None else _with_time(given, raw.values())
+    if timed != slice(0, n):
+        raw = {name: values[timed] for name, values in raw.items()}
+        given = None if given is None else given[timed]
+        note = f"{n - (timed.stop - timed.start)} rows without time and values left off"
+        understood, n = "; ".join(filter(None, (understood, note))), timed.stop - timed.start
     stamps = time_axis(given, n, dt=dt, where=where)
     kept = _selected(stamps, start, stop, where)
     u, y, x, factors = (_group(group, raw, contents.units, kept) for group in signals)
@@ -181,9 +188,9 @@ def read(
         sigma_factor=_spread(factors, y) if sigma_factor else None,
         dt=dt,
         resample=resample,
-        first=kept.start,
+        first=timed.start + kept.start,
         begin=begin,
-        understood=contents.understood,
+        understood=understood,
         where=where,
     )
 
@@ -194,6 +201,17 @@ def _measured(values: Array, name: str, missing: Sequence[str | float]) -> Array
         raise DataError(f"'{name}' holds dates; only time may be given by them")
     codes = [code for code in missing if not isinstance(code, str)]
     return np.where(np.isin(values, codes), np.nan, values) if codes else values
+
+
+def _with_time(time: Array, columns: Iterable[Array]) -> slice:
+    """All samples but those at both ends that have neither a time nor a value."""
+    if np.isfinite(time[0]) and np.isfinite(time[-1]):
+        return slice(0, len(time))
+    there = np.isfinite(time)
+    for values in columns:
+        there |= ~np.isnan(values)
+    known = np.flatnonzero(there)
+    return slice(int(known[0]), int(known[-1]) + 1) if known.size else slice(0, len(time))
 
 
 def _selected(time: Array, start: float | None, stop: float | None, where: str) -> slice:

@@ -3,6 +3,7 @@
 What is wanted is looked at before it is read: where it is, how large, and that it is numbers.
 """
 
+import math
 import re
 import struct
 import zipfile
@@ -13,6 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 import scipy
+import scipy.sparse
 import xarray as xr
 
 from backsight.data._pick import pick
@@ -192,6 +194,21 @@ def _flat(tree: Mapping[str, Any]) -> dict[str, Any]:
             leaves |= _flat({f"{name}[{k}]": cell for k, cell in cells})
         elif isinstance(entry, list):
             leaves |= _flat({f"{name}[{k}]": part for k, part in enumerate(entry)})
+        elif scipy.sparse.issparse(entry):
+            leaves[name] = _Sparse(entry)
         else:
             leaves[name] = entry
     return leaves
+
+
+class _Sparse:
+    """A sparse matrix, filled up with zeros when it is made an array."""
+
+    def __init__(self, matrix: Any) -> None:
+        self.matrix = matrix
+        self.shape = matrix.shape
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Fill it up."""
+        check_room(math.prod(self.shape) * np.dtype(float).itemsize, "a sparse matrix")
+        return np.array(self.matrix.toarray(), dtype=dtype, copy=copy)

@@ -3,10 +3,12 @@
 They know the times of their samples, so that neither a column of time nor a period is needed.
 """
 
+import collections
 import dataclasses
+import datetime
 import re
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +33,7 @@ def read_tdms(path: Path, request: Request) -> Contents:
     nptdms = library("nptdms")
     columns, units, clocks, begins = {}, {}, [], []
     with nptdms.TdmsFile.open(path) as file:
-        channels = _by_name({f"{g.name}/{c.name}": c for g in file.groups() for c in g.channels()})
+        channels = _by_name([(g.name, c.name, c) for g in file.groups() for c in g.channels()])
         for name in _present(request.wanted, channels):
             channel = channels[name]
             claimed = 8 * len(channel)
@@ -140,7 +142,19 @@ def read_lvm(path: Path, request: Request) -> Contents:
     columns = dict(found.columns)
     if time is not None and request.clock in columns and request.clock == "X_Value":
         columns[request.clock] = time
-    return Contents(columns, units, found.understood, time=time)
+    begins = {(of("Date", name), of("Time", name)) for name, *_ in clocks}
+    begin = _moment(*begins.pop()) if time is not None and len(begins) == 1 else ""
+    return Contents(columns, units, found.understood, time=time, begin=begin)
+
+
+def _moment(date: str, clock: str) -> str:
+    """Date of the zero of time, "" if the header does not say it; fractions to microseconds."""
+    whole, _, fraction = clock.replace(",", ".").partition(".")
+    try:
+        moment = datetime.datetime.strptime(f"{date} {whole}", "%Y/%m/%d %H:%M:%S")
+        return moment.replace(microsecond=int(fraction.ljust(6, "0")[:6])).isoformat()
+    except ValueError:
+        return ""
 
 
 def read_outb(path: Path, request: Request) -> Contents:
@@ -201,14 +215,14 @@ def _number(text: str, decimal: str) -> float:
         raise DataError(f"the header has '{text}' in the place of a number") from None
 
 
-def _by_name(channels: Mapping[str, Any]) -> dict[str, Any]:
-    """Channels by group and name, and by name alone where that is unique."""
-    bare = [full.partition("/")[2] for full in channels]
-    return {
-        name: channel
-        for name, channel in zip(bare, channels.values(), strict=True)
-        if bare.count(name) == 1
-    } | dict(channels)
+def _by_name(channels: Sequence[tuple[str, str, Any]]) -> dict[str, Any]:
+    """Channels by group and name, and by name alone where that is unique.
+
+    Names may hold strokes themselves: ``07/09/2012 06:58 PM - All Data``.
+    """
+    count = collections.Counter(name for _, name, _ in channels)
+    bare = {name: channel for _, name, channel in channels if count[name] == 1}
+    return bare | {f"{group}/{name}": channel for group, name, channel in channels}
 
 
 def _present(wanted: Iterable[str], known: Mapping[str, Any]) -> list[str]:
