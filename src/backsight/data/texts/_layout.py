@@ -20,12 +20,16 @@ _HEAD, _SPOT, _MOST = 1 << 18, 1 << 14, 300
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """Names and units of columns; delimiter (None: blanks); the bytes that the numbers take."""
+    """Names and units of columns; delimiter (None: blanks); the bytes that the numbers take.
+
+    Columns of `numeric` hold numbers or dates.
+    """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     delimiter: str | None
     numbers: NumberForm
+    numeric: tuple[int, ...]
     comment: str
     start: int
     first_line: int
@@ -98,6 +102,7 @@ def layout_of(content: bytes, form: TextForm, wanted: Sequence[str]) -> Layout:
         units=tuple(units),
         delimiter=delimiter,
         numbers=numbers,
+        numeric=tuple(numeric),
         comment=comment,
         start=begin.start if begin else len(content),
         first_line=begin.number if begin else 1,

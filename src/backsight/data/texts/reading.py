@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from backsight.data._pick import no_column
-from backsight.data._request import Contents, Request
+from backsight.data._request import Contents, Listed, Request
 from backsight.data.texts._cells import cells_of, is_blank, lines, trimmed
 from backsight.data.texts._layout import Layout, layout_of
 from backsight.data.texts.content import content_of
@@ -65,6 +65,28 @@ def read_content(content: bytes, request: Request) -> Contents:
     return Contents(table, {n: unit for n, unit in units.items() if unit}, layout.understood)
 
 
+def list_text(path: Path, request: Request) -> list[Listed]:
+    """List the columns; see `read_text`."""
+    return list_content(content_of(path, request.text.encoding), request)
+
+
+def list_content(content: bytes, request: Request) -> list[Listed]:
+    """List the columns of a text, given as to `read_content`."""
+    layout = layout_of(content, request.text, ())
+    names = [name for name in layout.names if name]
+    found = []
+    for name in dict.fromkeys(names):
+        place = layout.names.index(name)
+        if names.count(name) > 1:
+            found.append(Listed(name, "other", f"{names.count(name)} columns are called so"))
+        elif place not in layout.numeric:
+            found.append(Listed(name, "other", "text"))
+        else:
+            dates = _kind_by_cells(content, layout, place) is str
+            found.append(Listed(name, "dates" if dates else "numbers"))
+    return found
+
+
 def _place(layout: Layout, name: str) -> int:
     place = layout.position(name)
     if place is None:
@@ -80,7 +102,10 @@ def _kind(content: bytes, layout: Layout, request: Request, name: str) -> type:
         return int if request.time_format not in ("excel", "matlab") else float
     if request.time_format is not None:
         return str
-    place = _place(layout, name)
+    return _kind_by_cells(content, layout, _place(layout, name))
+
+
+def _kind_by_cells(content: bytes, layout: Layout, place: int) -> type:
     for line in lines(content, start=layout.start, stop=layout.stop):
         cells = cells_of(line.text, layout.delimiter)
         if is_blank(line.text) or len(cells) <= place or not cells[place]:
