@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
+from backsight.cli import _recordings
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.errors import ProblemError, nearest
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 study = typer.Typer(no_args_is_help=True, help="Reproduce a paper or work on a real system.")
 app.add_typer(study, name="study")
+app.command("columns")(_recordings.show_columns)
+app.command("init")(_recordings.write_problem)
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
 Force = Annotated[

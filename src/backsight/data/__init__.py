@@ -2,9 +2,19 @@
 
 from backsight.data.columns import Column
 from backsight.data.increments import increments
+from backsight.data.listing import list_columns
 from backsight.data.merging import merge
 from backsight.data.reader import read
 from backsight.data.recording import from_arrays
-from backsight.data.resampling import resample
+from backsight.data.resampling import resample, to_grid
 
-__all__ = ["Column", "from_arrays", "increments", "merge", "read", "resample"]
+__all__ = [
+    "Column",
+    "from_arrays",
+    "increments",
+    "list_columns",
+    "merge",
+    "read",
+    "resample",
+    "to_grid",
+]

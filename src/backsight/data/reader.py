@@ -32,6 +32,7 @@ def read(
     start: float | None = None,
     stop: float | None = None,
     resample: float | None = None,
+    grid: float | None = None,
     sigma_factor: Mapping[str, ColumnLike] | None = None,
     format: str | None = None,  # noqa: A002  the word of problem files
     axis: Axis | None = None,
@@ -71,6 +72,9 @@ def read(
         Keep the samples with ``start <= t < stop`` [s].
     resample : float, optional
         Interpolate to this sampling period [s]; see `backsight.data.resample`.
+    grid : float, optional
+        Put samples with gaps or irregular times on an even grid of this period [s], nothing
+        measured between them; see `backsight.data.to_grid`.
     sigma_factor : dict, optional
         Outputs whose samples have a noise of their own, as `outputs`: the column holds its standard
         deviation by the `sigma_y` of the estimator, or, with ``Column(name, factor=1 / sigma_y)``,
@@ -188,6 +192,7 @@ def read(
         sigma_factor=_spread(factors, y) if sigma_factor else None,
         dt=dt,
         resample=resample,
+        grid=grid,
         first=timed.start + kept.start,
         begin=begin,
         understood=understood,

@@ -48,6 +48,7 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
         start=table.start,
         stop=table.stop,
         resample=table.resample,
+        grid=table.grid,
         format=table.format,
         axis=table.axis,
         time_format=table.time_format,

@@ -142,7 +142,7 @@ def list_containers(path: Path, request: Request) -> list[Listed]:
         return list_arrays(fields or {"data": values}, request.axis)
     if begins_with(path, b"CDF"):
         with xr.open_dataset(path, decode_times=False, **_CLASSIC) as dataset:
-            return list_arrays(dict(dataset.variables), request.axis)
+            return list_arrays({str(k): v for k, v in dataset.variables.items()}, request.axis)
     check_room(_mat_bytes(path), "the file")
     read = scipy.io.loadmat(path, simplify_cells=True)
     return list_arrays(_flat({k: v for k, v in read.items() if not k.startswith("__")}))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from backsight.data._pick import present
 from backsight.data._request import Contents, Listed, Request
@@ -35,7 +36,7 @@ def read_tdms(path: Path, request: Request) -> Contents:
                 begins.append(properties.get("wf_start_time"))
     if len({str(begin) for begin in begins}) > 1:
         raise DataError("the channels begin at different times; read each by itself and merge them")
-    begin = "" if not begins or begins[0] is None else str(np.datetime64(begins[0], "us"))
+    begin = "" if not begins or begins[0] is None else pd.Timestamp(begins[0]).isoformat()
     time = even_times(clocks, columns)
     return Contents(columns, units, time=time, begin=begin if time is not None else "")
 

@@ -23,4 +23,5 @@ def read_wav(path: Path, request: Request) -> Contents:
 def list_wav(path: Path, _: Request) -> list[Listed]:
     """List the channels."""
     _, values = scipy.io.wavfile.read(path, mmap=True)
-    return [Listed(f"data[{k}]") for k in range(1 if values.ndim == 1 else values.shape[1])]
+    channels = np.reshape(values, (len(values), -1)).shape[1]
+    return [Listed(f"data[{k}]") for k in range(channels)]

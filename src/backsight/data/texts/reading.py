@@ -12,6 +12,7 @@ from backsight.data._pick import no_column
 from backsight.data._request import Contents, Listed, Request
 from backsight.data.texts._cells import cells_of, is_blank, lines, trimmed
 from backsight.data.texts._layout import Layout, layout_of
+from backsight.data.texts._units import split
 from backsight.data.texts.content import content_of
 from backsight.data.times.clock import NUMERIC
 from backsight.data.times.dates import is_date
@@ -73,17 +74,18 @@ def list_text(path: Path, request: Request) -> list[Listed]:
 def list_content(content: bytes, request: Request) -> list[Listed]:
     """List the columns of a text, given as to `read_content`."""
     layout = layout_of(content, request.text, ())
-    names = [name for name in layout.names if name]
+    bare = [split(name)[0] for name in layout.names]
     found = []
-    for name in dict.fromkeys(names):
-        place = layout.names.index(name)
-        if names.count(name) > 1:
-            found.append(Listed(name, "other", f"{names.count(name)} columns are called so"))
+    for name in dict.fromkeys(filter(None, layout.names)):
+        place, count = layout.names.index(name), layout.names.count(name)
+        own = bare[place] if bare.count(bare[place]) == 1 else name
+        if count > 1:
+            found.append(Listed(name, "other", f"{count} columns are called so"))
         elif place not in layout.numeric:
-            found.append(Listed(name, "other", "text"))
+            found.append(Listed(own, "other", "text"))
         else:
             dates = _kind_by_cells(content, layout, place) is str
-            found.append(Listed(name, "dates" if dates else "numbers"))
+            found.append(Listed(own, "dates" if dates else "numbers"))
     return found
 
 

@@ -43,6 +43,7 @@ class RecordingTable(StrictTable):
     start: float | None = None
     stop: float | None = None
     resample: float | None = None
+    grid: float | None = None
     format: str | None = None
     axis: Literal[0, 1] | None = None
     time_format: str | None = None
