@@ -236,12 +236,19 @@ def _spread(factors: Group, y: Group) -> Array:
     return np.stack([given.get(name, np.ones(len(y.values))) for name in y.units], axis=1)
 
 
+def _side_by_side(columns: Sequence[Array], n: int) -> Array:
+    """Columns of a matrix (n, k); a single one is not copied."""
+    if len(columns) == 1:
+        return columns[0][:, None]
+    return np.stack(columns, axis=1) if columns else np.empty((n, 0))
+
+
 def _group(
     signals: Mapping[str, Column], raw: Mapping[str, Array], units: Mapping[str, str], kept: slice
 ) -> Group:
     values = [c.physical(raw[c.name][kept]) for c in signals.values()]
     n = kept.stop - kept.start
     return Group(
-        np.stack(values, axis=1) if values else np.empty((n, 0)),
+        _side_by_side(values, n),
         {name: c.unit_by(units.get(c.name, "")) for name, c in signals.items()},
     )
