@@ -188,6 +188,20 @@ def list_methods() -> None:
     say(listed(tell=warn))
 
 
+@app.command("schema")
+def print_schema() -> None:
+    """Print a JSON schema of problem files, for editors that complete and check TOML.
+
+    Name it in the first line of a problem file, #:schema problem.schema.json
+    """
+    import json
+
+    from backsight.problem.json_schema import json_schema
+
+    # As it is: it holds no text of a file, and a line is a line.
+    typer.echo(json.dumps(json_schema(tell=warn), indent=2))
+
+
 @study.command("list")
 def study_list() -> None:
     """List the studies."""

@@ -1,7 +1,7 @@
 """The tables of a problem file: which keys there are and what they hold."""
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import pydantic
 
@@ -14,19 +14,34 @@ class StrictTable(pydantic.BaseModel):
     )
 
 
-class ColumnTable(StrictTable):
+class ShortTable(StrictTable):
+    """A table that may be given by one of its values alone."""
+
+    alone: ClassVar[str]
+    """The key of that value."""
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _value_alone(cls, given: Any) -> Any:
+        return given if isinstance(given, Mapping | cls) else {cls.alone: given}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> dict[str, Any]:
+        """Allow the value alone beside the table."""
+        table = handler.resolve_ref_schema(handler(core))
+        return {"anyOf": [dict(table["properties"][cls.alone]), dict(table)]}
+
+
+class ColumnTable(ShortTable):
     """A column of the file: ``factor * column + offset`` [unit]; its name alone will do."""
+
+    alone = "column"
 
     column: str
     unit: str = ""
     factor: float = 1.0
     offset: float = 0.0
     remove_mean: bool = False
-
-    @pydantic.model_validator(mode="before")
-    @classmethod
-    def _name_alone(cls, given: Any) -> Any:
-        return {"column": given} if isinstance(given, str) else given
 
 
 class RecordingTable(StrictTable):
