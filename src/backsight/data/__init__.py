@@ -1,6 +1,7 @@
 """Read, check, align and merge recordings."""
 
 from backsight.data.columns import Column
+from backsight.data.derived import convert_units
 from backsight.data.increments import increments
 from backsight.data.listing import list_columns
 from backsight.data.merging import merge
@@ -10,6 +11,7 @@ from backsight.data.resampling import resample, to_grid
 
 __all__ = [
     "Column",
+    "convert_units",
     "from_arrays",
     "increments",
     "list_columns",

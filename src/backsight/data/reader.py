@@ -1,5 +1,6 @@
 """Read a recording from a file."""
 
+import dataclasses
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -61,7 +62,8 @@ def read(
         column of a table; ``acc[2]`` is the third channel of a matrix. An empty cell or ``NaN`` in
         an output is "not measured". A unit that the file says is used where none is given.
     time : column, optional
-        Time stamps [s], ``Column("t_ms", factor=1e-3)`` for milliseconds; or dates, which count
+        Time stamps [s], ``Column("t_ms", factor=1e-3)`` for milliseconds unless the file says
+        that unit of the column (``t [ms]``); or dates, which count
         from the first sample (its date is the attribute ``begin``), or clock times.
     dt : float, optional
         Sampling period [s]; needed if there is no `time`, nor a time of the file's own (LVM, TDMS,
@@ -169,7 +171,10 @@ def read(
         marks = contents.columns[clock.name]
         given, begin = seconds(marks, time_format=time_format, where=where)
         raw[clock.name] = given
-        given = clock.physical(given)
+        if time_format is None and marks.dtype.kind in "fiub":
+            given = _in_seconds(clock, contents.units.get(clock.name, "")).physical(given)
+        else:
+            given = clock.physical(given)
     lengths = {name: len(values) for name, values in raw.items()}
     if given is not None and not clock:
         lengths["the file's own time"] = len(given)
@@ -183,6 +188,10 @@ def read(
         understood, n = "; ".join(filter(None, (understood, note))), timed.stop - timed.start
     stamps = time_axis(given, n, dt=dt, where=where)
     kept = _selected(stamps, start, stop, where)
+    for name, c in ((n, c) for group in signals for n, c in group.items()):
+        if c.contradicts(own := contents.units.get(c.name, "")):
+            note = f"'{name}' is taken in {c.unit}, though the file says {own}"
+            understood = "; ".join(filter(None, (understood, note)))
     u, y, x, factors = (_group(group, raw, contents.units, kept) for group in signals)
     return as_recording(
         stamps[kept],
@@ -198,6 +207,13 @@ def read(
         understood=understood,
         where=where,
     )
+
+
+def _in_seconds(clock: Column, found: str) -> Column:
+    """The clock with a factor to seconds by the unit that is given, or that of the file."""
+    if clock.factor is not None or clock.unit in ("", "s"):
+        return dataclasses.replace(clock, unit="s").settled(found)
+    return dataclasses.replace(clock, unit="s").settled(clock.unit)
 
 
 def _measured(values: Array, name: str, missing: Sequence[str | float]) -> Array:
@@ -246,7 +262,8 @@ def _side_by_side(columns: Sequence[Array], n: int) -> Array:
 def _group(
     signals: Mapping[str, Column], raw: Mapping[str, Array], units: Mapping[str, str], kept: slice
 ) -> Group:
-    values = [c.physical(raw[c.name][kept]) for c in signals.values()]
+    settled = {name: c.settled(units.get(c.name, "")) for name, c in signals.items()}
+    values = [c.physical(raw[c.name][kept]) for c in settled.values()]
     n = kept.stop - kept.start
     return Group(
         _side_by_side(values, n),

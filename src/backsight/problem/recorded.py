@@ -8,6 +8,7 @@ from pathlib import Path
 import xarray as xr
 
 from backsight.data.columns import Column
+from backsight.data.derived import convert_units
 from backsight.data.reader import read
 from backsight.errors import ProblemError
 from backsight.problem.problem import Problem
@@ -19,9 +20,10 @@ _VARIABLE = re.compile(r"\$\{(\w+)\}")
 def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Dataset:
     """Read the recording of a problem, as `backsight.data.read` does.
 
-    The path is relative to the problem file; ``${NAME}`` in it stands for the environment variable.
-    From which other files it may take measurements (`outside`), a problem file cannot say: it may
-    come from elsewhere with the recording.
+    Signals are converted to the units of the model. The path is relative to the problem file;
+    ``${NAME}`` in it stands for the environment variable. From which other files it may take
+    measurements (`outside`), a problem file cannot say: it may come from elsewhere with the
+    recording.
 
     Raises
     ------
@@ -37,7 +39,7 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
         raise ProblemError(
             f"recording.path: there is no file '{path}'; where to get it: {table.source}"
         )
-    return read(
+    recording = read(
         path,
         inputs={name: _column(entry) for name, entry in table.inputs.items()},
         outputs={name: _column(entry) for name, entry in table.outputs.items()},
@@ -61,6 +63,9 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
         skip_lines=table.skip_lines,
         outside=outside,
     )
+    model = problem.model
+    signals = (*model.inputs, *model.outputs, *model.states)
+    return convert_units(recording, {s.name: s.unit for s in signals if s.unit})
 
 
 def _path(problem: Problem) -> Path:

@@ -39,7 +39,7 @@ class ColumnTable(ShortTable):
 
     column: str
     unit: str = ""
-    factor: float = 1.0
+    factor: float | None = None
     offset: float = 0.0
     remove_mean: bool = False
 
