@@ -14,6 +14,11 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
                                   # start, stop, resample, grid [s]; format, axis, time_format,
                                   # missing, delimiter, decimal, thousands, encoding, header,
                                   # skip_lines]
+    [recording.sources.camera]    # [a further file, with all keys of [recording]]
+    path = "camera.csv"
+    delay = 0.012                 # [s by which its clock is late]
+    outputs.z = "z_m"
+
     [model]
     kind = "friction_drive"       # with its arguments; or "equations", "lti", "second_order",
                                   # "beam", "modal", "reduced"

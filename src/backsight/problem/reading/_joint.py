@@ -21,10 +21,11 @@ def joint_model(table: ProblemTable) -> Model:
     ProblemError
         With the key of what is wrong.
     """
+    _check_sources(table)
     _check_units(table)
     plain = _plain(table)
-    _check_columns(plain.inputs, table.recording.inputs, "input")
-    _check_columns(plain.outputs, table.recording.outputs, "output")
+    _check_columns(plain.inputs, table.recording.columns("inputs"), "input")
+    _check_columns(plain.outputs, table.recording.columns("outputs"), "output")
     parameters = [s.name for s in plain.parameters]
     for name in table.estimate:
         if name not in parameters:
@@ -61,20 +62,34 @@ def _plain(table: ProblemTable) -> Model:
     with at("model"), ALL_KINDS.blamed(kind):
         return validated(described, given, where="model").build(
             RestOfFile(
-                inputs={name: column.unit for name, column in table.recording.inputs.items()},
-                outputs={name: column.unit for name, column in table.recording.outputs.items()},
+                inputs={n: c.unit for n, c in table.recording.columns("inputs").items()},
+                outputs={n: c.unit for n, c in table.recording.columns("outputs").items()},
                 start={name: entry.start for name, entry in table.estimate.items()},
             )
         )
 
 
+def _check_sources(table: ProblemTable) -> None:
+    """Raise `ProblemError` if two files have the same signal, or one has none."""
+    seen: dict[str, str] = {}
+    for where, file in table.recording.files.items():
+        if not file.inputs and not file.outputs:
+            raise ProblemError(f"{where}: names no column as input or output")
+        for kind in ("inputs", "outputs", "truth"):
+            for name in getattr(file, kind):
+                key = f"{kind}.{name}"
+                if key in seen:
+                    raise ProblemError(f"{where}.{key}: is a column of {seen[key]}, too")
+                seen[key] = where
+
+
 def _check_units(table: ProblemTable) -> None:
     """Raise `ProblemError` if the unit of a column, an unknown or a state is none."""
-    recording = table.recording
     units: dict[str, object] = {
-        f"recording.{kind}.{name}.unit": column.unit
+        f"{where}.{kind}.{name}.unit": column.unit
+        for where, file in table.recording.files.items()
         for kind in ("inputs", "outputs", "truth")
-        for name, column in getattr(recording, kind).items()
+        for name, column in getattr(file, kind).items()
     }
     for kind in ("estimate", "disturbances"):
         units |= {f"{kind}.{n}.unit": entry.unit for n, entry in getattr(table, kind).items()}

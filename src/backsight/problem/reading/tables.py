@@ -44,13 +44,13 @@ class ColumnTable(ShortTable):
     remove_mean: bool = False
 
 
-class RecordingTable(StrictTable):
-    """``[recording]``: the file, its columns and its time."""
+class FileTable(StrictTable):
+    """A file, its columns and its time."""
 
     path: str
     source: str = ""
     inputs: dict[str, ColumnTable] = {}
-    outputs: dict[str, ColumnTable] = pydantic.Field(min_length=1)
+    outputs: dict[str, ColumnTable] = {}
     truth: dict[str, ColumnTable] = {}
     sigma_factor: dict[str, ColumnTable] = {}
     time: ColumnTable | None = None
@@ -69,6 +69,29 @@ class RecordingTable(StrictTable):
     encoding: str | None = None
     header: int | None = pydantic.Field(default=None, ge=0)
     skip_lines: int = pydantic.Field(default=0, ge=0)
+
+
+class SourceTable(FileTable):
+    """``[recording.sources.NAME]``: a further file, whose clock is late by `delay` [s]."""
+
+    delay: float = 0.0
+
+
+class RecordingTable(FileTable):
+    """``[recording]``: the file, and others that were recorded with it."""
+
+    outputs: dict[str, ColumnTable] = pydantic.Field(min_length=1)
+    sources: dict[str, SourceTable] = {}
+
+    @property
+    def files(self) -> dict[str, FileTable]:
+        """Every file by the key of its table."""
+        others = {f"recording.sources.{name}": table for name, table in self.sources.items()}
+        return {"recording": self, **others}
+
+    def columns(self, kind: Literal["inputs", "outputs", "truth"]) -> dict[str, ColumnTable]:
+        """Columns of all files by signal."""
+        return {n: c for table in self.files.values() for n, c in getattr(table, kind).items()}
 
 
 class EstimateTable(StrictTable):
