@@ -146,6 +146,7 @@ def check(
             *found.lines(),
             *(bands.lines() if bands else []),
             *(timing.lines() if timing else []),
+            *(timing.remedies(float(data.attrs["dt"])) if timing else []),
             *steps,
             *coarse,
         ]:

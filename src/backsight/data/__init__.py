@@ -1,7 +1,7 @@
 """Read, check, align and merge recordings."""
 
 from backsight.data.columns import Column
-from backsight.data.derived import convert_units
+from backsight.data.derived import convert_units, remove_delays
 from backsight.data.increments import increments
 from backsight.data.listing import list_columns
 from backsight.data.merging import merge
@@ -17,6 +17,7 @@ __all__ = [
     "list_columns",
     "merge",
     "read",
+    "remove_delays",
     "resample",
     "to_grid",
 ]

@@ -31,6 +31,8 @@ class Column(Description):
         unit; 1.0 takes the numbers as they are.
     offset : float
         Added after `factor` [unit].
+    delay : float
+        By which the samples come late [s], see `backsight.data.remove_delays`.
     remove_mean : bool
         Subtract the mean over the samples that are kept.
 
@@ -46,6 +48,7 @@ class Column(Description):
     unit: str = ""
     factor: Annotated[float, ANY] | None = None
     offset: Annotated[float, ANY] = 0.0
+    delay: float = dataclasses.field(default=0.0, kw_only=True)
     remove_mean: bool = False
 
     def conflicts(self, sound: Sound) -> Iterator[str]:

@@ -12,6 +12,7 @@ import xarray as xr
 from backsight.data import _checks as checks
 from backsight.data._request import Axis, Request, TextForm
 from backsight.data.columns import Column, ColumnLike, column, columns
+from backsight.data.derived import remove_delays
 from backsight.data.formats.loading import read_contents
 from backsight.data.recording import Group, as_recording, time_axis
 from backsight.data.times.clock import seconds
@@ -193,7 +194,7 @@ def read(
             note = f"'{name}' is taken in {c.unit}, though the file says {own}"
             understood = "; ".join(filter(None, (understood, note)))
     u, y, x, factors = (_group(group, raw, contents.units, kept) for group in signals)
-    return as_recording(
+    recording = as_recording(
         stamps[kept],
         u=u,
         y=y,
@@ -207,6 +208,8 @@ def read(
         understood=understood,
         where=where,
     )
+    late = {n: c.delay for group in signals[:3] for n, c in group.items() if c.delay}
+    return remove_delays(recording, late) if late else recording
 
 
 def _in_seconds(clock: Column, found: str) -> Column:

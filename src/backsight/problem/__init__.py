@@ -8,7 +8,7 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     path = "drive.csv"            # relative to this file; ${NAME}: environment variable
     source = "..."                # [where to get it, told when it is missing]
     time = "t_s"                  # column of time [s]; or dt = 1e-3
-    inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, remove_mean]
+    inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, delay, remove_mean]
     outputs.y = { column = "q_m", unit = "m" }
                                   # [truth.STATE; sigma_factor.OUTPUT: noise of single samples;
                                   # start, stop, resample, grid [s]; format, axis, time_format,

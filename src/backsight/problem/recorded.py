@@ -22,10 +22,10 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
     """Read the recording of a problem, as `backsight.data.read` does.
 
     Several files are brought together by their times, each on its own clock, less its `delay`, as
-    `backsight.data.merge` does. Signals are converted to the units of the model. The path is relative to the problem file;
-    ``${NAME}`` in it stands for the environment variable. From which other files it may take
-    measurements (`outside`), a problem file cannot say: it may come from elsewhere with the
-    recording.
+    `backsight.data.merge` does. Signals are converted to the units of the model. The path is
+    relative to the problem file; ``${NAME}`` in it stands for the environment variable. From
+    which other files it may take measurements (`outside`), a problem file cannot say: it may come
+    from elsewhere with the recording.
 
     Raises
     ------
@@ -99,5 +99,6 @@ def _column(entry: ColumnTable) -> Column:
         unit=entry.unit,
         factor=entry.factor,
         offset=entry.offset,
+        delay=entry.delay,
         remove_mean=entry.remove_mean,
     )

@@ -1,3 +1,4 @@
 """Recordings that are made of others."""
 
 from backsight.data.derived.converting import convert_units as convert_units
+from backsight.data.derived.delaying import remove_delays as remove_delays

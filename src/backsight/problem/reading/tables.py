@@ -41,6 +41,7 @@ class ColumnTable(ShortTable):
     unit: str = ""
     factor: float | None = None
     offset: float = 0.0
+    delay: float = 0.0
     remove_mean: bool = False
 
 
