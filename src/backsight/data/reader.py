@@ -12,8 +12,8 @@ import xarray as xr
 from backsight.data import _checks as checks
 from backsight.data._request import Axis, Request, TextForm
 from backsight.data.columns import Column, ColumnLike, column, columns
-from backsight.data.derived import remove_delays
-from backsight.data.formats.loading import read_contents
+from backsight.data.derived import columns_in, evaluated, remove_delays
+from backsight.data.formats.loading import list_contents, read_contents
 from backsight.data.recording import Group, as_recording, time_axis
 from backsight.data.times.clock import seconds
 from backsight.description import Whole, checked
@@ -36,6 +36,7 @@ def read(
     resample: float | None = None,
     grid: float | None = None,
     sigma_factor: Mapping[str, ColumnLike] | None = None,
+    formulas: Mapping[str, str] | None = None,
     format: str | None = None,  # noqa: A002  the word of problem files
     axis: Axis | None = None,
     time_format: str | None = None,
@@ -82,6 +83,10 @@ def read(
         Outputs whose samples have a noise of their own, as `outputs`: the column holds its standard
         deviation by the `sigma_y` of the estimator, or, with ``Column(name, factor=1 / sigma_y)``,
         the standard deviation itself. An empty cell is "not measured".
+    formulas : dict, optional
+        Further columns that are arithmetic on those of the file, ``{"a_rel": "roof - ground"}``,
+        to be named as any other; see `backsight.from_equations` for what a formula may hold. A
+        column whose name is no word is written with ``_``: ``Acc_roof`` for ``Acc roof``.
     format : str, optional
         How to read the file whatever it is called: "text", or a suffix as "mat".
     axis : 0 or 1, optional
@@ -164,9 +169,18 @@ def read(
             missing=tuple(missing),
         ),
     )
+    made = {n: text for n, text in (formulas or {}).items() if n in request.wanted}
+    meant: dict[str, str] = {}
+    if made:
+        listed = list_contents(path, dataclasses.replace(request, wanted=()), format)
+        meant = columns_in(made, [c.name for c in listed if c.kind == "numbers"])
+        own = [n for n in request.wanted if n not in made]
+        wanted = tuple(dict.fromkeys([*own, *meant.values()]))
+        request = dataclasses.replace(request, wanted=wanted)
     contents = read_contents(path, request, format)
     where = str(path)
     raw = {n: _measured(v, n, missing) for n, v in contents.columns.items() if n != request.clock}
+    raw |= evaluated(made, meant, raw)
     given, begin = contents.time, contents.begin
     if clock:
         marks = contents.columns[clock.name]

@@ -11,6 +11,7 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, delay, remove_mean]
     outputs.y = { column = "q_m", unit = "m" }
                                   # [truth.STATE; sigma_factor.OUTPUT: noise of single samples;
+                                  # formulas.NAME: arithmetic on columns;
                                   # start, stop, resample, grid [s]; format, axis, time_format,
                                   # missing, delimiter, decimal, thousands, encoding, header,
                                   # skip_lines]

@@ -57,6 +57,7 @@ def _read(table: FileTable, where: str, folder: Path, outside: Collection[str]) 
         outputs={name: _column(entry) for name, entry in table.outputs.items()},
         truth={name: _column(entry) for name, entry in table.truth.items()},
         sigma_factor={name: _column(entry) for name, entry in table.sigma_factor.items()},
+        formulas=table.formulas,
         time=None if table.time is None else _column(table.time),
         dt=table.dt,
         start=table.start,

@@ -8,9 +8,9 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from backsight.algebra.expressions import CONSTANTS, FUNCTIONS
 from backsight.data.listing import FileColumn, FileColumns
 from backsight.errors import DataError, OutputError
-from backsight.models.text.expressions import CONSTANTS, FUNCTIONS
 
 MOST = 4
 """Signals that are outputs at once; the others are in comments."""

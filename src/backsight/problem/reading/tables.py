@@ -54,6 +54,7 @@ class FileTable(StrictTable):
     outputs: dict[str, ColumnTable] = {}
     truth: dict[str, ColumnTable] = {}
     sigma_factor: dict[str, ColumnTable] = {}
+    formulas: dict[str, str] = {}
     time: ColumnTable | None = None
     dt: float | None = None
     start: float | None = None
