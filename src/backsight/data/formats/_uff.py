@@ -40,7 +40,9 @@ def read_uff(path: Path, request: Request) -> Contents:
 def list_uff(path: Path, _: Request) -> list[Listed]:
     """List the functions, by label where that is unique."""
     heads = _functions(path)
-    labels = {number: label for label, number in _numbers_by_label(heads).items()}
+    labels: dict[str, str] = {}
+    for label, number in _numbers_by_label(heads).items():
+        labels.setdefault(number, label)  # the first line of the set before other names
     return [
         Listed(labels.get(number, number), "other" if (fault := _fault(head)) else "numbers", fault)
         for number, head in heads.items()

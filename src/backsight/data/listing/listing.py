@@ -146,7 +146,8 @@ def _clock(
     timed = [(p.time, p.begin) for p in parts if p.time is not None and len(p.time) > 2]
     if timed:
         fastest, begin = min(timed, key=lambda own: own[0][1] - own[0][0])
-        return clock_of_dates("", np.asarray(fastest)), begin
+        own = [name for name, values in columns.items() if np.array_equal(values, fastest)]
+        return clock_of_dates(own[0] if own else "", np.asarray(fastest)), begin
     return clock_among(columns, units), ""
 
 
