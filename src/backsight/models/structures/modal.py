@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Literal, TypeAlias
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -37,6 +38,7 @@ def modal(
     forces: Mapping[str, ArrayLike] | None = None,
     inputs: Mapping[str, ArrayLike] | None = None,
     modal_masses: ArrayLike = 1.0,
+    feedthrough: Mapping[str, Mapping[str, float]] | None = None,
     length_unit: str = "m",
     force_unit: str = "N",
     name: str = "modes",
@@ -66,6 +68,10 @@ def modal(
         The same for the forces that are measured.
     modal_masses : number or (n,) array
         Of the shapes as they are scaled; 1 for mass-normalised shapes.
+    feedthrough : dict of dict, optional
+        What a sensor takes of a force at once, beside the modes: name of the output to name of the
+        force to factor. Of a displacement it is the residual flexibility, the static deflection
+        that modes above the given ones would make [length/force].
     length_unit, force_unit : str
         For labels. Any consistent set of units will do.
     name : str
@@ -125,8 +131,32 @@ def modal(
         outputs={k: (_motion(kind), shape) for k, (kind, shape) in seen.items()},
         name=name,
     )
-    units = [_unit(kind, length_unit) for kind, _ in seen.values()]
-    return dataclasses.replace(model, outputs=_with_units(model.outputs, units))
+    units = [output_unit(kind, length_unit) for kind, _ in seen.values()]
+    model = dataclasses.replace(model, outputs=_with_units(model.outputs, units))
+    return _fed_through(model, feedthrough or {})
+
+
+def _fed_through(model: Model, given: Mapping[str, Mapping[str, float]]) -> Model:
+    """Add to outputs what they take of inputs and parameters at once."""
+    if not any(given.values()):
+        return model
+    x, u, p = (
+        ca.SX.sym(k, n)
+        for k, n in zip("xup", (model.nx, model.nu, len(model.parameters)), strict=True)
+    )
+    felt = {s.name: u[i] for i, s in enumerate(model.inputs)}
+    felt |= {s.name: p[i] for i, s in enumerate(model.parameters)}
+    rows = dict(zip([s.name for s in model.outputs], ca.vertsplit(model.h(x, u, p)), strict=True))
+    for output, terms in given.items():
+        if output not in rows:
+            raise ModelError(f"feedthrough names the sensor '{output}': {nearest(output, rows)}")
+        for force, factor in terms.items():
+            if force not in felt:
+                raise ModelError(
+                    f"feedthrough of '{output}' names the force '{force}': {nearest(force, felt)}"
+                )
+            rows[output] += float(_numbers(factor, f"feedthrough of '{output}'")) * felt[force]
+    return dataclasses.replace(model, h=ca.Function("h", [x, u, p], [ca.vertcat(*rows.values())]))
 
 
 def _sensor(name: str, given: tuple[SensorKind, ArrayLike], n: int) -> tuple[SensorKind, Array]:
@@ -184,7 +214,8 @@ def _motion(kind: SensorKind) -> Motion:
     return "displacement" if kind == "strain" else kind
 
 
-def _unit(kind: SensorKind, length: str) -> str:
+def output_unit(kind: SensorKind, length: str) -> str:
+    """Unit of what a sensor of a kind measures, by that of lengths."""
     ends = SENSORS[kind]
     return "" if ends is None or not length else length + ends
 

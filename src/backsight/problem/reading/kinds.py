@@ -15,8 +15,8 @@ from backsight.models.lti import lti
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.models.structures.beam import beam
+from backsight.models.structures.matrices import reduced
 from backsight.models.structures.modal import modal
-from backsight.models.structures.reduced import reduced
 from backsight.models.structures.second_order import second_order
 from backsight.models.text.equations import from_equations
 from backsight.plugins import Extended
