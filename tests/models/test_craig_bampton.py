@@ -28,7 +28,7 @@ def test_a_spring_at_the_boundary(modes):
     spring = np.zeros_like(K)
     spring[14, 14] = 3e3
     C = 0.2 * M + 1e-5 * K
-    for s, close in ((0, 1e-7), (30j, {0: 0.1, 5: 1e-4, 15: 1e-7}[modes])):
+    for s, close in ((0, 1e-7), (30j, {0: 0.15, 5: 1e-4, 15: 1e-7}[modes])):
         exact = response(M, C, K + spring, s)[6, 14]
         assert at(found, s).item() == pytest.approx(exact, rel=close)
 
