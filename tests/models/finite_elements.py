@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from backsight.models.lti import state_space
+
 
 def beam_matrices(n, *, length=1.0, free=False, lumped=False, E=210e9, rho=7850.0, b=0.02, h=0.005):
     """Mass and stiffness of n elements: deflection and slope of every node, clamped at the left."""
@@ -49,3 +51,15 @@ def two(A, B):
 def response(M, C, K, s):
     """Flexibility at the complex frequency s [1/s]."""
     return np.linalg.inv(s * s * M + s * C + K)
+
+
+def at(model, s):
+    """Outputs per input at the complex frequency s [1/s]."""
+    A, B, C, D = state_space(model)
+    return C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
+
+
+def frequencies(model):
+    """Of real or complex modes [Hz], ascending."""
+    values = np.linalg.eigvals(state_space(model)[0])
+    return np.sort(np.abs(values[values.imag > 0])) / (2 * np.pi)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import scipy
-from tests.models.finite_elements import beam_matrices, response
-from tests.models.test_reduced import at
+from tests.models.finite_elements import at, beam_matrices, response
 
 from backsight.errors import ModelError
 from backsight.models.structures import craig_bampton, second_order

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sparse
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError
@@ -140,7 +141,7 @@ def _operations(rows: ca.SX, z: ca.SX) -> set[int]:
 
 def _finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning: str) -> Array:
     try:
-        matrix = np.asarray(given, float)
+        matrix = np.asarray(given.toarray() if sparse.issparse(given) else given, float)
     except (OverflowError, TypeError, ValueError):
         raise ModelError(f"{what} is not a matrix of numbers") from None
     if matrix.shape != shape:

@@ -11,7 +11,7 @@ import numpy as np
 from backsight.data._pick import no_column
 from backsight.data._request import Contents, Request
 from backsight.data._room import check_density, check_room
-from backsight.data.formats._libraries import library
+from backsight.data.formats.libraries import library
 from backsight.data.texts.reading import read_content
 from backsight.errors import DataError
 

@@ -2,25 +2,29 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.problem.reading._model_table import RestOfFile
 from backsight.problem.reading.checking import at, shown_value, validated
-from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
+from backsight.problem.reading.kinds import ALL_KINDS
 from backsight.problem.reading.tables import ColumnTable, EstimateTable, ProblemTable
 
 
-def joint_model(table: ProblemTable) -> Model:
+def joint_model(table: ProblemTable, folder: Path) -> Model:
     """Build the model and make states of the parameters and disturbances to estimate.
+
+    Files of the model are looked for in the folder.
 
     Raises
     ------
     ProblemError
         With the key of what is wrong.
     """
-    plain = _plain(table)
+    plain = _plain(table, folder)
     _check_columns(plain.inputs, table.recording.inputs, "input")
     _check_columns(plain.outputs, table.recording.outputs, "output")
     parameters = [s.name for s in plain.parameters]
@@ -45,7 +49,7 @@ def joint_model(table: ProblemTable) -> Model:
         return dataclasses.replace(joint, states=_described(joint.states, table.disturbances))
 
 
-def _plain(table: ProblemTable) -> Model:
+def _plain(table: ProblemTable, folder: Path) -> Model:
     given = dict(table.model)
     kind = given.pop("kind", None)
     if kind is None:
@@ -62,6 +66,7 @@ def _plain(table: ProblemTable) -> Model:
                 inputs={name: column.unit for name, column in table.recording.inputs.items()},
                 outputs={name: column.unit for name, column in table.recording.outputs.items()},
                 start={name: entry.start for name, entry in table.estimate.items()},
+                folder=folder,
             )
         )
 

@@ -11,7 +11,7 @@ from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
 from backsight.models.structures.matrices._places import Place, Places
 from backsight.models.structures.modal import SensorKind
-from backsight.types import Array
+from backsight.types import Array, Sparse
 
 Accelerations: TypeAlias = Literal["absolute_acceleration", "relative_acceleration"]
 """Kinds of accelerations where the ground moves."""
@@ -34,7 +34,7 @@ class Sensor:
     """
 
     kind: SensorKind
-    weights: sparse.csc_array
+    weights: Sparse
     absolute: bool
 
 
@@ -51,8 +51,8 @@ class Around:
     """
 
     sensors: Mapping[str, Sensor]
-    forces: Mapping[str, sparse.csc_array]
-    inputs: Mapping[str, sparse.csc_array]
+    forces: Mapping[str, Sparse]
+    inputs: Mapping[str, Sparse]
     ground: Mapping[str, Array]
 
     @classmethod
@@ -75,7 +75,7 @@ class Around:
             {k: _direction(at, places, f"ground '{k}'") for k, at in ground.items()},
         )
 
-    def loads(self) -> sparse.csc_array:
+    def loads(self) -> Sparse:
         """Where the forces act, the measured first, (n, k)."""
         columns = [*self.inputs.values(), *self.forces.values()]
         n = next(iter(self.sensors.values())).weights.shape[0]

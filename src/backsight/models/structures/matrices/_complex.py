@@ -17,13 +17,14 @@ Analysis of Rotors", 1993, section 2.3.
 
 import dataclasses
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 import scipy
 import scipy.sparse as sparse
 
 from backsight.errors import BacksightWarning, ModelError
-from backsight.types import Array
+from backsight.types import Array, Sparse
 
 DENSE = 300
 """Up to so many coordinates all modes are computed."""
@@ -92,9 +93,7 @@ class ComplexModes:
         return scipy.linalg.block_diag(*S), np.array(out).T, np.array(into)
 
 
-def complex_modes(
-    M: sparse.csc_array, C: sparse.csc_array, K: sparse.csc_array, count: int
-) -> ComplexModes:
+def complex_modes(M: Sparse, C: Sparse, K: Sparse, count: int) -> ComplexModes:
     """Find the modes of the smallest eigenvalues, together 2 `count` states.
 
     Raises
@@ -125,9 +124,9 @@ def _rows(G: Array) -> Array:
 
 
 def _right_modes(
-    M: sparse.csc_array,
-    C: sparse.csc_array,
-    K: sparse.csc_array,
+    M: Sparse,
+    C: Sparse,
+    K: Sparse,
     count: int,
     *,
     near: Array | None = None,
@@ -149,7 +148,7 @@ def _right_modes(
         top = np.hstack([-flexibility @ C.toarray(), -flexibility @ M.toarray()])
         theta, X = np.linalg.eig(np.vstack([top, np.eye(n, 2 * n)]))
     else:
-        speed = _speed(M, factor)
+        speed = _speed(M, factor.solve)
 
         def apply(z: Array) -> Array:
             x, v = z[:n], z[n:] * speed
@@ -170,12 +169,12 @@ def _right_modes(
     return values, shapes / scale
 
 
-def _speed(M: sparse.csc_array, factor: sparse.linalg.SuperLU) -> float:
+def _speed(M: Sparse, solve: Callable[[Array], Array]) -> float:
     """About the lowest frequency: it makes rates as large as deflections."""
     x = np.random.default_rng(0).standard_normal(M.shape[0])
     theta = 1.0
     for _ in range(8):
-        x = factor.solve(M @ (x / np.linalg.norm(x)))
+        x = solve(M @ (x / np.linalg.norm(x)))
         theta = float(np.linalg.norm(x))
     return theta**-0.5
 

@@ -9,8 +9,9 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import ArrayLike
 
-from backsight.data.matrices import EPS, Matrix
+from backsight.data.finite_elements import EPS, Matrix
 from backsight.errors import BacksightWarning, ModelError
+from backsight.types import Sparse
 
 MatrixLike: TypeAlias = ArrayLike | Matrix | Any
 """An array, a sparse matrix of SciPy, a `Matrix` from a file, or the diagonal alone."""
@@ -35,9 +36,9 @@ class Matrices:
         What is not symmetric, by how much and where; empty if all matrices are.
     """
 
-    mass: sparse.csc_array
-    stiffness: sparse.csc_array
-    damping: sparse.csc_array
+    mass: Sparse
+    stiffness: Sparse
+    damping: Sparse
     coordinates: tuple[str, ...]
     precision: float
     skew: Mapping[str, str]
@@ -122,7 +123,7 @@ def _precision_of(dtype: np.dtype) -> float:
     return float(np.finfo(dtype).eps) / 2 if dtype.kind == "f" and dtype.itemsize < 8 else EPS
 
 
-def _aligned(read: Mapping[str, Matrix]) -> tuple[dict[str, sparse.csc_array], tuple[str, ...]]:
+def _aligned(read: Mapping[str, Matrix]) -> tuple[dict[str, Sparse], tuple[str, ...]]:
     """On the same coordinates: those of all matrices, in the order of the stiffness."""
     named = {what: m.coordinates for what, m in read.items() if m.coordinates}
     unnamed = [what for what, m in read.items() if not m.coordinates]
@@ -152,14 +153,14 @@ def _stiffness_first(named: Mapping[str, tuple[str, ...]]) -> list[tuple[str, ..
     return [named[w] for w in ("stiffness", "mass", "damping_matrix") if w in named]
 
 
-def _put(matrix: Matrix, place: Mapping[str, int]) -> sparse.csc_array:
+def _put(matrix: Matrix, place: Mapping[str, int]) -> Sparse:
     at = np.array([place[name] for name in matrix.coordinates])
     entries = matrix.values.tocoo()
     shape = (len(place), len(place))
     return sparse.csc_array((entries.data, (at[entries.row], at[entries.col])), shape=shape)
 
 
-def _completed(A: sparse.csc_array, what: str) -> sparse.csc_array:
+def _completed(A: Sparse, what: str) -> Sparse:
     """Add the mirror image of a triangle; finite-element programs often store one only."""
     upper, lower = sparse.triu(A, 1), sparse.tril(A, -1)
     if (upper.nnz == 0) == (lower.nnz == 0):
@@ -173,9 +174,7 @@ def _completed(A: sparse.csc_array, what: str) -> sparse.csc_array:
     return sparse.csc_array(A + (upper if upper.nnz else lower).T)
 
 
-def _asymmetry(
-    A: sparse.csc_array, what: str, limit: float, coordinates: tuple[str, ...]
-) -> str | None:
+def _asymmetry(A: Sparse, what: str, limit: float, coordinates: tuple[str, ...]) -> str | None:
     """By how much and where a matrix is not symmetric; None where that is rounding."""
     skew = sparse.coo_array(A - A.T)
     if not skew.nnz:
@@ -198,5 +197,5 @@ def _asymmetry(
     )
 
 
-def _at(A: sparse.csc_array, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def _at(A: Sparse, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.asarray(sparse.csr_array(A)[rows, columns]).ravel()

@@ -19,7 +19,7 @@ import scipy
 import scipy.sparse as sparse
 
 from backsight.errors import BacksightWarning, ModelError
-from backsight.types import Array
+from backsight.types import Array, Sparse
 
 Solve: TypeAlias = Callable[[Array], Array]
 
@@ -50,7 +50,7 @@ _TRIES = 10
 
 
 @dataclasses.dataclass(frozen=True)
-class Modes:
+class LowestModes:
     r"""Modes by mass: :math:`\Phi' M \Phi = I`.
 
     Parameters
@@ -71,7 +71,7 @@ class Modes:
     solve: Solve
 
 
-def lowest(M: sparse.csc_array, K: sparse.csc_array, count: int, *, precision: float) -> Modes:
+def lowest(M: Sparse, K: Sparse, count: int, *, precision: float) -> LowestModes:
     """Find the lowest modes of a symmetric structure.
 
     Parameters
@@ -116,7 +116,7 @@ def lowest(M: sparse.csc_array, K: sparse.csc_array, count: int, *, precision: f
     )
 
 
-def _judged(found: Modes, computed: Array, written: Array) -> Modes:
+def _judged(found: LowestModes, computed: Array, written: Array) -> LowestModes:
     """Zero for what is a rigid body by the rounding of its own mode; indefinite is refused.
 
     Parameters
@@ -155,7 +155,7 @@ def _hertz(squares: Array) -> str:
     return ", ".join(f"{f:.3g}" for f in np.sqrt(squares) / (2 * np.pi))
 
 
-def _ritz(M: sparse.csc_array, K: sparse.csc_array, X: Array) -> tuple[Array, Array, Array]:
+def _ritz(M: Sparse, K: Sparse, X: Array) -> tuple[Array, Array, Array]:
     """Rayleigh quotients and vectors in the span of X, and |x|'|K||x| of each."""
     squares, Q = scipy.linalg.eigh(_symmetric(X.T @ (K @ X)), _symmetric(X.T @ (M @ X)))
     X = X @ Q
@@ -170,7 +170,7 @@ def _symmetric(A: Array) -> Array:
     return (A + A.T) / 2
 
 
-def _shifted(M: sparse.csc_array, K: sparse.csc_array, count: int, shift: float) -> Modes | None:
+def _shifted(M: Sparse, K: Sparse, count: int, shift: float) -> LowestModes | None:
     """Modes nearest to the shift, or None if K - shift M is not positive definite."""
     n = M.shape[0]
     if n <= DENSE or K.nnz * FILLED > n * n or count > n // 2:
@@ -189,22 +189,22 @@ def _shifted(M: sparse.csc_array, K: sparse.csc_array, count: int, shift: float)
         ncv=min(n - 1, 2 * count + 20),
     )
     # Of a singular mass matrix, once more: what rounding left along its null space goes.
-    return Modes(np.zeros(count), solve(M @ X), shift, solve)
+    return LowestModes(np.zeros(count), solve(M @ X), shift, solve)
 
 
-def _dense(M: Array, K: Array, count: int, shift: float) -> Modes | None:
+def _dense(M: Array, K: Array, count: int, shift: float) -> LowestModes | None:
     n = len(M)
     try:
         factor = scipy.linalg.cho_factor(K - shift * M)
         _, X = scipy.linalg.eigh(M, K - shift * M, subset_by_index=[n - count, n - 1])
     except np.linalg.LinAlgError:
         return None
-    return Modes(
+    return LowestModes(
         np.zeros(count), X[:, ::-1], shift, lambda b: np.asarray(scipy.linalg.cho_solve(factor, b))
     )
 
 
-def _factored(A: sparse.csc_array) -> Solve | None:
+def _factored(A: Sparse) -> Solve | None:
     """Solution by sparse factors; None if the matrix is not positive definite (its pivots)."""
     try:
         # Pivots stay on the diagonal: half the work, and their signs are those of the eigenvalues.

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from backsight.errors import MOST_NAMES, BacksightWarning, ModelError
 from backsight.models.structures.matrices._given import Matrices
 from backsight.models.structures.matrices._places import Places
-from backsight.types import Array
+from backsight.types import Array, Sparse
 
 Equations: TypeAlias = ArrayLike | Sequence[Mapping[int | str, float]] | Any
 """C of C x = 0, an array or sparse matrix; or a list of ``{coordinate: factor}``, one per row."""
@@ -39,7 +39,7 @@ class Motions:
         Numbers of the fixed coordinates.
     """
 
-    T: sparse.csc_array
+    T: Sparse
     free: Array
     held: Array
 
@@ -56,9 +56,9 @@ class Moving:
     motions : Motions
     """
 
-    mass: sparse.csc_array
-    stiffness: sparse.csc_array
-    damping: sparse.csc_array
+    mass: Sparse
+    stiffness: Sparse
+    damping: Sparse
     whole: Matrices
     motions: Motions
 
@@ -161,13 +161,13 @@ def ground_shape(structure: Moving, at: Array, rest: Callable[[Array], Array]) -
     return of_supports - T @ rest(pull[:, None])[:, 0]
 
 
-def _projected(A: sparse.csc_array, T: sparse.csc_array) -> sparse.csc_array:
+def _projected(A: Sparse, T: Sparse) -> Sparse:
     made = sparse.csc_array(T.T @ A @ T)
     made.eliminate_zeros()
     return made
 
 
-def _check_mass(M: sparse.csc_array, bare: Array, places: Places, allowed: Motions) -> None:
+def _check_mass(M: Sparse, bare: Array, places: Places, allowed: Motions) -> None:
     diagonal = M.diagonal()
     wrong = np.flatnonzero(~bare & (diagonal <= 0))
     if wrong.size:
@@ -197,7 +197,7 @@ def _listed(places: Places, numbers: Array) -> str:
     return f"{word} ({', '.join(names)}{more}) {'has' if len(numbers) == 1 else 'have'}"
 
 
-def _rows(given: Equations, places: Places) -> sparse.csc_array:
+def _rows(given: Equations, places: Places) -> Sparse:
     if isinstance(given, list | tuple) and all(isinstance(row, Mapping) for row in given):
         columns = [places.weights(row, f"constraint {i + 1}") for i, row in enumerate(given)]
         return (
@@ -213,7 +213,7 @@ def _rows(given: Equations, places: Places) -> sparse.csc_array:
     return sparse.csc_array(C).astype(float)
 
 
-def _null_space(C: sparse.csc_array) -> tuple[sparse.csc_array, Array]:
+def _null_space(C: Sparse) -> tuple[Sparse, Array]:
     """Basis of C x = 0 and the coordinates of x that are its own."""
     n = C.shape[1]
     used = np.flatnonzero(np.diff(C.indptr))

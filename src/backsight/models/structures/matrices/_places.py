@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError, nearest
-from backsight.types import Array
+from backsight.types import Array, Sparse
 
 Place: TypeAlias = int | str | Mapping[int | str, float] | ArrayLike
 """A coordinate by its number, from 0 on, or its name; coordinates to weights; or all weights."""
@@ -59,7 +59,7 @@ class Places:
             raise ModelError(f"{what} is at coordinate {place}; there are 0 to {self.n - 1}")
         return int(place)
 
-    def weights(self, place: Place, what: str) -> sparse.csc_array:
+    def weights(self, place: Place, what: str) -> Sparse:
         """Return the weight of every coordinate, (n, 1)."""
         if isinstance(place, int | np.integer | str):
             place = {place: 1.0}
@@ -91,7 +91,7 @@ def _numbers(names: tuple[str, ...]) -> Mapping[str, int]:
     return {name: i for i, name in enumerate(names)}
 
 
-def deflection(weights: sparse.csc_array, shapes: Array, mass: Array) -> Array:
+def deflection(weights: Sparse, shapes: Array, mass: Array) -> Array:
     """Shapes (modes,) under weights; what is rounding beside its terms is zero.
 
     Parameters

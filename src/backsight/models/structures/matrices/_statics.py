@@ -10,11 +10,10 @@ Source: Craig, Kurdila, "Fundamentals of Structural Dynamics", 2nd ed. 2006, sec
 """
 
 import numpy as np
-import scipy.sparse as sparse
 
 from backsight.errors import ModelError
-from backsight.models.structures.matrices._lowest import Modes
-from backsight.types import Array
+from backsight.models.structures.matrices._lowest import LowestModes
+from backsight.types import Array, Sparse
 
 _CONVERGED = 1e-13
 _MOST = 500
@@ -24,7 +23,7 @@ _MASSLESS = 1e-24
 follows the force at once."""
 
 
-def residual(M: sparse.csc_array, modes: Modes, loads: Array) -> Array:
+def residual(M: Sparse, modes: LowestModes, loads: Array) -> Array:
     r"""Static deflection of the modes that are not kept, (n, k), under loads (n, k).
 
     :math:`K r = f - M \Phi \Phi' f` by the factors of :math:`K - \sigma M` that are there:
@@ -45,7 +44,7 @@ def residual(M: sparse.csc_array, modes: Modes, loads: Array) -> Array:
     )
 
 
-def static(M: sparse.csc_array, modes: Modes, loads: Array) -> Array:
+def static(M: Sparse, modes: LowestModes, loads: Array) -> Array:
     """Deflection (n, k) under loads (n, k) that do not change; the structure must be held."""
     if not modes.squares.all():
         raise ModelError("the structure is free: under a constant force it does not come to rest")
@@ -53,7 +52,7 @@ def static(M: sparse.csc_array, modes: Modes, loads: Array) -> Array:
     return Phi @ ((Phi.T @ loads) / modes.squares[:, None]) + residual(M, modes, loads)
 
 
-def residual_modes(M: sparse.csc_array, K: sparse.csc_array, left: Array) -> tuple[Array, Array]:
+def residual_modes(M: Sparse, K: Sparse, left: Array) -> tuple[Array, Array]:
     """Modes that span static deflections `left` (n, k): squares (j,) and shapes (n, j) by mass.
 
     Orthogonal to the kept modes, as the deflections are, by mass and by stiffness. There are fewer
