@@ -9,6 +9,12 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 """A float64 NumPy array; the shape is in the docstring."""
 
+Indices: TypeAlias = NDArray[Any]
+"""Whole numbers or truth values that choose entries of arrays."""
+
+Complex: TypeAlias = NDArray[np.complex128]
+"""An array of complex numbers."""
+
 Sparse: TypeAlias = Any
 """A sparse array of SciPy in columns, `csc_array`; SciPy says no types of its own."""
 

@@ -111,7 +111,9 @@ def _texts(content: bytes) -> Iterator[tuple[str, tuple[sparse.csc_array, float]
         found = _TEXT_HEAD.fullmatch(line.encode())
         if not found:
             raise DataError(f"'{line[:40]}' is no head of a matrix")
-        head = _head(*(int(n) for n in found.groups()[:4]), line[32:40].encode())
+        head = _head(
+            int(found[1]), int(found[2]), int(found[3]), int(found[4]), line[32:40].encode()
+        )
         wide = re.search(r"\d*E(\d+)\.(\d+)", line)
         width, digits = (int(wide[1]), int(wide[2]) + 1) if wide else (16, 9)
         strings: dict[int, list[Column]] = {}

@@ -192,7 +192,7 @@ def _found(at: Callable[[str | Mapping[str, float]], Array], place: Shape, what:
         raise ModelError(f"{what}: {error}") from None
 
 
-def _sensor(name: str, given: tuple[SensorKind, ArrayLike], n: int) -> tuple[SensorKind, Array]:
+def _sensor(name: str, given: tuple[SensorKind, Shape], n: int) -> tuple[SensorKind, Array]:
     match given:
         case (str() as kind, shape):
             pass
@@ -203,7 +203,9 @@ def _sensor(name: str, given: tuple[SensorKind, ArrayLike], n: int) -> tuple[Sen
     return kind, _shape(shape, n, f"sensor '{name}'")
 
 
-def _shape(given: ArrayLike, n: int, what: str) -> Array:
+def _shape(given: Shape, n: int, what: str) -> Array:
+    if isinstance(given, str | Mapping):
+        raise ModelError(f"{what} is at {given!r}: only modes from a file have coordinates")
     shape = np.atleast_1d(_numbers(given, f"the shapes of {what}"))
     if shape.shape != (n,):
         raise ModelError(f"the shapes of {what} have the size {shape.shape}; {n} modes need ({n},)")

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Literal, Self, TypeAlias, get_args
+from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
 import scipy.sparse as sparse
@@ -129,7 +129,7 @@ def _sensor(name: str, given: tuple[ReducedKind, Place], places: Places, *, move
             f"sensor '{name}' is an acceleration, and the ground moves: say absolute_acceleration, "
             "what an accelerometer measures, or relative_acceleration, without the ground's"
         )
-    plain = "acceleration" if kind in get_args(Accelerations) else kind
+    plain: Any = "acceleration" if kind in get_args(Accelerations) else kind
     absolute = kind == "absolute_acceleration"
     return Sensor(plain, places.weights(place, f"sensor '{name}'"), absolute)
 

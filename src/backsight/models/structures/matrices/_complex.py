@@ -18,13 +18,14 @@ Analysis of Rotors", 1993, section 2.3.
 import dataclasses
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy
 import scipy.sparse as sparse
 
 from backsight.errors import BacksightWarning, ModelError
-from backsight.types import Array, Sparse
+from backsight.types import Array, Complex, Indices, Sparse
 
 DENSE = 300
 """Up to so many coordinates all modes are computed."""
@@ -50,12 +51,12 @@ class ComplexModes:
         :math:`\psi / a`.
     """
 
-    values: Array
-    right: Array
-    left: Array
+    values: Complex
+    right: Complex
+    left: Complex
 
     @property
-    def paired(self) -> Array:
+    def paired(self) -> Indices:
         """Which modes stand for two, (m,)."""
         return self.values.imag > 0
 
@@ -112,7 +113,7 @@ def complex_modes(M: Sparse, C: Sparse, K: Sparse, count: int) -> ComplexModes:
             "two complex modes coincide and do not separate (a free structure, or a double "
             "eigenvalue with one shape); hold the structure, or change the number of modes"
         )
-    left = np.linalg.solve(G, left.T).T
+    left = np.linalg.solve(G, left.T).T.astype(complex)
     upper = values.imag >= 0
     found = ComplexModes(values[upper], right[:, upper], left[:, upper])
     _warn_of_growth(found)
@@ -129,8 +130,8 @@ def _right_modes(
     K: Sparse,
     count: int,
     *,
-    near: Array | None = None,
-) -> tuple[Array, Array]:
+    near: Complex | None = None,
+) -> tuple[Complex, Complex]:
     """Eigenvalues and right modes: theta = 1 / lambda of [[-K^-1 C, -K^-1 M], [I, 0]].
 
     Those of the smallest magnitude in whole pairs; or those that are nearest to given ones.
@@ -156,9 +157,10 @@ def _right_modes(
 
         operator = sparse.linalg.LinearOperator((2 * n, 2 * n), apply, dtype=float)
         start = np.random.default_rng(0).standard_normal(2 * n)
-        theta, X = sparse.linalg.eigs(operator, 2 * count + 4, v0=start, ncv=4 * count + 20)
+        found: Any = sparse.linalg.eigs(operator, 2 * count + 4, v0=start, ncv=4 * count + 20)
+        theta, X = found
     moving = np.abs(theta) > np.finfo(float).eps * np.abs(theta).max()
-    values, shapes = 1 / theta[moving], X[:n, moving]
+    values, shapes = 1 / theta[moving].astype(complex), X[:n, moving]
     kept = _lowest_pairs(values, 2 * count) if near is None else _nearest(values, near)
     values, shapes = values[kept], shapes[:, kept]
     values = np.where(np.abs(values.imag) < _REAL * np.abs(values), values.real, values)
@@ -179,7 +181,7 @@ def _speed(M: Sparse, solve: Callable[[Array], Array]) -> float:
     return theta**-0.5
 
 
-def _lowest_pairs(values: Array, states: int) -> Array:
+def _lowest_pairs(values: Complex, states: int) -> Indices:
     """Numbers of the smallest eigenvalues, pairs whole, in pairs by magnitude."""
     order = sorted(range(len(values)), key=lambda i: (round(abs(values[i]), 9), -values[i].imag))
     kept: list[int] = []
@@ -195,7 +197,7 @@ def _lowest_pairs(values: Array, states: int) -> Array:
     return np.array(kept, int)
 
 
-def _nearest(values: Array, wanted: Array) -> Array:
+def _nearest(values: Complex, wanted: Complex) -> Indices:
     """One number for each wanted value, each taken once."""
     left, kept = list(range(len(values))), []
     for value in wanted:

@@ -97,7 +97,7 @@ def _matrix(given: MatrixLike, what: str) -> Matrix:
         if A.dtype.kind not in "biuf":
             raise ModelError(f"{what} is not a matrix of real numbers")
         precision = _precision_of(A.dtype)
-        A = sparse.csc_array(A).astype(float)
+        A: Sparse = sparse.csc_array(A).astype(float)
         A.sum_duplicates()
     else:
         try:

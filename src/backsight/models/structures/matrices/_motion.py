@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from backsight.errors import MOST_NAMES, BacksightWarning, ModelError
 from backsight.models.structures.matrices._given import Matrices
 from backsight.models.structures.matrices._places import Places
-from backsight.types import Array, Sparse
+from backsight.types import Array, Indices, Sparse
 
 Equations: TypeAlias = ArrayLike | Sequence[Mapping[int | str, float]] | Any
 """C of C x = 0, an array or sparse matrix; or a list of ``{coordinate: factor}``, one per row."""
@@ -40,8 +40,8 @@ class Motions:
     """
 
     T: Sparse
-    free: Array
-    held: Array
+    free: Indices
+    held: Indices
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +91,7 @@ def motions(places: Places, fixed: Sequence[int | str], constraints: Equations |
     n = places.n
     held = np.array(sorted({places.number(name, "fixed") for name in fixed}), int)
     free = np.setdiff1d(np.arange(n), held)
-    T = sparse.csc_array(sparse.identity(n, format="csc")[:, free])
+    T: Sparse = sparse.csc_array(sparse.eye_array(n, format="csc"))[:, free]
     if constraints is not None:
         C = sparse.csc_array(_rows(constraints, places) @ T)
         basis, independent = _null_space(C)
@@ -167,7 +167,7 @@ def _projected(A: Sparse, T: Sparse) -> Sparse:
     return made
 
 
-def _check_mass(M: Sparse, bare: Array, places: Places, allowed: Motions) -> None:
+def _check_mass(M: Sparse, bare: Indices, places: Places, allowed: Motions) -> None:
     diagonal = M.diagonal()
     wrong = np.flatnonzero(~bare & (diagonal <= 0))
     if wrong.size:
@@ -190,7 +190,7 @@ def _tell(sentence: str) -> None:
     warnings.warn(sentence, BacksightWarning, stacklevel=2)
 
 
-def _listed(places: Places, numbers: Array) -> str:
+def _listed(places: Places, numbers: Indices) -> str:
     names = [places.names[i] if places.names else str(i) for i in numbers[:MOST_NAMES]]
     more = f" and {len(numbers) - MOST_NAMES} more" if len(numbers) > MOST_NAMES else ""
     word = "coordinate" if len(numbers) == 1 else f"{len(numbers)} coordinates"
@@ -205,7 +205,7 @@ def _rows(given: Equations, places: Places) -> Sparse:
             if columns
             else sparse.csc_array((0, places.n))
         )
-    C = given if sparse.issparse(given) else np.atleast_2d(np.asarray(given, float))
+    C: Any = given if sparse.issparse(given) else np.atleast_2d(np.asarray(given, float))
     if C.shape[1] != places.n:
         raise ModelError(
             f"constraints have {C.shape[1]} columns; {places.n} coordinates need as many"
@@ -213,7 +213,7 @@ def _rows(given: Equations, places: Places) -> Sparse:
     return sparse.csc_array(C).astype(float)
 
 
-def _null_space(C: Sparse) -> tuple[Sparse, Array]:
+def _null_space(C: Sparse) -> tuple[Sparse, Indices]:
     """Basis of C x = 0 and the coordinates of x that are its own."""
     n = C.shape[1]
     used = np.flatnonzero(np.diff(C.indptr))

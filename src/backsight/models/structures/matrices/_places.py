@@ -62,7 +62,8 @@ class Places:
     def weights(self, place: Place, what: str) -> Sparse:
         """Return the weight of every coordinate, (n, 1)."""
         if isinstance(place, int | np.integer | str):
-            place = {place: 1.0}
+            single: int | str = place if isinstance(place, str) else int(place)
+            place = {single: 1.0}
         if isinstance(place, Mapping):
             rows = [self.number(at, what) for at in place]
             values = np.array([_weight(value, what) for value in place.values()])

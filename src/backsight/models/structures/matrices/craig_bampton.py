@@ -20,7 +20,7 @@ from backsight.models.structures.matrices._lowest import lowest
 from backsight.models.structures.matrices._motion import Equations, Moving, motions, moving
 from backsight.models.structures.matrices._places import Place, Places
 from backsight.models.structures.matrices._statics import static
-from backsight.types import Array
+from backsight.types import Array, Indices
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,7 +129,7 @@ def craig_bampton(
     )
 
 
-def _columns(structure: Moving, numbers: Sequence[int], places: Places) -> Array:
+def _columns(structure: Moving, numbers: Sequence[int], places: Places) -> Indices:
     free = {int(i): k for k, i in enumerate(structure.motions.free)}
     for i in numbers:
         if i not in free:
@@ -143,7 +143,7 @@ def _columns(structure: Moving, numbers: Sequence[int], places: Places) -> Array
     return np.array([free[i] for i in numbers])
 
 
-def _basis(structure: Moving, b: Array, modes: int) -> Array:
+def _basis(structure: Moving, b: Indices, modes: int) -> Array:
     """(1), the rows in the order of the coordinates that move."""
     M, K = structure.mass, structure.stiffness
     inside = np.setdiff1d(np.arange(structure.n), b)
