@@ -47,6 +47,8 @@ class Places:
 
     def number(self, place: int | str, what: str) -> int:
         """Return the number of a coordinate; `what` begins the message if there is none."""
+        if isinstance(place, str) and place.isdecimal() and not self.names:
+            place = int(place)  # keys of tables in problem files are texts
         if isinstance(place, str):
             found = _numbers(self.names).get(place)
             if found is None:
