@@ -112,6 +112,12 @@ def op4_binary(path, values, *, packed):
     path.write_bytes(content)
 
 
+def boeing_symmetric(path):
+    """The lower triangle, and a head that says so."""
+    scipy.io.hb_write(path, sparse.csc_matrix(np.tril(K)))
+    path.write_text(path.read_text().replace("RUA", "RSA"))
+
+
 def table(path, values):
     rows = "\n".join(",".join(map(repr, row)) for row in values.tolist())
     path.write_text("# from a spreadsheet\n" + ",".join(NAMES) + "\n" + rows)
@@ -128,6 +134,7 @@ WRITERS = {
     "numpy.npz": lambda p: np.savez(p, K=K),
     "numpy.npy": lambda p: np.save(p, K),
     "boeing.rua": lambda p: scipy.io.hb_write(p, sparse.csc_matrix(K)),
+    "boeing.rsa": boeing_symmetric,
     "opensees.out": lambda p: np.savetxt(p, K),
     "triplets.txt": lambda p: p.write_text(
         "\n".join(

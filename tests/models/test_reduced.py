@@ -115,9 +115,7 @@ def test_places_by_name():
     )
     np.testing.assert_array_equal(at(by_name, 9j), at(by_number, 9j))
     del given["coordinates"]
-    by_text = reduced(
-        M, K, sensors={"y": ("displacement", "2")}, inputs={"F": {"0": 0.5}}, **given
-    )
+    by_text = reduced(M, K, sensors={"y": ("displacement", "2")}, inputs={"F": {"0": 0.5}}, **given)
     np.testing.assert_array_equal(at(by_text, 9j), at(by_number, 9j))
     given["coordinates"] = names
     with pytest.raises(ModelError, match="sensor 'y' is at the coordinate '3:UX': did you mean"):

@@ -108,3 +108,14 @@ def test_single_precision_says_what_it_cannot_tell():
     M, K = beam_matrices(74)
     with pytest.warns(BacksightWarning, match="taken for rigid bodies"):
         assert hertz(M, K.astype(np.float32), 1)[0] == 0
+
+
+def test_many_modes_of_one_frequency_are_all_found():
+    """Sixty free beams in one matrix: 120 rigid bodies, which Lanczos alone does not all find."""
+    M, K = (
+        sparse.kron(sparse.eye_array(60), A, format="csc") for A in beam_matrices(10, free=True)
+    )
+    model = reduced(M, K, modes=125, damping=0.01, sensors={"y": ("displacement", 0)})
+    squares = -np.diag(state_space(model)[0][125:, :125])
+    assert not squares[:120].any()
+    np.testing.assert_allclose(np.sqrt(squares[120:]) / (2 * np.pi), FREE_HZ[0], rtol=1e-4)

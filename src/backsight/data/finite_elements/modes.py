@@ -132,7 +132,7 @@ def _pole(mode: Mapping[str, Any]) -> tuple[float, float]:
 
 def _in_phase(shapes: np.ndarray, file: Path) -> np.ndarray:
     """Real shapes: every one is turned until it is as real as it can be."""
-    turned: np.ndarray = shapes * np.exp(-0.5j * np.angle((shapes**2).sum(axis=0)))
+    turned: Any = shapes * np.exp(-0.5j * np.angle((shapes**2).sum(axis=0)))
     share = np.linalg.norm(turned.imag, axis=0) / np.linalg.norm(turned, axis=0)
     if share.max() > _COMPLEX:
         worst = int(share.argmax())

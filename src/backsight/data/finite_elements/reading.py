@@ -1,5 +1,6 @@
 """Which reader takes a matrix: what is in the file decides."""
 
+import io
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -39,7 +40,15 @@ def _market(path: Path, name: str | None) -> Matrix:
 
 def _boeing(path: Path, name: str | None) -> Matrix:
     del name
-    return Matrix(_real(scipy.io.hb_read(str(path), spmatrix=False)), name=path.stem)
+    lines = path.read_text(encoding="latin-1").splitlines(keepends=True)
+    kind = lines[2][:3].upper()
+    # SciPy reads them as they are stored, but refuses the symmetric by their head.
+    text = "".join(
+        [*lines[:2], lines[2].replace(lines[2][:3], f"{kind[0]}U{kind[2]}", 1), *lines[3:]]
+    )
+    A = _real(scipy.io.hb_read(io.StringIO(text), spmatrix=False))
+    mirrored = sparse.csc_array(A + sparse.tril(A, -1).T) if kind[1] == "S" else A
+    return Matrix(mirrored, name=path.stem)
 
 
 def _real(found: object) -> sparse.csc_array:

@@ -159,8 +159,10 @@ def _right_modes(
         start = np.random.default_rng(0).standard_normal(2 * n)
         found: Any = sparse.linalg.eigs(operator, 2 * count + 4, v0=start, ncv=4 * count + 20)
         theta, X = found
+    theta = theta.astype(complex)
     moving = np.abs(theta) > np.finfo(float).eps * np.abs(theta).max()
-    values, shapes = 1 / theta[moving].astype(complex), X[:n, moving]
+    values: Any = 1 / theta[moving]
+    shapes = X[:n, moving]
     kept = _lowest_pairs(values, 2 * count) if near is None else _nearest(values, near)
     values, shapes = values[kept], shapes[:, kept]
     values = np.where(np.abs(values.imag) < _REAL * np.abs(values), values.real, values)

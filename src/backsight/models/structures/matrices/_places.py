@@ -1,6 +1,8 @@
 """Places on a structure: a coordinate by number or name, or weights of several."""
 
 import dataclasses
+import functools
+from collections import Counter
 from collections.abc import Mapping
 from typing import TypeAlias
 
@@ -41,16 +43,20 @@ class Places:
             raise ModelError(
                 f"{len(self.names)} coordinates are named, but the matrices have {self.n} rows"
             )
-        if len(set(self.names)) < len(self.names):
-            twice = next(name for i, name in enumerate(self.names) if name in self.names[:i])
+        if len(self._numbers) < len(self.names):
+            twice = Counter(self.names).most_common(1)[0][0]
             raise ModelError(f"two coordinates are called '{twice}'")
+
+    @functools.cached_property
+    def _numbers(self) -> Mapping[str, int]:
+        return {name: i for i, name in enumerate(self.names)}
 
     def number(self, place: int | str, what: str) -> int:
         """Return the number of a coordinate; `what` begins the message if there is none."""
         if isinstance(place, str) and place.isdecimal() and not self.names:
             place = int(place)  # keys of tables in problem files are texts
         if isinstance(place, str):
-            found = _numbers(self.names).get(place)
+            found = self._numbers.get(place)
             if found is None:
                 hint = nearest(place, self.names) if self.names else "they have no names"
                 raise ModelError(f"{what} is at the coordinate '{place}': {hint}")
@@ -88,10 +94,6 @@ def _weight(given: object, what: str) -> float:
     if not isinstance(given, int | float | np.number) or not np.isfinite(given):
         raise ModelError(f"{what} has the weight {given!r}; it must be a finite number")
     return float(given)
-
-
-def _numbers(names: tuple[str, ...]) -> Mapping[str, int]:
-    return {name: i for i, name in enumerate(names)}
 
 
 def deflection(weights: Sparse, shapes: Array, mass: Array) -> Array:
