@@ -12,7 +12,7 @@ bodies); Parlett, "The Symmetric Eigenvalue Problem", 1998, sections 11.3 and 15
 import dataclasses
 import warnings
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
@@ -47,6 +47,9 @@ _NEAR = (1e-6, 10.0)
 """Range of the shift by the lowest elastic square in which accuracy does not suffer."""
 
 _TRIES = 10
+
+_SOLVED = 1e-8
+"""Backward error of a solution by factors without a choice of pivots."""
 
 _BELOW = 1e-6
 """So much below the last square modes are counted: not within a pair of it."""
@@ -178,20 +181,24 @@ def _shifted(M: Sparse, K: Sparse, count: int, shift: float) -> LowestModes | No
     n = M.shape[0]
     if n <= DENSE or K.nnz * FILLED > n * n or count > n // 2:
         return _dense(M.toarray(), K.toarray(), count, shift)
-    factor = _Factor.of(K - shift * M)
-    if factor is None or factor.negative:
+    factor = _factored(K - shift * M)
+    if factor is None:
         return None
     X = _lanczos(M, K, count, shift, factor.solve, np.zeros((n, 0)))
     for _ in range(_TRIES):
-        squares, X, _ = _ritz(M, K, X)
-        squares, X = squares[:count], X[:, :count]
-        missed = _missed(M, K, squares)
+        squares, X, size = (part[..., :count] for part in _ritz(M, K, X))
+        bends = squares[-1] > ROUNDING * EPS * size[-1]
+        # If all are rigid bodies, none may be further below zero than the shift.
+        missed = _missed(M, K, squares, squares[-1] * (1 - _BELOW) if bends else 2 * shift)
         if not missed:
-            break
+            # Of a singular mass matrix, once more: rounding along its null space goes.
+            return LowestModes(np.zeros(count), factor.solve(M @ X), shift, factor.solve)
         more = _lanczos(M, K, min(missed, n // 4), shift, factor.solve, X)
         X = np.hstack([X, more])
-    # Of a singular mass matrix, once more: what rounding left along its null space goes.
-    return LowestModes(np.zeros(count), factor.solve(M @ X), shift, factor.solve)
+    raise ModelError(
+        f"{missed} modes below {_hertz(np.maximum(squares[-1:], 0))} Hz are not found: stiffness "
+        "is not positive semidefinite by much"
+    )
 
 
 def _lanczos(M: Sparse, K: Sparse, count: int, shift: float, solve: Solve, known: Array) -> Array:
@@ -209,16 +216,15 @@ def _lanczos(M: Sparse, K: Sparse, count: int, shift: float, solve: Solve, known
     return sparse.linalg.eigsh(K, count, M, sigma=shift, OPinv=operator, v0=start, ncv=many)[1]
 
 
-def _missed(M: Sparse, K: Sparse, squares: Array) -> int:
-    """How many modes below the last one Lanczos missed, as it may those of one frequency.
+def _missed(M: Sparse, K: Sparse, squares: Array, mu: float) -> int:
+    """How many modes below mu were missed: some of one frequency, or far below zero.
 
     By Sylvester's law: as many pivots of K - mu M are negative as there are squares below mu.
     """
-    mu = float(squares[-1]) * (1 - _BELOW)
-    if mu <= 0:
-        return 0
-    factor = _Factor.of(K - mu * M)
-    return 0 if factor is None else max(factor.negative - int((squares < mu).sum()), 0)
+    factor = _factored(K - mu * M)
+    if factor is None or not np.array_equal(factor.perm_r, factor.perm_c):
+        return 0  # the pivots do not tell
+    return max(int((factor.U.diagonal() < 0).sum()) - int((squares < mu).sum()), 0)
 
 
 def _dense(M: Array, K: Array, count: int, shift: float) -> LowestModes | None:
@@ -233,26 +239,20 @@ def _dense(M: Array, K: Array, count: int, shift: float) -> LowestModes | None:
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class _Factor:
-    """Sparse factors of a symmetric matrix: the solution, and how many eigenvalues are negative."""
-
-    solve: Solve
-    negative: int
-
-    @classmethod
-    def of(cls, A: Sparse) -> "_Factor | None":
-        """None if the matrix is singular, or its pivots tell nothing of its eigenvalues."""
-        try:
-            # Pivots stay on the diagonal: half the work, and their signs are the eigenvalues'.
-            factor = sparse.linalg.splu(
-                sparse.csc_array(A),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError:
-            return None
-        if not np.array_equal(factor.perm_r, factor.perm_c):
-            return None
-        return cls(factor.solve, int((factor.U.diagonal() <= 0).sum()))
+def _factored(A: Sparse) -> Any:
+    """Sparse factors of a symmetric matrix, or None if they do not solve it."""
+    A = sparse.csc_array(A)
+    try:
+        # Pivots stay on the diagonal: half the work, and their signs are those of the eigenvalues.
+        factor = sparse.linalg.splu(
+            A,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:  # exactly singular
+        return None
+    b = np.random.default_rng(0).standard_normal(A.shape[0])
+    x = factor.solve(b)
+    error = np.abs(A @ x - b)
+    return factor if (error <= _SOLVED * (abs(A) @ np.abs(x) + np.abs(b))).all() else None
