@@ -112,11 +112,11 @@ def test_single_precision_says_what_it_cannot_tell():
 
 
 def test_many_modes_of_one_frequency_are_all_found():
-    """Forty free beams in one matrix: 80 rigid bodies, which Lanczos alone does not all find."""
-    beams = sparse.eye_array(40)
-    M, K = (sparse.csc_array(sparse.kron(beams, A)) for A in beam_matrices(10, free=True))
-    found = lowest(M, K, 85, precision=1e-16)
-    assert not found.squares[:80].any()
-    hertz_of = np.sqrt(found.squares[80:]) / (2 * np.pi)
-    np.testing.assert_allclose(hertz_of, FREE_HZ[0], rtol=1e-4)
-    np.testing.assert_allclose(found.shapes.T @ (M @ found.shapes), np.eye(85), atol=1e-9)
+    """Fifty free beams in one matrix: 100 rigid bodies, of which Lanczos alone finds 84."""
+    beams = sparse.eye_array(50)
+    M, K = (sparse.csc_array(sparse.kron(beams, A)) for A in beam_matrices(6, free=True))
+    found = lowest(M, K, 105, precision=1e-16)
+    assert not found.squares[:100].any()
+    hertz_of = np.sqrt(found.squares[100:]) / (2 * np.pi)
+    np.testing.assert_allclose(hertz_of, FREE_HZ[0], rtol=1e-3)
+    np.testing.assert_allclose(found.shapes.T @ (M @ found.shapes), np.eye(105), atol=1e-9)
