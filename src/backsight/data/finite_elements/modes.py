@@ -130,7 +130,7 @@ def _pole(mode: Mapping[str, Any]) -> tuple[float, float]:
     return float(mode["freq"]), viscous or loss / 2
 
 
-def _in_phase(shapes: np.ndarray, file: Path) -> np.ndarray:
+def _in_phase(shapes: Any, file: Path) -> np.ndarray:
     """Real shapes: every one is turned until it is as real as it can be."""
     turned: Any = shapes * np.exp(-0.5j * np.angle((shapes**2).sum(axis=0)))
     share = np.linalg.norm(turned.imag, axis=0) / np.linalg.norm(turned, axis=0)
