@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pydantic
-
 from backsight.data.finite_elements import Matrix, read_matrix
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.problem.reading.tables import StrictTable
+from backsight.problem.reading.tables import ShortTable, StrictTable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,16 +40,13 @@ class ModelTable(StrictTable, abc.ABC):
         """Make the model; raises `ModelError` if it is described wrongly."""
 
 
-class ParameterTable(StrictTable):
+class ParameterTable(ShortTable):
     """A known parameter; its value alone will do."""
+
+    alone = "value"
 
     value: float
     unit: str = ""
-
-    @pydantic.model_validator(mode="before")
-    @classmethod
-    def _value_alone(cls, given: Any) -> Any:
-        return {"value": given} if isinstance(given, int | float) else given
 
 
 def parameters_of(
@@ -63,8 +58,10 @@ def parameters_of(
     return fixed | {name: Signal(unit.get(name, ""), value) for name, value in start.items()}
 
 
-class MatrixTable(StrictTable):
+class MatrixTable(ShortTable):
     """A matrix in a file, and its name there; the path alone will do."""
+
+    alone = "path"
 
     path: str
     name: str | None = None
