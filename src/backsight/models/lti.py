@@ -1,9 +1,11 @@
 """Linear models: from matrices to a model, and back."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sparse
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError
@@ -140,7 +142,8 @@ def _operations(rows: ca.SX, z: ca.SX) -> set[int]:
 
 def _finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning: str) -> Array:
     try:
-        matrix = np.asarray(given, float)
+        whole: Any = given
+        matrix = np.asarray(whole.toarray() if sparse.issparse(given) else given, float)
     except (OverflowError, TypeError, ValueError):
         raise ModelError(f"{what} is not a matrix of numbers") from None
     if matrix.shape != shape:

@@ -2,19 +2,23 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.problem.reading._model_table import RestOfFile
 from backsight.problem.reading.checking import at, shown_value, validated
-from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
+from backsight.problem.reading.kinds import ALL_KINDS
 from backsight.problem.reading.tables import ColumnTable, EstimateTable, ProblemTable
 from backsight.units import check_unit, convertible
 
 
-def joint_model(table: ProblemTable) -> Model:
+def joint_model(table: ProblemTable, folder: Path) -> Model:
     """Build the model and make states of the parameters and disturbances to estimate.
+
+    Files of the model are looked for in the folder.
 
     Raises
     ------
@@ -23,7 +27,7 @@ def joint_model(table: ProblemTable) -> Model:
     """
     _check_sources(table)
     _check_units(table)
-    plain = _plain(table)
+    plain = _plain(table, folder)
     _check_columns(plain.inputs, table.recording.columns("inputs"), "input")
     _check_columns(plain.outputs, table.recording.columns("outputs"), "output")
     parameters = [s.name for s in plain.parameters]
@@ -48,7 +52,7 @@ def joint_model(table: ProblemTable) -> Model:
         return dataclasses.replace(joint, states=_described(joint.states, table.disturbances))
 
 
-def _plain(table: ProblemTable) -> Model:
+def _plain(table: ProblemTable, folder: Path) -> Model:
     given = dict(table.model)
     kind = given.pop("kind", None)
     if kind is None:
@@ -65,6 +69,7 @@ def _plain(table: ProblemTable) -> Model:
                 inputs={n: c.unit for n, c in table.recording.columns("inputs").items()},
                 outputs={n: c.unit for n, c in table.recording.columns("outputs").items()},
                 start={name: entry.start for name, entry in table.estimate.items()},
+                folder=folder,
             )
         )
 
