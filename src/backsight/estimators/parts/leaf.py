@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 import casadi as ca
 
 from backsight.algebra.symmetric import unvech, vech
+from backsight.engine.dense import UNROLL, triangle
 from backsight.errors import EngineError
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Covariance, Term
@@ -166,6 +167,9 @@ def _closed(result: str, value: Term, sizes: Sizes, name: str) -> ca.SX:
 
 
 def _triangle(n: int) -> ca.Function:
+    if n > UNROLL:
+        whole = ca.MX.sym("S", n, n)
+        return ca.Function("lower_triangle", [whole], [triangle(whole)])
     S = ca.SX.sym("S", n, n)
     return ca.Function("lower_triangle", [S], [vech(S)])
 

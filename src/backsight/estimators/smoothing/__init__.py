@@ -8,5 +8,4 @@ from backsight.estimators.smoothing._passes import smoothed_channels as smoothed
 from backsight.estimators.smoothing.two_filter import blurred as blurred
 from backsight.estimators.smoothing.two_filter import combined as combined
 from backsight.estimators.smoothing.two_filter import gathered as gathered
-from backsight.estimators.smoothing.two_filter import matrix_product as matrix_product
 from backsight.estimators.smoothing.two_filter import weakened as weakened

@@ -8,14 +8,14 @@ import numpy as np
 from backsight.algebra.symmetric import vech
 from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting, Spread
-from backsight.estimators.parts.covariance import Term, times_transposed, transposed
+from backsight.estimators.parts.covariance import Term, matrix_product, times_transposed, transposed
 from backsight.estimators.parts.factors import on_top
 from backsight.estimators.parts.filtering import Halves, data_inputs, sample
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import within_bounds
-from backsight.estimators.smoothing.two_filter import combined, gathered, matrix_product, weakened
+from backsight.estimators.smoothing.two_filter import combined, gathered, weakened
 
 
 @dataclasses.dataclass(frozen=True)
