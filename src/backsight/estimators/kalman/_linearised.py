@@ -9,6 +9,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman.prediction import sensitivity
+from backsight.estimators.kalman.square_root import noise_drowns
 from backsight.estimators.parts.covariance import Covariance, transposed
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import Halves
@@ -21,13 +22,14 @@ from backsight.estimators.smoothing import Linearised, blurred
 
 def linear_looks(system: Linear) -> Linearised:
     """Of a linear model: the same at every sample."""
-    s = system.s
-    x, spread, u, u_next = _posterior(s)
-    G = ca.DM(root(system.s.Q))
-    noise = blurred(G) if unstable(system.A) else G
-    F, G = (ca.MX(ca.densify(k)) for k in (ca.DM(system.A), noise))
-    ahead = ca.Function("ahead", [x, spread, u, u_next], [F, G])
-    return Linearised(root=covariance_root(s), ahead=ahead, seen=seen(s, at="prior"))
+    s, G = system.s, root(system.s.Q)
+    noise = np.array(blurred(ca.DM(G))) if unstable(system.A) else G
+    return Linearised(
+        root=covariance_root(s),
+        ahead=(system.A, noise),
+        seen=seen(s, at="prior"),
+        by_root=noise_drowns(s),
+    )
 
 
 def ekf_looks(
@@ -50,7 +52,9 @@ def ekf_looks(
     _, noise = halves.predict(x, known, u, u_next)
     ahead = [_turned(s)(Ft), blurred(covariance_root(s)(noise))]
     function = ca.Function("ahead", [x, spread, u, u_next], ahead)
-    return Linearised(root=covariance_root(s), ahead=function, seen=seen(s, at=at))
+    return Linearised(
+        root=covariance_root(s), ahead=function, seen=seen(s, at=at), by_root=noise_drowns(s)
+    )
 
 
 def covariance_root(s: Setting) -> ca.Function:

@@ -37,12 +37,14 @@ from backsight.estimators.parts.factors import Factor, cholesky_factor, compress
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
+from backsight.estimators.parts.linear import root
 from backsight.estimators.parts.substeps import (
     moved_state,
     seen_outputs,
     substep_inputs,
     within_bounds,
 )
+from backsight.estimators.smoothing import drowned
 from backsight.types import Array
 
 WIDE = 1e6
@@ -70,6 +72,15 @@ def wide(s: Setting, *, limit: float = WIDE) -> bool:
         if (seen > limit * sigma).any():
             return True
     return False
+
+
+def noise_drowns(s: Setting) -> bool:
+    """Whether the way back of a smoother needs factors, see `drowned`; at the prior's mean."""
+    F, H = _linearised(s)
+    noise = cholesky_factor(s.R)
+    if not (np.isfinite(F).all() and np.isfinite(H).all() and np.diag(noise).all()):
+        return True
+    return drowned(F, np.linalg.solve(noise, H), root(s.sampled().Q))
 
 
 def refuse_too_wide(s: Setting, title: str) -> None:
