@@ -1,10 +1,11 @@
 """The compiled kernels."""
 
+import contextlib
 import ctypes
 import functools
 import importlib
 import importlib.machinery
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from backsight.errors import EngineError, nearest
@@ -108,6 +109,35 @@ def _provide_blas(library: ctypes.CDLL) -> None:
         return
     table = (ctypes.c_void_p * len(BLAS))(*(_capsule(f"d{n}", m) for n, m in BLAS.items()))
     library.foreign_blas(table)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Let SciPy's BLAS work in the calling thread: matrices of a filter are too small for several.
+
+    Threads that wait for each other make a sample many times slower where cores are shared. Of
+    another BLAS than OpenBLAS, and before a kernel was loaded, nothing changes.
+    """
+    if not _loaded.cache_info().currsize or (calls := _thread_calls()) is None:
+        yield
+        return
+    get, limit = calls
+    before = get()
+    limit(1)
+    try:
+        yield
+    finally:
+        limit(before)
+
+
+@functools.cache
+def _thread_calls() -> tuple[Callable[[], int], Callable[[int], None]] | None:
+    """How OpenBLAS tells and takes the number of its threads, None of another library."""
+    blas = ctypes.CDLL(importlib.import_module("scipy.linalg.cython_blas").__file__)
+    for prefix in ("scipy_openblas", "openblas"):
+        if hasattr(blas, f"{prefix}_set_num_threads"):
+            return blas[f"{prefix}_get_num_threads"], blas[f"{prefix}_set_num_threads"]
+    return None
 
 
 def _capsule(function: str, module: str) -> int | None:

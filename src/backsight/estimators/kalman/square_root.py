@@ -80,7 +80,8 @@ def noise_drowns(s: Setting) -> bool:
     noise = cholesky_factor(s.R)
     if not (np.isfinite(F).all() and np.isfinite(H).all() and np.diag(noise).all()):
         return True
-    return drowned(F, np.linalg.solve(noise, H), root(s.sampled().Q))
+    white = np.asarray(np.linalg.solve(noise, H), float)
+    return drowned(F, white, root(s.sampled().Q))
 
 
 def refuse_too_wide(s: Setting, title: str) -> None:
