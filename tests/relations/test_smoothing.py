@@ -84,7 +84,7 @@ def test_continuous_models_with_held_and_interpolated_inputs(hold):
 
 
 @pytest.mark.parametrize("direct", [True, False])
-@pytest.mark.parametrize("nx", [4, 12])
+@pytest.mark.parametrize("nx", [4, 12, 14])
 def test_unknown_forces_equal_least_squares_without_a_prior(direct, nx):
     p = random_plant(4, nx=nx, ny=3, m=2, direct=direct)
     n = 12

@@ -36,18 +36,22 @@ def regroup(
 
 
 def _taken(places: list[int], value: Slice, scope: Scope, most: int) -> Regrouped | None:
-    """Numbers at some places: neighbours as pieces, every so many-th in a loop."""
+    """Numbers at some places: as pieces, or in a loop over as many at equal distances."""
     if not places or min(places) < 0:
         return None
-    strides = {b - a for a, b in itertools.pairwise(places)}
-    if len(places) > most and len(strides) == 1 and (stride := strides.pop()) > 1:
-        result, counter = scope.buffer("taken", len(places)).whole(), scope.name("k")
-        source = value.part(places[0], 1).moving(counter, stride)
-        copy = Copy(source, result.part(0, 1).moving(counter, 1))
-        return [Loop(counter, len(places), (copy,))], [[result]]
     runs = [[places[0], 0]]
     for place in places:
         if place != sum(runs[-1]):
             runs.append([place, 0])
         runs[-1][1] += 1
-    return ([], [[value.part(a, n) for a, n in runs]]) if len(runs) <= most else None
+    if len(runs) <= most:
+        return [], [[value.part(first, size) for first, size in runs]]
+    sizes = {size for _, size in runs}
+    strides = {b[0] - a[0] for a, b in itertools.pairwise(runs)}
+    if len(sizes) > 1 or len(strides) > 1 or (stride := strides.pop()) < 1:
+        return None
+    size, counter = sizes.pop(), scope.name("k")
+    result = scope.buffer("taken", len(places)).whole()
+    source = value.part(places[0], size).moving(counter, stride)
+    copy = Copy(source, result.part(0, size).moving(counter, size))
+    return [Loop(counter, len(runs), (copy,))], [[result]]
