@@ -6,17 +6,18 @@ import casadi as ca
 import numpy as np
 
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman.prediction import sensitivity
 from backsight.estimators.kalman.square_root import noise_drowns
-from backsight.estimators.parts.covariance import Covariance, transposed
+from backsight.estimators.parts.covariance import Covariance, matrix_product, transposed
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear, root, unstable
 from backsight.estimators.parts.stages import measured_rows
-from backsight.estimators.parts.substeps import substep_inputs
+from backsight.estimators.parts.substeps import seen_outputs, substep_inputs
 from backsight.estimators.smoothing import Linearised, blurred
 
 
@@ -64,6 +65,8 @@ def covariance_root(s: Setting) -> ca.Function:
 
 def seen(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Function:
     """See `Linearised.seen`; where the outputs are linearised."""
+    if Covariance(s.model.nx).whole and not np.any(s.R - np.diag(np.diag(s.R))):
+        return _seen_by_many(s, at=at)
 
     def formula(
         x_prior: ca.SX, spread_prior: ca.SX, x_post: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX
@@ -74,6 +77,25 @@ def seen(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Function:
         return {"Ht": ca.densify(H.T), "e": e + H @ (point - x_prior)}
 
     return leaf("seen", {**notation(s), "spread": Covariance(s.model.nx).size}, formula)
+
+
+def _seen_by_many(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Function:
+    """`seen` of many states, as operations on matrices; the noises of the outputs are independent.
+
+    An expression for every entry of H would take minutes to compile.
+    """
+    nx, ny = s.model.nx, s.model.ny
+    sizes = {
+        "x_prior": nx, "spread": Covariance(nx).size, "x_post": nx, "u": s.model.nu, "y": ny,
+        "mask": ny,
+    }  # fmt: skip
+    x_prior, _, x_post, u, y, mask = given = [ca.MX.sym(k, n) for k, n in sizes.items()]
+    point = x_prior if at == "prior" else x_post
+    expected, H = seen_outputs(s)(point, u)
+    weight = mask / ca.DM(np.sqrt(np.diag(s.R)))
+    Ht = transposed(ca.densify(H)) * product_of(ca.MX.ones(nx, 1), weight.T)
+    e = weight * (y - expected) + matrix_product(transposed(Ht), point - x_prior)
+    return ca.Function("seen", given, [Ht, e])
 
 
 def _posterior(s: Setting) -> list[ca.MX]:

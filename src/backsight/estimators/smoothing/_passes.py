@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import vech
+from backsight.engine.dense import UNROLL, product_of, triangle
 from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting, Spread
 from backsight.estimators.parts.covariance import (
@@ -159,12 +160,18 @@ def leaving(s: Setting, *, covariance: Spread, rows: int | None = None) -> ca.Fu
         return {"all": product_of_roots}
 
     settled = leaf("smoothed_within", sizes, inside)
-    P = ca.SX.sym("P", nx, nx)
-    scaled = P * ca.SX(np.outer(s.sx, s.sx))
-    packed = ca.Function("smoothed_covariance", [P], [vech(scaled)])
-    Tt = ca.SX.sym("Tt", rows or nx, nx)
-    lengths = [s.sx[i] * ca.norm_2(Tt[:, i]) for i in range(nx)]
-    deviations = ca.Function("smoothed_deviations", [Tt], [ca.vertcat(*lengths)])
+    if nx > UNROLL:
+        root, whole = ca.MX.sym("Tt", rows or nx, nx), ca.MX.sym("P", nx, nx)
+        packed = ca.Function("smoothed_covariance", [whole], [triangle(whole, s.sx)])
+        squares = product_of(ca.MX.ones(1, rows or nx), root * root)
+        lengths = ca.DM(s.sx) * ca.sqrt(squares.T)
+        deviations = ca.Function("smoothed_deviations", [root], [lengths])
+    else:
+        P, root = ca.SX.sym("P", nx, nx), ca.SX.sym("Tt", rows or nx, nx)
+        scaled = P * ca.SX(np.outer(s.sx, s.sx))
+        packed = ca.Function("smoothed_covariance", [P], [vech(scaled)])
+        lengths = ca.vertcat(*(s.sx[i] * ca.norm_2(root[:, i]) for i in range(nx)))
+        deviations = ca.Function("smoothed_deviations", [root], [lengths])
     squared = half("squared_root", s, spread, sizes)
     x, T, u = ca.MX.sym("x", nx), ca.MX.sym("Tt", rows or nx, nx), ca.MX.sym("u", s.model.nu)
     x_hat, y_hat, status = settled(x, u)
