@@ -53,6 +53,8 @@ def test_many_states_equal_dense_conditioning(kind, ny, correlated):
     result = bs.smooth(kind(**assumed(p)), model_of(p), recording_of(u, y), engine="vm")
     states, P, *_ = conditioned(p, u, y)
     assert_smoothed(result, states, P)
+    exact = bs.estimate(KalmanFilter(**assumed(p)), model_of(p), recording_of(u, y), engine="vm")
+    assert np.allclose(result["S"], exact["S"], rtol=1e-9, atol=1e-12)
     short = bs.smooth(
         kind(**assumed(p)), model_of(p), recording_of(u, y), engine="vm", covariance="std"
     )

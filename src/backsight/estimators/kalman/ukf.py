@@ -12,6 +12,7 @@ from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked, measured, noise_of
 from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.dense import gain_of, product_of
 from backsight.engine.loops import scan
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
@@ -143,6 +144,14 @@ def _points(s: Setting, w: Weights, x: Term, spread: Term) -> tuple[Term, Term]:
     return points, off
 
 
+def _size(off: Term) -> Term:
+    """Sum of the absolute values of all entries."""
+    if not isinstance(off, ca.MX):
+        return ca.norm_1(ca.vec(off))
+    ones = ca.MX.ones(off.numel(), 1)
+    return product_of(ca.fabs(ca.vec(off)), ones, turned=(True, False))
+
+
 def _outputs(s: Setting, w: Weights, points: Term, u: Term) -> tuple[Term, Term]:
     """Mean output (ny,) and deviations from it (ny, 2 n + 1)."""
     (Y,) = each_column(
@@ -158,10 +167,23 @@ def _innovation(s: Setting, w: Weights) -> ca.Function:
         return {"e": measured(mask) * (y - y_mean), "covariance": S}
 
     sizes = {"dY": (s.model.ny, len(w.mean)), "spread": Factor(Covariance(s.model.nx)).size}
-    compare = leaf("compare", {**notation(s), **sizes}, seen)
+    many = Covariance(s.model.nx).whole
+    # An expression of many outputs and points would take minutes to compile.
+    compare = ca.Function() if many else leaf("compare", {**notation(s), **sizes}, seen)
+    missed = leaf(
+        "missed",
+        {**notation(s), **sizes},
+        lambda y, y_mean, mask: {"e": measured(mask) * (y - y_mean)},
+    )
 
     def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
         y_mean, dY = _outputs(s, w, _points(s, w, x, spread)[0], u)
+        if isinstance(dY, ca.MX):
+            weighted = dY * product_of(ca.MX.ones(s.model.ny, 1), ca.MX(ca.DM(w.covariance).T))
+            spread_y = product_of(weighted, dY, turned=(False, True))
+            nothing = ca.MX.zeros(1, s.model.ny)
+            _, S, _ = gain_of(nothing, spread_y, ca.MX(ca.DM(s.R)), mask)
+            return {"e": missed(y, y_mean, mask), "S": S}
         e, S = compare(y, dY, y_mean, mask)
         return {"e": e, "S": S}
 
@@ -198,7 +220,7 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
 
     def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
         points, off = _points(s, w, x, spread)
-        held = ca.if_else(ca.norm_1(ca.vec(off)) > 0, 1, 0)
+        held = ca.if_else(_size(off) > 0, 1, 0)
         y_mean, dY = _outputs(s, w, points, u)
         dY, e, noise = weigh(y, dY, y_mean, mask)
         # The outputs see points inside the bounds, the spread is that of the state: or else every
