@@ -15,6 +15,7 @@ from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spre
 from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import named_results
@@ -64,8 +65,9 @@ class JointInput(AbstractEstimator):
         Known inputs between the samples of a continuous model: held, or interpolated. The unknown
         forces are held.
     sigma_force : dict or number, optional
-        Standard deviation given to the forces at samples whose measurements do not determine them
-        [their unit]; by default 1e4 times what the noise of the sensors alone would make of it.
+        Standard deviation per sample, as white noise, of the forces at samples whose measurements
+        do not determine them [their unit]; by default 1e4 times what the noise of the sensors alone
+        would make of it.
 
     Notes
     -----
@@ -109,7 +111,9 @@ class JointInput(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        return _recursion(self.key, self._forces(model, dt))
+        forces = self._forces(model, dt)
+        refuse_too_wide(forces.system.s, "JointInput")
+        return _recursion(self.key, forces)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`; the forces are smoothed, too."""

@@ -143,6 +143,17 @@ def weighted_gain(P: ca.MX, H: ca.MX, R: Array | ca.MX, mask: ca.MX) -> tuple[ca
     return dense.gain_of(PHt, S, R if isinstance(R, ca.MX) else ca.MX(ca.DM(R)), mask)
 
 
+def scatter_and_noise(d: Term, weights: Array, R: Array, mask: Term) -> Term:
+    """Covariance d diag(w) d' of weighted deviations, with the noise of the sample."""
+    if not isinstance(d, ca.MX):
+        return d @ ca.diag(ca.SX(weights)) @ d.T + update.noise_of(ca.SX(R), mask)
+    ny = d.shape[0]
+    weighted = d * dense.product_of(ca.MX.ones(ny, 1), ca.MX(ca.DM(weights).T))
+    scatter = dense.product_of(weighted, d, turned=(False, True))
+    _, S, _ = dense.gain_of(ca.MX.zeros(1, ny), scatter, ca.MX(ca.DM(R)), mask)
+    return S
+
+
 def joseph_form(P: Term, K: Term, H: Term, R: Term) -> Term:
     """(I - K H) P (I - K H)' + K R K': positive semidefinite for every gain, however rounded.
 
