@@ -253,7 +253,7 @@ def _lost(found: Forces) -> ca.Function:
     """`lost_forces` of many states: ``(acted, seen) -> lost``."""
     m, ny = found.H.shape[1], found.H.shape[0]
     acted, seen = ca.MX.sym("acted"), ca.MX.sym("seen", ny)
-    Ft, known = ca.DM(found.H.T), smallest_pivot(ca.DM(found.H.T @ found.H))
+    Ft, known = ca.DM(found.H.T), smallest_pivot(ca.SX(ca.DM(found.H.T @ found.H)))
     rows = ca.MX(Ft) * (acted * ca.repmat(seen.T, m, 1))
     told = product_of(rows, ca.MX(Ft), turned=(False, True))
     pivot, size = ca.SX.sym("pivot", m), ca.SX.sym("size", m)
