@@ -13,16 +13,24 @@ from backsight.estimators.parts.covariance import Covariance, transposed
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.linear import Linear, root, unstable
+from backsight.estimators.parts.linear import Linear, Varying, root, unstable
 from backsight.estimators.parts.stages import measured_rows
 from backsight.estimators.parts.substeps import substep_inputs
 from backsight.estimators.smoothing import Linearised, blurred
 
 
-def linear_looks(system: Linear) -> Linearised:
-    """Of a linear model: the same at every sample."""
+def linear_looks(system: Linear | Varying) -> Linearised:
+    """Of a linear model: the same at every sample, unless its coefficients change."""
     s = system.s
     x, spread, u, u_next = _posterior(s)
+    if isinstance(system, Varying):
+        nx = s.model.nx
+        F, _, noise = system.transitions(u, u_next)
+        added = half("noise_kept", s, lambda noise: {"P": noise}, {"noise": (nx, nx)})(noise)
+        ahead = ca.Function(
+            "ahead", [x, spread, u, u_next], [F, blurred(covariance_root(s)(added))]
+        )
+        return Linearised(root=covariance_root(s), ahead=ahead, seen=seen(s, at="prior"))
     G = ca.DM(root(system.s.Q))
     noise = blurred(G) if unstable(system.A) else G
     F, G = (ca.MX(ca.densify(k)) for k in (ca.DM(system.A), noise))

@@ -54,7 +54,11 @@ def wide(s: Setting, *, limit: float = WIDE) -> bool:
 
     A state that no output shows at once, a velocity, is seen when it has moved.
     """
-    F, H = _linearised(s)
+    return _wide_of(s, *_linearised(s), limit)
+
+
+def _wide_of(s: Setting, F: Array, H: Array, limit: float) -> bool:
+    """See `wide`; F and H are the matrices of transition and outputs."""
     spread = cholesky_factor(s.P0)
     sigma = np.sqrt(np.diag(s.R))
     for _ in range(min(s.model.nx, 10)):
@@ -67,9 +71,14 @@ def wide(s: Setting, *, limit: float = WIDE) -> bool:
     return False
 
 
-def refuse_too_wide(s: Setting, title: str) -> None:
-    """Raise `TuningError` if the prior is too wide for a method that keeps a covariance."""
-    if wide(s, limit=TOO_WIDE):
+def refuse_too_wide(
+    s: Setting, title: str, *, linearised: tuple[Array, Array] | None = None
+) -> None:
+    """Raise `TuningError` if the prior is too wide for a method that keeps a covariance.
+
+    Matrices of transition and outputs are those at the prior's mean unless they are given.
+    """
+    if _wide_of(s, *(linearised or _linearised(s)), TOO_WIDE):
         raise TuningError(
             f"the prior says of an output more than {TOO_WIDE:g} times what its noise is: the "
             f"covariances of {title} cannot hold both; narrow the prior (sigma_x0), or use "

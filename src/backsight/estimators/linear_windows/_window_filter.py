@@ -14,14 +14,15 @@ from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.triangular import compress, forward
 from backsight.algebra.update import gain, joseph, masked
 from backsight.engine.loops import scan
-from backsight.estimators.parts.linear import Linear
+from backsight.estimators.parts.linear import Linear, Varying
+from backsight.models.lti import coefficients
 from backsight.types import Array
 
 NEGLIGIBLE = 1e-9
 """A pivot this small beside its row says that the window does not determine the direction."""
 
 
-def window_filter(system: Linear, N: int) -> ca.Function:
+def window_filter(system: Linear | Varying, N: int) -> ca.Function:
     """``(x, P, diffuse, U, Y, M, present) -> (x, P, deficient, x_first, P_first)``.
 
     x and P (lower triangle) describe the start of the window, the results its end. With
@@ -29,7 +30,7 @@ def window_filter(system: Linear, N: int) -> ca.Function:
     determine it, and ``x_first, P_first`` are what they say of it. Samples with ``present = 0`` do
     not exist; they come first.
     """
-    nx, nu, ny = (len(system.A), *system.D.T.shape)
+    nx, nu, ny = _sizes(system)
     x, vP = ca.MX.sym("x", nx), ca.MX.sym("P", nx * (nx + 1) // 2)
     diffuse = ca.MX.sym("diffuse")
     U, Y, M = (ca.MX.sym(n, k, N + 1) for n, k in (("U", nu), ("Y", ny), ("M", ny)))
@@ -63,15 +64,23 @@ def _begin(nx: int) -> ca.Function:
     return ca.Function("begin", [vP, diffuse], [(1 - diffuse) * vP, identity, equations])
 
 
-def _absorb(system: Linear) -> ca.Function:
+def _sizes(system: Linear | Varying) -> tuple[int, int, int]:
+    """Numbers of states, inputs and outputs."""
+    return system.s.model.nx, system.s.model.nu, system.s.model.ny
+
+
+def _absorb(system: Linear | Varying) -> ca.Function:
     """Take in the measurements of one sample."""
-    nx, nu, ny = (len(system.A), *system.D.T.shape)
+    nx, nu, ny = _sizes(system)
     x, vP, X, vL = _symbols(nx)
     u, y = ca.SX.sym("u", nu), ca.SX.sym("y", ny)
     mask, here = ca.SX.sym("m", ny), ca.SX.sym("here")
-    C, D = _sparse(system.C), _sparse(system.D)
-    e = y - ca.mtimes(C, x) - ca.mtimes(D, u)
-    H, e, R = masked(ca.SX(C), e, ca.SX(_sparse(system.s.R)), here * mask)
+    if isinstance(system, Varying):
+        C, d = coefficients(system.s.model, outputs=True)(u)
+    else:
+        C, d = ca.SX(_sparse(system.C)), ca.mtimes(_sparse(system.D), u)
+    e = y - ca.mtimes(C, x) - d
+    H, e, R = masked(C, e, ca.SX(_sparse(system.s.R)), here * mask)
     P = unvech(vP)
     K, S = gain(P, H, R)
     HX = H @ X
@@ -86,28 +95,44 @@ def _absorb(system: Linear) -> ca.Function:
     )
 
 
-def _advance(system: Linear) -> ca.Function:
-    """Go on to the next sample; before the first sample nothing moves."""
-    nx, nu = system.B.shape
-    x, vP, X, vL = _symbols(nx)
+def _advance(system: Linear | Varying) -> ca.Function:
+    """Go on to the next sample; before the first sample nothing moves.
+
+    ``(x, P, X, L, u, u_next, before) -> (x, P, X, L)``.
+    """
+    nx, nu, _ = _sizes(system)
+    state = _symbols(nx)
     u, u_next, before = ca.SX.sym("u", nu), ca.SX.sym("u_next", nu), ca.SX.sym("before")
-    A = _sparse(system.A)
-    driven = ca.mtimes(_sparse(system.B), u) + ca.mtimes(_sparse(system.B_next), u_next)
+    if isinstance(system, Linear):
+        B, B_next = _sparse(system.B), _sparse(system.B_next)
+        driven = ca.mtimes(B, u) + ca.mtimes(B_next, u_next)
+        moved = _moved(state, before, ca.SX(_sparse(system.A)), driven, _sparse(system.s.Q))
+        return ca.Function("advance", [*state, u, u_next, before], moved)
+    A, b, Q = ca.SX.sym("A", nx, nx), ca.SX.sym("b", nx), ca.SX.sym("Q", nx, nx)
+    by = ca.Function("advance_by", [*state, before, A, b, Q], _moved(state, before, A, b, Q))
+    now = [ca.MX.sym(k, *v.shape) for k, v in zip("xPXL", state, strict=True)]
+    u, u_next, before = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu), ca.MX.sym("before")
+    ahead = by(*now, before, *system.transitions(u, u_next))
+    return ca.Function("advance", [*now, u, u_next, before], list(ahead))
+
+
+def _moved(
+    state: list[ca.SX], before: ca.SX, A: ca.SX, driven: ca.SX, Q: ca.SX | ca.DM
+) -> list[ca.SX]:
+    """State, covariance, derivative and equations a sample later, or as they are."""
+    x, vP, X, vL = state
     moved = [
         ca.mtimes(A, x) + driven,
-        vech(ca.densify(A @ unvech(vP) @ A.T + _sparse(system.s.Q))),
+        vech(ca.densify(A @ unvech(vP) @ A.T + Q)),
         ca.mtimes(A, X),
         vL,
     ]
-    kept = [
-        ca.densify(ca.if_else(before, m, o)) for m, o in zip(moved, (x, vP, X, vL), strict=True)
-    ]
-    return ca.Function("advance", [x, vP, X, vL, u, u_next, before], kept)
+    return [ca.densify(ca.if_else(before, m, o)) for m, o in zip(moved, state, strict=True)]
 
 
-def _next(system: Linear) -> ca.Function:
+def _next(system: Linear | Varying) -> ca.Function:
     """Go on to the next sample and take it in."""
-    nx, nu, ny = (len(system.A), *system.D.T.shape)
+    nx, nu, ny = _sizes(system)
     carry = [ca.MX.sym(n, *s.shape) for n, s in zip("xPXL", _symbols(nx), strict=True)]
     data = [
         ca.MX.sym(n, k)
