@@ -21,6 +21,28 @@ Signals = Mapping[str, object] | Sequence[Signal]
 """Name to unit, value, ``(value, unit)`` or `Signal`; or signals that have their names."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Driven:
+    """States that are driven by a noise of their own: part of the model, not of an estimator.
+
+    Parameters
+    ----------
+    states : tuple of str
+        Names.
+    noise : (n, n) array
+        Spectral density of the noise; of a discrete-time model its covariance per sample.
+    stationary : (n, n) array
+        Covariance of the states before anything is measured.
+    says : str
+        What they are, in words.
+    """
+
+    states: tuple[str, ...]
+    noise: Array
+    stationary: Array
+    says: str
+
+
 @dataclasses.dataclass(frozen=True, init=False)
 class Model:
     r"""A dynamic system :math:`\dot x = f(x, u, p),\; y = h(x, u, p)`, or :math:`x^+ = f(x, u, p)`.
@@ -37,6 +59,9 @@ class Model:
         Sampling period of a discrete-time model [s]; None for a continuous-time model.
     name : str
         Shown in results.
+    driven : tuple of Driven
+        States with a noise of their own, see `augment`. Noise and prior of every estimator count
+        it in.
 
     Raises
     ------
@@ -67,6 +92,7 @@ class Model:
     parameters: tuple[Signal, ...]
     dt: float | None
     name: str
+    driven: tuple[Driven, ...]
 
     def __init__(
         self,
@@ -79,6 +105,7 @@ class Model:
         parameters: Signals = (),
         dt: float | None = None,
         name: str = "model",
+        driven: tuple[Driven, ...] = (),
     ) -> None:
         fields = {
             "states": signals(states, "state"),
@@ -87,6 +114,7 @@ class Model:
             "parameters": signals(parameters, "parameter"),
             "dt": dt,
             "name": name,
+            "driven": driven,
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -112,6 +140,13 @@ class Model:
         if self.dt is not None:
             problems.append(fault(Positive, self.dt, "the sampling period dt") or "")
         problems.append(fault(str, self.name, "the name") or "")
+        known = {s.name for s in self.states}
+        problems += [
+            f"'{name}' has a noise of its own, but is no state"
+            for group in self.driven
+            for name in group.states
+            if name not in known
+        ]
         problems = [p for p in problems if p]
         if problems:
             raise ModelError(f"model '{self.name}': " + "; ".join(problems))
@@ -154,6 +189,14 @@ class Model:
         """Output equation with the parameters at their values."""
         return self.h.call([x, u, ca.SX(self.theta)])[0]
 
+    def noise_of_its_own(self) -> Array:
+        """Noise of the `driven` states among all, (nx, nx): a density, or per sample."""
+        whole = np.zeros((self.nx, self.nx))
+        for group in self.driven:
+            at = [self.index(name) for name in group.states]
+            whole[np.ix_(at, at)] = group.noise
+        return whole
+
     def index(self, state: str) -> int:
         """Position of a state; raises `ModelError` if there is none of that name."""
         names = [s.name for s in self.states]
@@ -168,6 +211,7 @@ class Model:
             ("inputs", ", ".join(map(_label, self.inputs))),
             ("outputs", ", ".join(map(_label, self.outputs))),
             ("parameters", ", ".join(f"{s.name} = {s.value:g}" for s in self.parameters)),
+            ("driven", "; ".join(group.says for group in self.driven)),
         ]
         return tree(f"{self.name} ({kind})", [row for row in rows if row[1]])
 

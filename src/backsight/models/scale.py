@@ -7,8 +7,9 @@ import numpy as np
 
 from backsight.description import checked
 from backsight.errors import ModelError
-from backsight.models.model import Model
+from backsight.models.model import Driven, Model
 from backsight.models.signals import Signal
+from backsight.types import Array
 
 
 @checked(ModelError)
@@ -34,7 +35,14 @@ def scale(model: Model) -> Model:
         states=tuple(map(_scaled, model.states)),
         inputs=tuple(map(_scaled, model.inputs)),
         outputs=tuple(map(_scaled, model.outputs)),
+        driven=tuple(_in_scale(group, model, sx) for group in model.driven),
     )
+
+
+def _in_scale(group: Driven, model: Model, sx: Array) -> Driven:
+    size = sx[[model.index(name) for name in group.states]]
+    by = np.outer(size, size)
+    return dataclasses.replace(group, noise=group.noise / by, stationary=group.stationary / by)
 
 
 def _scaled(s: Signal) -> Signal:

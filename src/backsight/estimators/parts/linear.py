@@ -89,7 +89,8 @@ def in_time(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) 
         if found := bent(model):
             bends = "; ".join(f"{label} is nonlinear" for label in found)
             raise ModelError(
-                f"model '{model.name}' is not linear: {bends}; use an estimator for nonlinear models, such as EKF"
+                f"model '{model.name}' is not linear: {bends}; use an estimator for nonlinear "
+                "models, such as EKF"
             ) from error
     else:
         return linear(model, dt, noise=noise, prior=prior, hold=hold)
