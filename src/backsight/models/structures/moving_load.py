@@ -40,8 +40,8 @@ def moving_load(
         Of the load P. It becomes a parameter with the value 0, or keeps its own if the model has
         it; `augment` makes a state of it, also one with dynamics.
     position : str
-        Name of the input that says where the load is, s; new, or one of the model. Off the ends there is no load. Take
-        ``hold = "foh"``: the load travels between the samples.
+        Name of the input that says where the load is, s; new, or one of the model. Off the ends
+        there is no load. Take ``hold = "foh"``: the load travels between the samples.
     along : dict
         Force to its place on the way.
     supports : sequence of float

@@ -94,7 +94,7 @@ class ForceTable(StrictTable):
 
 
 class MovingTable(StrictTable):
-    """``[moving.NAME]``: a load along forces of the structure, see `backsight.forces.moving_load`."""
+    """``[moving.NAME]``: a load along forces of a structure, see `backsight.forces.moving_load`."""
 
     position: str
     along: dict[str, float] = pydantic.Field(min_length=1)
