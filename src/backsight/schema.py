@@ -65,6 +65,7 @@ class Status(enum.IntFlag):
     DEPENDENT = 512
     COARSE_STEP = 1024
     GATE_OPEN = 2048
+    NOT_SOLVED = 4096
 
 
 STATUS_TEXT = {
@@ -112,6 +113,10 @@ STATUS_TEXT = {
     Status.GATE_OPEN: (
         "most samples of an output looked like outliers, so that they were taken in after all; its "
         "noise, the model or the prior is wrong, or the sensor failed for longer than `patience`"
+    ),
+    Status.NOT_SOLVED: (
+        "the equations of the model or of an implicit integration step were not solved, so that "
+        "the estimate rests on a wrong model; give a better guess, or take more sub-steps"
     ),
 }
 """Cause and remedy of every status bit."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ["forces-with-dynamics.md"]
+PAGES = ["forces-with-dynamics.md", "implicit-models.md"]
 
 
 @pytest.mark.parametrize("page", PAGES)

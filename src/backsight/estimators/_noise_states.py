@@ -96,6 +96,7 @@ def widened(
         states=(*model.states, *(Signal(name=_unused(n, model)) for n in names)),
         dt=dt if model.continuous else model.dt,
         driven=(),  # what it adds is in Q
+        unsolved=model.unsolved_at([z, u, p], felt),
     )
     return Widened(
         wide,

@@ -108,6 +108,7 @@ def augment(
         states=states,
         parameters=tuple(kept),
         driven=(*model.driven, *driven),
+        unsolved=model.unsolved_at([z, u, p], [z[: model.nx], u, full]),
     )
 
 

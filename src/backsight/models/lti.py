@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from backsight.algebra.degree import degrees
 from backsight.errors import ModelError
 from backsight.models.model import Model, Signals
 from backsight.models.signals import signals
@@ -126,8 +127,8 @@ def bent(model: Model) -> list[str]:
     labels = [f"the equation of '{s.name}'" for s in model.states]
     labels += [f"the output equation of '{s.name}'" for s in model.outputs]
     rows = ca.vertcat(ca.SX(model.rhs(x, u)), ca.SX(model.output(x, u)))
-    degrees = _degrees(ca.Function("rows", [x, u], [ca.densify(rows)]))
-    return [label for label, d in zip(labels, degrees, strict=True) if d > 1]
+    found = degrees(ca.Function("rows", [x, u], [ca.densify(rows)]))
+    return [label for label, d in zip(labels, found, strict=True) if d > 1]
 
 
 def coefficients(model: Model, *, outputs: bool = False) -> ca.Function:
@@ -138,40 +139,6 @@ def coefficients(model: Model, *, outputs: bool = False) -> ca.Function:
     found = [ca.jacobian(rows, x), rows]
     A, b = (ca.densify(ca.substitute(k, x, still)) for k in found)
     return ca.Function("coefficients", [u], [A, b])
-
-
-_SUMS = {ca.OP_ADD, ca.OP_SUB}
-_KEPT = {ca.OP_NEG, ca.OP_TWICE, ca.OP_ASSIGN}
-
-
-def _degrees(rows: ca.Function) -> list[int]:
-    """Of every result its degree in the first argument: 0, 1, or 2 for anything else."""
-    found, work = [0] * rows.nnz_out(0), [0] * rows.sz_w()
-    for k in range(rows.n_instructions()):
-        operation = rows.instruction_id(k)
-        sources, targets = rows.instruction_input(k), rows.instruction_output(k)
-        if operation == ca.OP_INPUT:
-            work[targets[0]] = 1 if sources[0] == 0 else 0
-        elif operation == ca.OP_CONST:
-            work[targets[0]] = 0
-        elif operation == ca.OP_OUTPUT:
-            found[targets[1]] = work[sources[0]]
-        else:
-            work[targets[0]] = _degree(operation, [work[i] for i in sources])
-    return found
-
-
-def _degree(operation: int, of: list[int]) -> int:
-    if not any(of):
-        return 0
-    if operation in _SUMS | _KEPT:
-        return max(of)
-    if operation == ca.OP_MUL:
-        return min(sum(of), 2)
-    # A quotient, and a value where a condition holds, are linear in one of the two only.
-    if (operation == ca.OP_DIV and not of[1]) or (operation == ca.OP_IF_ELSE_ZERO and not of[0]):
-        return max(of)
-    return 2
 
 
 def state_equation(model: Model) -> tuple[Array, Array, Array] | None:

@@ -59,6 +59,9 @@ class Model:
         Sampling period of a discrete-time model [s]; None for a continuous-time model.
     name : str
         Shown in results.
+    unsolved : casadi.Function, optional
+        ``(x, u, p)`` to what equations that are solved inside f and h leave, see
+        `backsight.algebra.newton.Root`; set by `backsight.models.implicit`.
     driven : tuple of Driven
         States with a noise of their own, see `augment`. Noise and prior of every estimator count
         it in.
@@ -93,6 +96,7 @@ class Model:
     dt: float | None
     name: str
     driven: tuple[Driven, ...]
+    unsolved: ca.Function | None
 
     def __init__(
         self,
@@ -106,6 +110,7 @@ class Model:
         dt: float | None = None,
         name: str = "model",
         driven: tuple[Driven, ...] = (),
+        unsolved: ca.Function | None = None,
     ) -> None:
         fields = {
             "states": signals(states, "state"),
@@ -115,6 +120,7 @@ class Model:
             "dt": dt,
             "name": name,
             "driven": driven,
+            "unsolved": unsolved,
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -189,6 +195,12 @@ class Model:
         """Output equation with the parameters at their values."""
         return self.h.call([x, u, ca.SX(self.theta)])[0]
 
+    def unsolved_at(self, symbols: list[ca.SX], given: list[ca.SX]) -> ca.Function | None:
+        """`unsolved` as a function of the symbols of another model, of which `given` are made."""
+        if self.unsolved is None:
+            return None
+        return ca.Function("unsolved", symbols, self.unsolved.call(given))
+
     def noise_of_its_own(self) -> Array:
         """Noise of the `driven` states among all, (nx, nx): a density, or per sample."""
         whole = np.zeros((self.nx, self.nx))
@@ -226,7 +238,7 @@ class Model:
         what = {"f": "state equation f", "h": "output equation h"}[name]
         where = f"model '{self.name}': {what}"
         if isinstance(given, ca.Function):
-            rows = given.call([x, u, p])
+            rows = _called(given, [x, u, p], where)
         else:
             returned = given(
                 Named("state", [s.name for s in self.states], x),
@@ -243,6 +255,18 @@ class Model:
         return ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
 
 
+def _called(given: ca.Function, arguments: list[ca.SX], where: str) -> list[ca.SX]:
+    inside = [given, *given.find_functions()]
+    solvers = [k for k in inside if k.class_name() not in ("SXFunction", "MXFunction")]
+    if solvers:
+        raise ModelError(
+            f"{where} calls '{solvers[0].name()}', a {solvers[0].class_name()} of CasADi, which is "
+            "no expression; describe equations that must be solved by bs.models.implicit, which "
+            "does so in every engine"
+        )
+    return given.call(arguments)
+
+
 def _rows(returned: Any, of: tuple[Signal, ...], where: str) -> list[ca.SX]:
     if isinstance(returned, Mapping):
         names = [s.name for s in of]
@@ -257,7 +281,15 @@ def _rows(returned: Any, of: tuple[Signal, ...], where: str) -> list[ca.SX]:
     try:
         return [ca.SX(row) for row in rows]
     except NotImplementedError:
-        raise ModelError(f"{where} returns something that is not a number or expression") from None
+        hint = ""
+        if any(isinstance(row, ca.MX) for row in rows):
+            hint = (
+                ": a CasADi function such as a rootfinder gives MX, which is none here; describe "
+                "equations that must be solved by bs.models.implicit"
+            )
+        raise ModelError(
+            f"{where} returns something that is not a number or expression{hint}"
+        ) from None
 
 
 def _label(s: Signal) -> str:

@@ -35,6 +35,7 @@ def scale(model: Model) -> Model:
         states=tuple(map(_scaled, model.states)),
         inputs=tuple(map(_scaled, model.inputs)),
         outputs=tuple(map(_scaled, model.outputs)),
+        unsolved=model.unsolved_at([x, u, p], [ca.SX(sx) * x, ca.SX(su) * u, p]),
         driven=tuple(_in_scale(group, model, sx) for group in model.driven),
     )
 

@@ -24,7 +24,7 @@ from backsight.estimators.parts.leaf import Results, half, leaf, named_results, 
 from backsight.estimators.parts.linear import Linear
 
 
-def linearised(s: Setting) -> Linear:
+def at_prior(s: Setting) -> Linear:
     """The system at the prior's mean without inputs, for judging whether forces can be found."""
     x0, still = s.x0, np.zeros(s.model.nu)
     _, A, B = (np.asarray(k) for k in over_sample(s.integrator, s.model, s.dt)(x0, still, still))

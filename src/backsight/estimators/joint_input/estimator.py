@@ -12,7 +12,7 @@ from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread, setting
-from backsight.estimators.joint_input._extended import extended_step, linearised
+from backsight.estimators.joint_input._extended import at_prior, extended_step
 from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
@@ -139,7 +139,7 @@ class JointInput(AbstractEstimator):
         s = setting(
             joined, dt, noise=self.noise, prior=self.prior, integrator=Integrator(hold=self.hold)
         )
-        found = forces_of(linearised(s), self.forces)
+        found = forces_of(at_prior(s), self.forces)
         return dataclasses.replace(found, spread=self._spread(found, joined))
 
     def _forces(self, model: Model, dt: float) -> Forces:

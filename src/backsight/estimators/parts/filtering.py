@@ -150,7 +150,9 @@ def physical(
     estimate = [
         *s.physical(k["x"], k["P"]),
         s.sy * s.model.output(k["x"], k["u"]),
-        dataclasses.replace(Flags.of(raised), coarse_step=int(s.coarse)).status(),
+        dataclasses.replace(
+            Flags.of(raised), coarse_step=int(s.coarse), not_solved=s.unsolved(k["x"], k["u"])
+        ).status(),
     ]
     leave = ca.Function("physical", [k["x"], k["P"], k["u"], raised], estimate)
     *values, status = leave(x, P, u, flags)

@@ -111,6 +111,7 @@ def moving_load(
         h=ca.Function("h", [x, u, p], model.h.call(given)),
         inputs=(*model.inputs, *new),
         parameters=(*kept, load),
+        unsolved=model.unsolved_at([x, u, p], given),
     )
 
 
