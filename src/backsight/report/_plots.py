@@ -10,7 +10,8 @@ from backsight.analysis.consistency import windowed_nis
 from backsight.analysis.outliers import taken
 from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
-from backsight.report._traces import Trace, band_trace, bulk, limits, line_trace, literal_text, view
+from backsight.report._traces import Trace, band_trace, limits, line_trace, literal_text
+from backsight.report.ranges import bulk, view
 from backsight.report.thin import Positions
 from backsight.schema import Status
 from backsight.types import Array
