@@ -79,7 +79,7 @@ def implicit(
     ...     outputs={"y": "m", "w": "m"}, parameters={"k2": (2e4, "N/m")},
     ... )
     >>> [round(float(v), 6) for v in joint.h([1e-3, 0.0], [0.0], [2e4]).full().ravel()]
-    [0.001, 0.000344]
+    [0.001, 0.000334]
     """
     of_x, of_z = signals(states, "state"), signals(algebraic, "algebraic variable")
     of_u, of_p = signals(inputs, "input"), signals(parameters, "parameter")
