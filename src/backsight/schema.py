@@ -134,6 +134,10 @@ SMALLEST_FACTOR = 1e-6
 INTEGRATION = "integration"
 """Attribute of a result: how the model was carried from sample to sample."""
 
+POSITIVE = "positive"
+"""Attribute of a result: names of the states that are estimated as logarithms. Such a result has
+the ends of the bands of one standard deviation, ``x_low`` and ``x_high (time, state)``."""
+
 COARSE = "coarse_step"
 """Attribute of a result: why the integration step is too coarse, if it is."""
 

@@ -10,7 +10,7 @@ from backsight.models.model import Model
 def yardstick(estimator: AbstractEstimator, model: Model) -> EKF | KalmanFilter:
     """Return the Kalman filter with the noise and the prior of an estimator.
 
-    The extended one, if the model is not linear in its states.
+    The extended one, if the model is not linear in its states, or one of them is positive.
 
     Raises
     ------
@@ -19,6 +19,6 @@ def yardstick(estimator: AbstractEstimator, model: Model) -> EKF | KalmanFilter:
     """
     noise, prior = estimator.assumed
     hold = estimator.input_hold
-    if bent(model):
+    if bent(model) or any(s.positive for s in model.states):
         return EKF(noise, prior, estimator.integration or Integrator(hold=hold))
     return KalmanFilter(noise, prior, hold=hold)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar, Literal, TypeAlias
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -18,7 +18,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import complaint, settle_steps
 from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
-from backsight.estimators._compiling import Compilable
+from backsight.estimators._compiling import Compilable, Spread
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
 from backsight.models.model import Model
@@ -26,9 +26,6 @@ from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.schema import Innovations
 from backsight.types import Array
-
-Spread: TypeAlias = Literal["full", "std"]
-"""What a smoother puts out of the covariance: all of it, or standard deviations."""
 
 
 @dataclasses.dataclass(frozen=True)

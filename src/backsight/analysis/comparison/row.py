@@ -17,6 +17,8 @@ class Final(Printed):
     std: float
     unit: str
     reference: float | None = None
+    band: tuple[float, float] | None = None
+    """Ends of the band of one standard deviation where it is not the same to both sides."""
 
     @property
     def error(self) -> float:

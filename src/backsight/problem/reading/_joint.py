@@ -177,4 +177,5 @@ def _signal(signal: Signal, entry: EstimateTable) -> Signal:
         lower=signal.lower if entry.lower is None else entry.lower,
         upper=signal.upper if entry.upper is None else entry.upper,
         scale=signal.scale if entry.scale is None else entry.scale,
+        positive=entry.positive or signal.positive,
     )

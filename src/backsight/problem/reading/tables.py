@@ -65,6 +65,7 @@ class EstimateTable(StrictTable):
     lower: float | None = None
     upper: float | None = None
     scale: float | None = None
+    positive: bool = False
 
 
 class DisturbanceTable(EstimateTable):

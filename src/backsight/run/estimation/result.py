@@ -17,6 +17,7 @@ from backsight.run.estimation._match import output_mask
 from backsight.schema import (
     AGO,
     INNOVATIONS,
+    POSITIVE,
     RESULT_VARIABLES,
     SCHEMA_VERSION,
     SIGMA_FACTOR,
@@ -74,6 +75,8 @@ def as_result(
             THRESHOLD: rule.threshold,
             OUTLIER_WEIGHT: DOUBTED,
         }
+    if positive := [s.name for s in model.states if s.positive]:
+        result.attrs[POSITIVE] = " ".join(positive)
     result = with_integration(result, estimator, model)
     remarks = force_remarks(result)
     if remarks:
@@ -102,6 +105,9 @@ def _dataset(
     if "P" in values:
         variance = np.einsum("kii->ki", values["P"])
         values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
+    if any(s.positive for s in model.states) and "x_std" in values:
+        values["x_low"], values["x_high"] = _bands(values["x_hat"], values["x_std"], model)
+        dims["x_low"] = dims["x_high"] = ("time", "state")
     flags = [bit for bit in Status if bit]
     result = xr.Dataset(
         {n: (dims[n], v, {"long_name": _long_name(n)}) for n, v in values.items()},
@@ -138,6 +144,15 @@ def _dataset(
         known = [n for n in names if n in truth["state"].values]
         result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
     return result
+
+
+def _bands(x: Array, std: Array, model: Model) -> tuple[Array, Array]:
+    """Ends of the bands of one standard deviation; of positive states as factors."""
+    positive = np.array([s.positive for s in model.states])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        factor = np.exp(std / x)
+        low, high = np.where(positive, x / factor, x - std), np.where(positive, x * factor, x + std)
+    return low, high
 
 
 def _worthless(values: dict[str, np.ndarray], measured: Array) -> Array:
