@@ -115,7 +115,12 @@ def check(
     with told():
         from backsight.problem import load
         from backsight.problem.recorded import recording_of
-        from backsight.problem.seeing import coarse_steps, examine, integration
+        from backsight.problem.seeing import (
+            coarse_steps,
+            examine,
+            integration,
+            priors_at_poles,
+        )
         from backsight.run.diagnosis import aligned, expected
         from backsight.run.diagnosis import certify as certified
 
@@ -131,6 +136,7 @@ def check(
             *found.lines(),
             *(bands.lines() if bands else []),
             *(timing.lines() if timing else []),
+            *priors_at_poles(read),
             *steps,
             *coarse,
         ]:

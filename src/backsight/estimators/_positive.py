@@ -65,7 +65,7 @@ def logarithmic(noise: Noise, prior: Prior, model: Model) -> Logarithmic:
     u = ca.SX.sym("u", model.nu)
     natural = _natural(at)(x)
     rows = ca.vertsplit(model.f.call([natural, u, p])[0])
-    for i in np.flatnonzero(chosen):
+    for i in np.flatnonzero(chosen).tolist():
         moved = rows[i] / natural[i] if model.continuous else ca.log(rows[i] / unit[i])
         # A constant stays one to the last bit.
         rows[i] = x[i] if not model.continuous and _is_same(rows[i], natural[i]) else moved

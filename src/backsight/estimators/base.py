@@ -18,7 +18,8 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import complaint, settle_steps
 from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
-from backsight.estimators._compiling import Compilable, Spread
+from backsight.estimators._compiling import Compilable
+from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
 from backsight.models.model import Model

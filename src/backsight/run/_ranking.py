@@ -98,7 +98,7 @@ def _labelled(name: str, unit: str) -> str:
 
 
 def _with_band(final: Final) -> str:
-    if final.band is not None:
+    if final.band is not None and final.lopsided:
         return between(final.value, *final.band)
     return plus_minus(final.value, final.std)
 

@@ -18,7 +18,12 @@ class Final(Printed):
     unit: str
     reference: float | None = None
     band: tuple[float, float] | None = None
-    """Ends of the band of one standard deviation where it is not the same to both sides."""
+    """Ends of the band of one standard deviation of a state that is estimated as a logarithm."""
+
+    @property
+    def lopsided(self) -> bool:
+        """Whether the band is so wide that its two sides differ to the eye."""
+        return self.band is not None and self.std > 0.05 * abs(self.value)
 
     @property
     def error(self) -> float:
