@@ -15,7 +15,7 @@ from backsight.discrete.steps import complaint, explicit, settle_steps
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._noise_states import linear_in_noise, widened, without_noise_states
-from backsight.estimators._positive import in_units, logarithmic
+from backsight.estimators._positive import in_their_units, logarithmic
 from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
@@ -123,7 +123,7 @@ class Compilable(Description, abc.ABC):
         """The recursion without the rule for outliers; noise that is not additive as states."""
         if any(s.positive for s in model.states):
             method, inner, at = self._logarithmic(model)
-            return in_units(method.plain(inner, dt), at)
+            return in_their_units(method.plain(inner, dt), at)
         method, wide = self.widened(model, dt)
         built = method.build(wide, dt)
         if wide is model:
@@ -177,7 +177,7 @@ class Compilable(Description, abc.ABC):
             return self.smoother(model, dt, covariance=covariance)
         method, inner, at = self._logarithmic(model)
         passes = method.smoother(inner, dt, covariance=covariance)
-        return dataclasses.replace(passes, backward=in_units(passes.backward, at))
+        return dataclasses.replace(passes, backward=in_their_units(passes.backward, at))
 
     @abc.abstractmethod
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:

@@ -94,7 +94,7 @@ def logarithmic(noise: Noise, prior: Prior, model: Model) -> Logarithmic:
     return Logarithmic(inner, kept, Prior(x0=start, P0=P0 * by), at)
 
 
-def in_units(plain: Recursion, at: Array) -> Recursion:
+def in_their_units(plain: Recursion, at: Array) -> Recursion:
     """Put out states, and what belongs to them, in their own units."""
     data = [ca.MX.sym(f"d{i}", n) for i, n in enumerate((len(plain.carry0), *plain.input_sizes))]
     carry, *values = plain.step.call(data, True, False)

@@ -11,8 +11,8 @@ import casadi as ca
 
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
-from backsight.models.model import Driven, Model
-from backsight.models.processes import Process
+from backsight.models.model import Model
+from backsight.models.processes import Driven, Process
 from backsight.models.signals import Named, Signal
 from backsight.types import Array
 

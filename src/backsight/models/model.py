@@ -12,6 +12,7 @@ import numpy as np
 from backsight.description import Positive, equations_of, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
 from backsight.models._latex import latex
+from backsight.models.processes import Driven
 from backsight.models.signals import Named, Signal, signals
 from backsight.types import Array
 
@@ -20,28 +21,6 @@ Equations = Callable[..., object] | ca.Function
 
 Signals = Mapping[str, object] | Sequence[Signal]
 """Name to unit, value, ``(value, unit)`` or `Signal`; or signals that have their names."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Driven:
-    """States that are driven by a noise of their own: part of the model, not of an estimator.
-
-    Parameters
-    ----------
-    states : tuple of str
-        Names.
-    noise : (n, n) array
-        Spectral density of the noise; of a discrete-time model its covariance per sample.
-    stationary : (n, n) array
-        Covariance of the states before anything is measured.
-    says : str
-        What they are, in words.
-    """
-
-    states: tuple[str, ...]
-    noise: Array
-    stationary: Array
-    says: str
 
 
 @dataclasses.dataclass(frozen=True, init=False)

@@ -7,7 +7,8 @@ import numpy as np
 
 from backsight.description import checked
 from backsight.errors import ModelError
-from backsight.models.model import Driven, Model
+from backsight.models.model import Model
+from backsight.models.processes import Driven
 from backsight.models.signals import Signal
 from backsight.types import Array
 
