@@ -138,6 +138,9 @@ POSITIVE = "positive"
 """Attribute of a result: names of the states that are estimated as logarithms. Such a result has
 the ends of the bands of one standard deviation, ``x_low`` and ``x_high (time, state)``."""
 
+CULPRIT = "culprit"
+"""Attribute of a result that is not finite: which equation of the model was not, and where."""
+
 COARSE = "coarse_step"
 """Attribute of a result: why the integration step is too coarse, if it is."""
 

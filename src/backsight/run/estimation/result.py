@@ -12,6 +12,7 @@ from backsight.engine.recursion import Channel
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
+from backsight.run.estimation._culprit import with_culprit
 from backsight.run.estimation._integration import with_integration
 from backsight.run.estimation._match import output_mask
 from backsight.schema import (
@@ -77,7 +78,7 @@ def as_result(
         }
     if positive := [s.name for s in model.states if s.positive]:
         result.attrs[POSITIVE] = " ".join(positive)
-    result = with_integration(result, estimator, model)
+    result = with_culprit(with_integration(result, estimator, model), estimator, model)
     remarks = force_remarks(result)
     if remarks:
         result.attrs[REMARKS] = "\n".join(remarks)
