@@ -6,7 +6,7 @@ from html import escape
 
 from backsight.analysis.comparison import Final, Row
 from backsight.report._series import Series, quantity
-from backsight.rounding import between, grouped, percent, plus_minus, shortest, significant
+from backsight.rounding import grouped, percent, plus_minus, shortest, significant
 from backsight.schema import STATUS_TEXT, Status
 
 
@@ -139,13 +139,7 @@ def _final(row: Row, name: str) -> str:
     if name in row.rms_error:
         notes.append(f"RMS error {significant(row.rms_error[name], 3)}")
     small = f"<small>{'; '.join(notes)}</small>" if notes else ""
-    return f"{_with_band(final)}{small}"
-
-
-def _with_band(final: Final) -> str:
-    if final.band is not None and final.lopsided:
-        return between(final.value, *final.band)
-    return plus_minus(final.value, final.std)
+    return f"{final.shown}{small}"
 
 
 def _error(final: Final) -> str:

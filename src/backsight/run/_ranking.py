@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from backsight.analysis.comparison import Final, Row
-from backsight.rounding import between, grouped, percent, plus_minus, shortest, significant
+from backsight.rounding import grouped, percent, shortest, significant
 from backsight.schema import Status
 
 MOST_OUTPUTS = 2
@@ -97,16 +97,10 @@ def _labelled(name: str, unit: str) -> str:
     return f"{name} \\[{unit}]" if unit else name
 
 
-def _with_band(final: Final) -> str:
-    if final.band is not None and final.lopsided:
-        return between(final.value, *final.band)
-    return plus_minus(final.value, final.std)
-
-
 def _final(final: Final | None) -> str:
     if final is None:
         return ""
-    text = _with_band(final)
+    text = final.shown
     if final.reference is None or math.isnan(final.value):
         return text
     error = percent(final.relative_error) if final.reference else significant(final.error, 2)

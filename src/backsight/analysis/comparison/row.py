@@ -7,6 +7,7 @@ from backsight.analysis.consistency import Consistency
 from backsight.analysis.forces import FoundHits
 from backsight.analysis.outliers import Outliers
 from backsight.description import Printed
+from backsight.rounding import between, plus_minus
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,9 +22,11 @@ class Final(Printed):
     """Ends of the band of one standard deviation of a state that is estimated as a logarithm."""
 
     @property
-    def lopsided(self) -> bool:
-        """Whether the band is so wide that its two sides differ to the eye."""
-        return self.band is not None and self.std > 0.05 * abs(self.value)
+    def shown(self) -> str:
+        """Value and band in words; with its ends where the two sides differ to the eye."""
+        if self.band is not None and self.std > 0.05 * abs(self.value):
+            return between(self.value, *self.band)
+        return plus_minus(self.value, self.std)
 
     @property
     def error(self) -> float:

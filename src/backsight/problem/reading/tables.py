@@ -144,6 +144,7 @@ class OutputTable(StrictTable):
     """``[output]``: what is written."""
 
     report: bool = True
+    covariance: bool = False
 
 
 class ProblemTable(StrictTable):
