@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 
-def square_root(z: ca.SX) -> ca.SX:
+def root_of(z: ca.SX) -> ca.SX:
     """sqrt(z); of a sum of squares its slope at zero, which has no direction, is 0."""
     if not _is_sum_of_squares(z):
         return ca.sqrt(z)

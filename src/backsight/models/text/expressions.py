@@ -9,7 +9,7 @@ from typing import NamedTuple, final
 import casadi as ca
 
 from backsight.errors import ModelError, nearest
-from backsight.models.text._limits import hypotenuse, quotient, square_root
+from backsight.models.text._limits import hypotenuse, quotient, root_of
 
 MAX_LENGTH = 10_000
 """Longest formula that is read [characters]."""
@@ -31,7 +31,7 @@ FUNCTIONS = {
     "exp": (1, ca.exp),
     "log": (1, ca.log),
     "log10": (1, ca.log10),
-    "sqrt": (1, square_root),
+    "sqrt": (1, root_of),
     "abs": (1, ca.fabs),
     "sign": (1, ca.sign),
     "min": (2, ca.fmin),
