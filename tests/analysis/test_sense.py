@@ -5,6 +5,7 @@ import pytest
 
 import backsight as bs
 from backsight.errors import TuningError
+from backsight.run.diagnosis._judges import Judges
 from backsight.run.diagnosis._sense import poles, surprises
 
 DT, N = 0.02, 200
@@ -41,7 +42,12 @@ def test_a_prior_that_reaches_a_pole_is_told_before_the_run():
 
 
 def told_of(e, model, data) -> str:
-    return "; ".join(surprises(e, model, data, bs.estimate(e, model, data, engine="vm")))
+    return judged(e, model, data, bs.estimate(e, model, data, engine="vm"))
+
+
+def judged(e, model, data, result) -> str:
+    judges = Judges(model, data, {"": result}, {"": e})
+    return "; ".join(surprises(e, judges, result))
 
 
 def test_what_makes_sense_is_not_told():
@@ -58,9 +64,7 @@ def test_a_value_on_the_wrong_side_is_told():
     e = bs.EKF(NOISE, prior(1e-3))
     result = bs.estimate(e, motor(), data, engine="vm")
     result["x_hat"][-1, 1] = -1.8e-3
-    assert "J ended at −0.00180, on the other side of zero" in "; ".join(
-        surprises(e, motor(), data, result)
-    )
+    assert "J ended at −0.00180, on the other side of zero" in judged(e, motor(), data, result)
 
 
 def test_a_band_narrower_than_the_data_tell_is_told():
@@ -68,7 +72,7 @@ def test_a_band_narrower_than_the_data_tell_is_told():
     e = bs.EKF(NOISE, prior(2e-4))
     result = bs.estimate(e, motor(), data, engine="vm")
     result["x_std"][-1, 1] = 0.3 * result["x_std"][-1, 1]
-    assert "J is said to be known" in "; ".join(surprises(e, motor(), data, result))
+    assert "J is said to be known" in judged(e, motor(), data, result)
 
 
 def test_the_profile_has_its_top_at_the_value():

@@ -13,7 +13,7 @@ from backsight.estimators.uncertainty import Prior
 from backsight.models.model import Model
 from backsight.rounding import significant
 from backsight.run.diagnosis._free_forces import constants_and_forces
-from backsight.run.estimation import estimate
+from backsight.run.diagnosis._judges import Judges
 from backsight.types import Array
 
 REACH = 2.0
@@ -61,10 +61,9 @@ def dividing(model: Model, x0: Array, std: Array) -> list[int]:
     return found
 
 
-def surprises(
-    estimator: AbstractEstimator, model: Model, recording: xr.Dataset, result: xr.Dataset
-) -> list[str]:
+def surprises(estimator: AbstractEstimator, judges: Judges, result: xr.Dataset) -> list[str]:
     """Say which constants of a result are not to be believed, a sentence each."""
+    model = judges.model
     try:
         judge = yardstick(estimator, model)
         noise, prior = judge.assumed
@@ -92,7 +91,7 @@ def surprises(
                 f"{name} ended {significant(far, 2)} standard deviations of its prior from where "
                 "it began: the prior, or the model, is wrong"
             )
-    return found + _too_narrow(judge, model, recording, x, std, asked)
+    return found + _too_narrow(judge, judges, x, std, asked)
 
 
 def _distance(model: Model, i: int, x: float, x0: float, std: float) -> float:
@@ -102,12 +101,7 @@ def _distance(model: Model, i: int, x: float, x0: float, std: float) -> float:
 
 
 def _too_narrow(
-    judge: AbstractEstimator,
-    model: Model,
-    recording: xr.Dataset,
-    x: Array,
-    std: Array,
-    asked: list[int],
+    judge: AbstractEstimator, judges: Judges, x: Array, std: Array, asked: list[int]
 ) -> list[str]:
     """Bands far below what the recording tells at the estimate.
 
@@ -115,14 +109,14 @@ def _too_narrow(
     then is not. Begun at the estimate, with the same prior, it gathers what there is: the Fisher
     information along the motion.
     """
-    _, prior = judge.assumed
+    model, (_, prior) = judges.model, judge.assumed
     start = prior.mean(model)
     start[asked] = x[asked]
     again = dataclasses.replace(judge, prior=Prior(x0=start, P0=prior.covariance(model)))  # type: ignore[call-arg]
-    try:
-        told = estimate(again, model, recording).isel(time=-1)["x_std"].values
-    except BacksightError:
+    found = judges.result(again)
+    if found is None:
         return []
+    told = found["x_std"].values[-1]
     return [
         f"{model.states[i].name} is said to be known ± {significant(std[i], 2)}, but the recording "
         f"tells ± {significant(told[i], 2)} at this value: begin nearer to it, or iterate (MHE, "
