@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import backsight as bs
+from backsight.algebra.expressions import expression
 from backsight.errors import EstimationError
-from backsight.models.text.expressions import expression
 
 
 def value_and_slope(text: str, x: float, y: float) -> tuple[float, np.ndarray]:

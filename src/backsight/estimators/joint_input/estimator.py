@@ -16,6 +16,7 @@ from backsight.estimators.joint_input._extended import at_prior, extended_step
 from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.covariance import Covariance, Term
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import named_results
@@ -114,8 +115,12 @@ class JointInput(AbstractEstimator):
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
         if bent(model):
-            return _extended(self.key, self._linearised(model, dt))
-        return _recursion(self.key, self._forces(model, dt))
+            forces = self._linearised(model, dt)
+            refuse_too_wide(forces.system.s, "JointInput")
+            return _extended(self.key, forces)
+        forces = self._forces(model, dt)
+        refuse_too_wide(forces.system.s, "JointInput")
+        return _recursion(self.key, forces)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`; the forces are smoothed, too."""

@@ -50,25 +50,27 @@ TOO_WIDE = 1e7
 
 
 def wide(s: Setting, *, limit: float = WIDE) -> bool:
-    """Whether a prior is so wide: of the outputs at the start, or as many samples later as states.
+    """Whether a prior is so wide, see `width_of_prior`."""
+    return width_of_prior(s) > limit
 
-    A state that no output shows at once, a velocity, is seen when it has moved.
+
+def width_of_prior(s: Setting, linearised: tuple[Array, Array] | None = None) -> float:
+    """Largest deviation of an output by the prior, in those of its noise; 0 if that runs away.
+
+    At the start, or as many samples later as there are states: a state that no output shows at
+    once, a velocity, is seen when it has moved. Matrices of transition and outputs are those at the
+    prior's mean unless they are given.
     """
-    return _wide_of(s, *_linearised(s), limit)
-
-
-def _wide_of(s: Setting, F: Array, H: Array, limit: float) -> bool:
-    """See `wide`; F and H are the matrices of transition and outputs."""
+    F, H = linearised or _linearised(s)
     spread = cholesky_factor(s.P0)
-    sigma = np.sqrt(np.diag(s.R))
+    sigma, largest = np.sqrt(np.diag(s.R)), 0.0
     for _ in range(min(s.model.nx, 10)):
         with np.errstate(over="ignore", invalid="ignore"):
             seen, spread = np.linalg.norm(H @ spread, axis=1), F @ spread
         if not np.isfinite(seen).all():
-            return False
-        if (seen > limit * sigma).any():
-            return True
-    return False
+            return 0.0
+        largest = max(largest, float((seen / sigma).max(initial=0.0)))
+    return largest
 
 
 def refuse_too_wide(
@@ -78,7 +80,7 @@ def refuse_too_wide(
 
     Matrices of transition and outputs are those at the prior's mean unless they are given.
     """
-    if _wide_of(s, *(linearised or _linearised(s)), TOO_WIDE):
+    if width_of_prior(s, linearised) > TOO_WIDE:
         raise TuningError(
             f"the prior says of an output more than {TOO_WIDE:g} times what its noise is: the "
             f"covariances of {title} cannot hold both; narrow the prior (sigma_x0), or use "

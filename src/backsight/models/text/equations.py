@@ -4,12 +4,12 @@ from collections.abc import Mapping
 
 import casadi as ca
 
+from backsight.algebra.expressions import check_names, expressions
 from backsight.algebra.newton import Root, newton
 from backsight.errors import ModelError, nearest
 from backsight.models.implicit import check_determined
 from backsight.models.model import Model, Signals
 from backsight.models.signals import Named, signals
-from backsight.models.text.expressions import check_names, expressions
 
 
 def from_equations(
@@ -28,7 +28,7 @@ def from_equations(
 ) -> Model:
     r"""Build a model from equations written as text, as a problem file holds them.
 
-    The text is read by a parser for arithmetic (see `expressions` beside this); it is never
+    The text is read by a parser for arithmetic (see `backsight.algebra.expressions`); it is never
     executed.
 
     Parameters

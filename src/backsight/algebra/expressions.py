@@ -8,8 +8,8 @@ from typing import NamedTuple, final
 
 import casadi as ca
 
+from backsight.algebra._limits import hypotenuse, quotient, root_of
 from backsight.errors import ModelError, nearest
-from backsight.models.text._limits import hypotenuse, quotient, root_of
 
 MAX_LENGTH = 10_000
 """Longest formula that is read [characters]."""
