@@ -10,6 +10,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from backsight.algebra.newton import SOLVED
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.modes import modes_at, modes_over
 from backsight.discrete.noise import discretise_noise
@@ -178,6 +179,18 @@ class Setting:
             A = np.zeros_like(A)
         added = discretise_noise(A, self.Qc, dt=self.dt)[1]
         return dataclasses.replace(self, Q=self.Q + added, Qc=np.zeros_like(self.Qc))
+
+    def unsolved(self, x: ca.SX, u: ca.SX) -> ca.SX:
+        """1 if the equations of the model, or of a sub-step from x, are not solved there."""
+        left = ca.SX(0)
+        if self.model.unsolved is not None:
+            left = self.model.unsolved.call([x, u, ca.SX(self.model.theta)])[0]
+        if self.model.continuous and self.integrator.substeps != "auto":
+            h = self.dt / self.integrator.steps
+            left = ca.fmax(left, self.integrator.left(self.model.rhs, x, u=u, h=h))
+        if left.is_constant():
+            return ca.SX(0)
+        return ca.if_else(left < SOLVED, 0, 1)
 
     def physical(self, x: ca.SX, vP: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Physical state (nx,) and lower triangle of its covariance, of scaled ones."""
