@@ -14,11 +14,11 @@ from backsight.estimators.cs_mhe import Atoms as Atoms
 from backsight.estimators.cs_mhe import Carryover as Carryover
 from backsight.estimators.cs_mhe import HalfSines as HalfSines
 from backsight.estimators.cs_mhe import Impulses as Impulses
-from backsight.models.processes import GaussMarkov as GaussMarkov
-from backsight.models.processes import Matern as Matern
-from backsight.models.processes import Periodic as Periodic
-from backsight.models.structures.moving_load import moving_load as moving_load
-from backsight.models.structures.unknown_forces import forces_as_inputs as forces_as_inputs
+from backsight.models.forces.moving_load import moving_load as moving_load
+from backsight.models.forces.processes import GaussMarkov as GaussMarkov
+from backsight.models.forces.processes import Matern as Matern
+from backsight.models.forces.processes import Periodic as Periodic
+from backsight.models.forces.unknown_forces import forces_as_inputs as forces_as_inputs
 from backsight.run.sparse_forces import find_sparse_forces as find_sparse_forces
 from backsight.sparse import L1 as L1
 from backsight.sparse import Given as Given

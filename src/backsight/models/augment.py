@@ -11,8 +11,8 @@ import casadi as ca
 
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
+from backsight.models.forces.processes import Driven, Process
 from backsight.models.model import Model
-from backsight.models.processes import Driven, Process
 from backsight.models.signals import Named, Signal
 from backsight.types import Array
 
@@ -29,7 +29,8 @@ def augment(
 
     The new states are constant in the model, :math:`\dot p = 0`; the process noise of the
     estimator makes them random walks. Forces with dynamics bring their noise and their prior
-    along, see `backsight.models.processes`: an estimator's `Noise` and `Prior` need not name them.
+    along, see `backsight.models.forces.processes`: an estimator's `Noise` and `Prior` need not
+    name them.
 
     Parameters
     ----------

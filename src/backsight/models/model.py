@@ -13,7 +13,7 @@ from backsight.description import Positive, equations_of, fault, preformatted, t
 from backsight.errors import ModelError, nearest
 from backsight.models._affine import remember, remembered
 from backsight.models._latex import latex
-from backsight.models.processes import Driven
+from backsight.models.forces.processes import Driven
 from backsight.models.signals import Named, Signal, signals
 from backsight.types import Array
 

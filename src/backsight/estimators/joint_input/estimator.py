@@ -23,11 +23,11 @@ from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import bent
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import Innovations
 from backsight.types import Array
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from backsight.description import Description, Positive
 from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
+from backsight.models.forces.moving_load import moving_load
+from backsight.models.forces.processes import GaussMarkov, Matern, Periodic, Process
 from backsight.models.model import Model
-from backsight.models.processes import GaussMarkov, Matern, Periodic, Process
 from backsight.models.signals import Signal
-from backsight.models.structures.moving_load import moving_load
 from backsight.problem.reading._model_table import RestOfFile
 from backsight.problem.reading.checking import at, shown_value, validated
 from backsight.problem.reading.kinds import ALL_KINDS
