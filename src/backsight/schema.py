@@ -4,6 +4,8 @@ A *recording* has ``u (time, input)`` and ``y (time, output)``; ``NaN`` in ``y``
 It may have ``sigma_factor (time, output)``: the standard deviation of the sample's noise by the
 nominal one, the estimator's ``sigma_y``; ``NaN`` and infinity are "not measured", too.
 A *result* has, beside the recording's ``u`` and ``y``, the variables of `RESULT_VARIABLES`.
+The virtual outputs of its model are ``z_hat`` and ``z_std (time, virtual)``, see
+`backsight.models.virtual`, and ``z_true`` where it is known.
 Units are coordinates: ``input_unit``, ``output_unit``, ``state_unit``. The unknown forces of a
 result, ``d_hat (time, force)``, have ``force_unit``, and ``force_position`` if that is known.
 """
@@ -28,6 +30,9 @@ RESULT_VARIABLES = {
     "S": (("time", "output", "output_"), "covariance of the innovation"),
     "status": (("time",), "bits of Status"),
 }
+
+VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE = "z_hat", "z_std", "z_true"
+"""Variables of a result with virtual outputs, ``(time, virtual)``: quantities without a sensor."""
 
 AGO = "ago"
 """Attribute of a variable that is held between the samples: number of samples from the one of a row

@@ -15,11 +15,17 @@ from backsight.discrete.steps import complaint, explicit, settle_steps
 from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._noise_states import linear_in_noise, widened, without_noise_states
+from backsight.estimators._virtual import (
+    Surroundings,
+    surroundings,
+    with_virtual_outputs,
+)
 from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Status
+from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,9 +121,14 @@ class Compilable(Description, abc.ABC):
 
     @final
     def plain(self, model: Model, dt: float) -> Recursion:
-        """The recursion without the rule for outliers; noise that is not additive as states."""
+        """The recursion without the rule for outliers, with virtual outputs.
+
+        Noise that is not additive is among the states.
+        """
         method, wide = self.widened(model, dt)
         built = method.build(wide, dt)
+        if wide.virtual is not None:
+            built = with_virtual_outputs(built, method.surroundings(wide, dt))
         if wide is model:
             return built
         # The widened model is in discrete time: of its integrator the method knows nothing.
@@ -149,6 +160,16 @@ class Compilable(Description, abc.ABC):
         found = widened(noise, prior, model, dt, integrator=self.chosen(model, dt))
         changes: dict[str, Any] = {"noise": found.noise, "prior": found.prior}
         return dataclasses.replace(self, **changes), found.model
+
+    def surroundings(self, model: Model, dt: float) -> Surroundings:
+        """What virtual outputs must know beside what the method puts out."""
+        noise = getattr(self, "noise", None)
+        noise = noise if isinstance(noise, Noise) else None
+        return surroundings(model, dt, noise=noise, background=self.background(model))
+
+    def background(self, model: Model) -> Array:  # noqa: ARG002 - none has any
+        """Standard deviation of forces that act beside those that it finds, (nf,)."""
+        return np.zeros(0)
 
     def _coarse(self, model: Model, dt: float) -> bool:
         """Whether the integrator is too coarse for the model at the prior's mean."""

@@ -12,7 +12,7 @@ import casadi as ca
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
-from backsight.models.signals import Signal
+from backsight.models.signals import Signal, along
 
 
 @checked(ModelError)
@@ -67,9 +67,11 @@ def augment(
     symbols |= {s.name: p[i] for i, s in enumerate(kept)}
     full = ca.vertcat(*(symbols[s.name] for s in model.parameters))
 
-    rows = ca.SX(model.f.call([x, u, full])[0])
+    push = ca.SX.zeros(nx)
     for k, i in enumerate(targets.values()):
-        rows[i] += d[k]
+        push[i] += d[k]
+    rows = model.f.call([x, u, full])[0] + push
+    w = ca.SX.sym("w", nx + len(moved) + nd)
     unchanged = ca.SX.zeros(len(moved) + nd) if model.continuous else ca.vertcat(theta, d)
     return dataclasses.replace(
         model,
@@ -77,6 +79,7 @@ def augment(
         h=ca.Function("h", [z, u, p], model.h.call([x, u, full])),
         states=(*model.states, *moved, *added),
         parameters=tuple(kept),
+        virtual=along(model.virtual, [z, u, p, w], [x, u, full, w[:nx] + push]),
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from backsight.description import Positive, equations_of, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
 from backsight.models._latex import latex
-from backsight.models.signals import Named, Signal, signals
+from backsight.models.signals import Named, Signal, Virtual, signals
 from backsight.types import Array
 
 Equations = Callable[..., object] | ca.Function
@@ -37,6 +37,8 @@ class Model:
         Sampling period of a discrete-time model [s]; None for a continuous-time model.
     name : str
         Shown in results.
+    virtual : Virtual, optional
+        Quantities that no sensor measures, made by `with_virtual`.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class Model:
     parameters: tuple[Signal, ...]
     dt: float | None
     name: str
+    virtual: Virtual | None
 
     def __init__(
         self,
@@ -79,6 +82,7 @@ class Model:
         parameters: Signals = (),
         dt: float | None = None,
         name: str = "model",
+        virtual: Virtual | None = None,
     ) -> None:
         fields = {
             "states": signals(states, "state"),
@@ -87,6 +91,7 @@ class Model:
             "parameters": signals(parameters, "parameter"),
             "dt": dt,
             "name": name,
+            "virtual": virtual,
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -105,6 +110,7 @@ class Model:
             for name, count in Counter(s.name for s in self.signals).items()
             if count > 1 and name not in {s.name for s in self.outputs}
         ]
+        problems += self._faults_of_virtual()
         if not self.states:
             problems.append("a model needs at least one state")
         if not self.outputs:
@@ -115,6 +121,26 @@ class Model:
         problems = [p for p in problems if p]
         if problems:
             raise ModelError(f"model '{self.name}': " + "; ".join(problems))
+
+    def _faults_of_virtual(self) -> list[str]:
+        if self.virtual is None:
+            return []
+        names = [s.name for s in self.virtual.signals]
+        taken = {s.name for s in self.signals}
+        problems = [
+            f"'{n}' is not a name: use letters, digits and underscores"
+            for n in names
+            if not n.isidentifier()
+        ]
+        problems += [
+            f"the virtual output '{n}' has the name of another signal"
+            for i, n in enumerate(names)
+            if n in taken or n in names[:i]
+        ]
+        sizes = [self.virtual.g.numel_in(i) for i in range(3)]
+        if sizes != [self.nx, self.nu, len(self.parameters)]:
+            problems.append("its virtual outputs are those of a model with other signals")
+        return problems
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -168,6 +194,7 @@ class Model:
             ("inputs", ", ".join(map(_label, self.inputs))),
             ("outputs", ", ".join(map(_label, self.outputs))),
             ("parameters", ", ".join(f"{s.name} = {s.value:g}" for s in self.parameters)),
+            ("virtual", ", ".join(map(_label, self.virtual.signals if self.virtual else ()))),
         ]
         return tree(f"{self.name} ({kind})", [row for row in rows if row[1]])
 

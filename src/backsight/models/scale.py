@@ -34,6 +34,7 @@ def scale(model: Model) -> Model:
         states=tuple(map(_scaled, model.states)),
         inputs=tuple(map(_scaled, model.inputs)),
         outputs=tuple(map(_scaled, model.outputs)),
+        virtual=None,
     )
 
 

@@ -56,6 +56,32 @@ class Signal(Description):
             yield f"value{of} is {self.value}, outside its bounds {self.lower} to {self.upper}"
 
 
+@dataclasses.dataclass(frozen=True)
+class Virtual:
+    """Quantities that no sensor measures, see `backsight.models.virtual`.
+
+    Parameters
+    ----------
+    signals : tuple of Signal
+    g : casadi.Function
+        ``(x, u, p, w) -> (nz,)`` with the process noise w that is added to the rates of the states
+        (in discrete time, to their next values).
+    """
+
+    signals: tuple[Signal, ...]
+    g: ca.Function
+
+
+def along(
+    virtual: Virtual | None, symbols: Sequence[ca.SX], arguments: Sequence[ca.SX]
+) -> Virtual | None:
+    """Virtual outputs of a model of other variables: `symbols`, of which `arguments` are made."""
+    if virtual is None:
+        return None
+    g = ca.Function("g", list(symbols), virtual.g.call(list(arguments)))
+    return dataclasses.replace(virtual, g=g)
+
+
 def signals(given: Mapping[str, object] | Sequence[Signal], kind: str) -> tuple[Signal, ...]:
     """Read ``{name: unit}``, ``{name: value}``, ``{name: (value, unit)}`` or ``{name: Signal}``."""
     if not isinstance(given, Mapping):

@@ -24,6 +24,11 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     [disturbances]                # [unknown quantities added to the rate of a state]
     w = { acts_on = "v", sigma = 1e5, walk = 1e4 }  # [start, lower, upper, scale, unit]
 
+    [virtual]                     # [quantities where no sensor is]
+    tip = { kind = "displacement", at = 0.4 }       # of a structure, like a sensor
+    force = { expression = "k*q", unit = "N" }      # or a formula: states, inputs, parameters,
+                                                    # outputs, rates (v_dot), virtual ones above
+
     [noise]
     sigma_y = { y = 1e-6 }        # of the measurement; or R
     sigma_w = { v = 1e-4 }        # [random step per sample; or Q per sample, Qc per second]

@@ -79,6 +79,31 @@ def final_values_table(
     return table("final", head, body, caption="At the last sample")
 
 
+def virtual_table(rows: Sequence[Row], every: Sequence[Series]) -> str:
+    """Quantities without a sensor over the recording; nothing if there are none."""
+    body = []
+    marks = {s.name: swatch(s) for s in every}
+    for row in rows:
+        for name, found in row.virtual.items():
+            within = found.within[2] if found.within else float("nan")
+            body.append(
+                [
+                    f"{marks[row.estimator]}{escape(row.estimator)}",
+                    _label(name, found.unit),
+                    significant(found.rms, 3),
+                    significant(found.largest, 3),
+                    significant(found.typical_std, 2),
+                    significant(found.rms_error, 2),
+                    _share(within),
+                ]
+            )
+    if not body:
+        return ""
+    head = ["estimator", "virtual output", "RMS", "largest", "typical σ"]
+    head += ["RMS error<small>against the truth</small>", "within 3σ<small>ideal: 99.7 %</small>"]
+    return table("virtual", head, body, caption="Quantities without a sensor")
+
+
 def status_list(rows: Sequence[Row]) -> str:
     """Cause and remedy of everything that occurred."""
     items = [

@@ -1,5 +1,6 @@
 """The plots of the page: one function per kind, each from results to plotly.js figures."""
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
@@ -12,10 +13,24 @@ from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
 from backsight.report._traces import Trace, band_trace, bulk, limits, line_trace, literal_text, view
 from backsight.report.thin import Positions
-from backsight.schema import Status
+from backsight.schema import VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE, Status
 from backsight.types import Array
 
 _NIS_WINDOWS = 200
+
+
+@dataclasses.dataclass(frozen=True)
+class _Estimated:
+    """Dimension and variables of what is drawn with its bands."""
+
+    dim: str
+    value: str
+    std: str
+    truth: str
+
+
+_STATES = _Estimated("state", "x_hat", "x_std", "x_true")
+_VIRTUAL = _Estimated("virtual", VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE)
 
 
 def output_plots(every: Sequence[Series]) -> list[Plot]:
@@ -43,6 +58,14 @@ def state_plots(every: Sequence[Series], reference: Mapping[str, float]) -> list
     return [
         _state(every, name, unit, reference.get(name))
         for name, unit in signal_units(every, "state").items()
+    ]
+
+
+def virtual_plots(every: Sequence[Series]) -> list[Plot]:
+    """Every quantity without a sensor with its 3-sigma bands, one plot each."""
+    return [
+        _state(every, name, unit, None, of=_VIRTUAL)
+        for name, unit in signal_units(every, "virtual").items()
     ]
 
 
@@ -134,21 +157,28 @@ def _residual(s: Series, name: str) -> Array:
     return s.signal("y", "output", name) - s.signal("y_hat", "output", name)
 
 
-def _state(every: Sequence[Series], name: str, unit: str, reference: float | None) -> Plot:
-    having = [s for s in every if s.has("state", name)]
+def _state(
+    every: Sequence[Series],
+    name: str,
+    unit: str,
+    reference: float | None,
+    *,
+    of: _Estimated = _STATES,
+) -> Plot:
+    having = [s for s in every if s.has(of.dim, name)]
     sound = _sound(having)
     traces = [
-        band_trace(s.time, *_edges(s, name), colour=f"{s.colour}-band", group=s.group)
+        band_trace(s.time, *_edges(s, name, of), colour=f"{s.colour}-band", group=s.group)
         for s in having
     ]
     traces += [
-        _line(s, s.signal("x_hat", "state", name), std=s.signal("x_std", "state", name))
+        _line(s, s.signal(of.value, of.dim, name), std=s.signal(of.std, of.dim, name))
         for s in having
     ]
-    shown = [s.signal("x_hat", "state", name) for s in sound]
+    shown = [s.signal(of.value, of.dim, name) for s in sound]
     shapes = []
-    if truth := next((s for s in having if "x_true" in s.result), None):
-        x = truth.signal("x_true", "state", name)
+    if truth := next((s for s in having if of.truth in s.result), None):
+        x = truth.signal(of.truth, of.dim, name)
         traces.append(
             line_trace(truth.time, x, name="truth", colour="--ink", width=1.2, dash="dash")
         )
@@ -158,14 +188,14 @@ def _state(every: Sequence[Series], name: str, unit: str, reference: float | Non
         shown.append(np.array([reference]))
     layout = {
         "annotations": [heading(literal_text(quantity(name, unit)))],
-        "yaxis": {"range": view(shown, [edge for s in sound for edge in _edges(s, name)])},
+        "yaxis": {"range": view(shown, [edge for s in sound for edge in _edges(s, name, of)])},
         "shapes": shapes,
     }
-    return Plot(f"state {name} over time with bands", traces, layout)
+    return Plot(f"{of.dim} {name} over time with bands", traces, layout)
 
 
-def _edges(s: Series, name: str) -> tuple[Array, Array]:
-    x, std = s.signal("x_hat", "state", name), s.signal("x_std", "state", name)
+def _edges(s: Series, name: str, of: _Estimated) -> tuple[Array, Array]:
+    x, std = s.signal(of.value, of.dim, name), s.signal(of.std, of.dim, name)
     return x - 3.0 * std, x + 3.0 * std
 
 

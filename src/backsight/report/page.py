@@ -22,6 +22,7 @@ from backsight.report._plots import (
     output_plots,
     state_plots,
     status_plots,
+    virtual_plots,
 )
 from backsight.report._series import Plot, Series, series, signal_units
 from backsight.report._theme import TEMPLATE
@@ -85,6 +86,11 @@ def _sections(
             "States and parameters",
             "<p>Lines are estimates, bands three standard deviations either way.</p>",
             state_plots(every, reference),
+        ),
+        _section(
+            "Where no sensor is",
+            tables.virtual_table(rows, every),
+            virtual_plots(every),
         ),
         _section(
             "Innovations",

@@ -13,3 +13,4 @@ from backsight.analysis.comparison.error_measures import rse as rse
 from backsight.analysis.comparison.row import Final as Final
 from backsight.analysis.comparison.row import Row as Row
 from backsight.analysis.comparison.verdict import verdicts as verdicts
+from backsight.analysis.comparison.virtual_outputs import VirtualOutput as VirtualOutput

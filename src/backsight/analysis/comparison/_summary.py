@@ -10,6 +10,7 @@ import xarray as xr
 from backsight.analysis.comparison.error_measures import rms_innovation, rmse
 from backsight.analysis.comparison.row import Final, Row
 from backsight.analysis.comparison.verdict import sentence
+from backsight.analysis.comparison.virtual_outputs import VirtualOutput, virtual_outputs
 from backsight.analysis.consistency import (
     Consistency,
     NoiseFactors,
@@ -88,6 +89,7 @@ def assess(
         outliers=outliers(result),
         coarse=str(result.attrs.get(COARSE, "")),
         doubts=tuple(str(result.attrs.get(DOUBTS, "")).splitlines()),
+        virtual=virtual_outputs(settled),
     )
 
 
@@ -107,7 +109,9 @@ def summary(
     of unknown forces found, and the largest of them), or None if the estimator looks for none;
     ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force);
     ``outliers`` (per output, if there is a rule for outliers: the ``count`` of samples that were
-    left out or weighed down, of ``samples``, and how many were ``opened``, see `Outliers`).
+    left out or weighed down, of ``samples``, and how many were ``opened``, see `Outliers`);
+    ``virtual`` (per quantity without a sensor: last ``value`` and ``std``, ``rms``, ``largest``,
+    ``typical_std`` and ``unit``, and where its truth is known ``rms_error`` and ``within``).
     Arguments and errors as in `assess`.
     """
     row = assess(result, reference, burn_in=burn_in)
@@ -134,6 +138,7 @@ def summary(
             o.output: {"count": o.count, "samples": o.samples, "opened": o.opened}
             for o in row.outliers
         },
+        "virtual": {name: _virtual(found) for name, found in row.virtual.items()},
     }
 
 
@@ -202,6 +207,16 @@ def _final_entry(final: Final) -> dict[str, object]:
         "reference": final.reference,
         "error": _known(final.error),
         "relative_error": _known(final.relative_error),
+    }
+
+
+def _virtual(found: VirtualOutput) -> dict[str, object]:
+    entry = dataclasses.asdict(found)
+    known = bool(found.within)
+    return {
+        name: _known(value) if isinstance(value, float) else value
+        for name, value in entry.items()
+        if known or name not in ("rms_error", "within")
     }
 
 

@@ -11,6 +11,7 @@ from backsight.description import Called, Distinct, Range, Sound
 from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import ModelError, TuningError
+from backsight.estimators._virtual import CROSS
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread
 from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
@@ -109,11 +110,12 @@ class JointInput(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        return _recursion(self.key, self._forces(model, dt))
+        return _recursion(self.key, self._forces(model, dt), cross=model.virtual is not None)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`; the forces are smoothed, too."""
-        return joint_passes(self.key, self._forces(model, dt), covariance=covariance)
+        found, cross = self._forces(model, dt), model.virtual is not None
+        return joint_passes(self.key, found, covariance=covariance, cross=cross)
 
     def _forces(self, model: Model, dt: float) -> Forces:
         try:
@@ -142,7 +144,8 @@ class JointInput(AbstractEstimator):
         return np.diag((sigma / found.unit) ** 2)
 
 
-def _recursion(name: str, found: Forces) -> Recursion:
+def _recursion(name: str, found: Forces, *, cross: bool) -> Recursion:
+    """The filter; with the channel `CROSS` if virtual outputs need it."""
     s, kept = found.system.s, Covariance(found.system.s.model.nx)
     sizes = {"u": found.nu, "y": s.model.ny, "m": s.model.ny}
     data = [ca.MX.sym(n, k) for n, k in sizes.items()]
@@ -157,15 +160,21 @@ def _recursion(name: str, found: Forces) -> Recursion:
         S=now["spread"],
         flags=now["flags"],
     )
+    outputs = {**estimate, "d_hat": now["d"], "P_d": now["d_triangle"]}
+    channels = (
+        *ESTIMATE_CHANNELS,
+        Channel("d_hat", ("force",), labels=found.names, ago=0 if found.direct else 1),
+        Channel("P_d", ("force", "force_"), symmetric=True, labels=found.names),
+    )
+    if cross:
+        nx = s.model.nx
+        outputs[CROSS] = found.cross()(now["joint"][:nx, nx:])
+        channels = (*channels, Channel(CROSS, ("state", "force")))
     return m.recursion(
         name,
         data,
         next={"x": now["x_next"], "P": now["P_next"], "started": 1},
-        outputs={**estimate, "d_hat": now["d"], "P_d": now["d_triangle"]},
-        channels=(
-            *ESTIMATE_CHANNELS,
-            Channel("d_hat", ("force",), labels=found.names, ago=0 if found.direct else 1),
-            Channel("P_d", ("force", "force_"), symmetric=True, labels=found.names),
-        ),
+        outputs=outputs,
+        channels=channels,
         dt=s.dt,
     )

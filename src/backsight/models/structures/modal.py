@@ -36,6 +36,7 @@ def modal(
     sensors: Mapping[str, tuple[SensorKind, ArrayLike]],
     forces: Mapping[str, ArrayLike] | None = None,
     inputs: Mapping[str, ArrayLike] | None = None,
+    virtual: Mapping[str, tuple[SensorKind, ArrayLike]] | None = None,
     modal_masses: ArrayLike = 1.0,
     length_unit: str = "m",
     force_unit: str = "N",
@@ -64,6 +65,8 @@ def modal(
         state.
     inputs : dict, optional
         The same for the forces that are measured.
+    virtual : dict, optional
+        What is wanted where no sensor is, described like `sensors`; see `with_virtual`.
     modal_masses : number or (n,) array
         Of the shapes as they are scaled; 1 for mass-normalised shapes.
     length_unit, force_unit : str
@@ -107,9 +110,11 @@ def modal(
     omega = 2 * np.pi * hertz
     unknown = {k: _shape(v, n, f"force '{k}'") for k, v in (forces or {}).items()}
     known = {k: _shape(v, n, f"input '{k}'") for k, v in (inputs or {}).items()}
-    seen = {k: _sensor(k, given, n) for k, given in sensors.items()}
+    seen = {k: _sensor(f"sensor '{k}'", given, n) for k, given in sensors.items()}
+    wanted = {k: _sensor(f"virtual '{k}'", given, n) for k, given in (virtual or {}).items()}
     for what, shape in {
         **{f"sensor '{k}' sees no mode": shape for k, (_, shape) in seen.items()},
+        **{f"virtual '{k}' sees no mode": shape for k, (_, shape) in wanted.items()},
         **{f"force '{k}' moves no mode": shape for k, shape in unknown.items()},
         **{f"input '{k}' moves no mode": shape for k, shape in known.items()},
     }.items():
@@ -123,21 +128,27 @@ def modal(
         inputs=dict.fromkeys(known, force_unit),
         parameters=dict.fromkeys(unknown, (0.0, force_unit)),
         outputs={k: (_motion(kind), shape) for k, (kind, shape) in seen.items()},
+        virtual={k: (_motion(kind), shape) for k, (kind, shape) in wanted.items()},
         name=name,
     )
     units = [_unit(kind, length_unit) for kind, _ in seen.values()]
-    return dataclasses.replace(model, outputs=_with_units(model.outputs, units))
+    made = dataclasses.replace(model, outputs=_with_units(model.outputs, units))
+    if made.virtual is None:
+        return made
+    units = [_unit(kind, length_unit) for kind, _ in wanted.values()]
+    signals = _with_units(made.virtual.signals, units)
+    return dataclasses.replace(made, virtual=dataclasses.replace(made.virtual, signals=signals))
 
 
-def _sensor(name: str, given: tuple[SensorKind, ArrayLike], n: int) -> tuple[SensorKind, Array]:
+def _sensor(what: str, given: tuple[SensorKind, ArrayLike], n: int) -> tuple[SensorKind, Array]:
     match given:
         case (str() as kind, shape):
             pass
         case _:
-            raise ModelError(f"sensor '{name}' is {given!r}; give (kind, where)")
+            raise ModelError(f"{what} is {given!r}; give (kind, where)")
     if kind not in SENSORS:
-        raise ModelError(f"sensor '{name}' is a '{kind}': {nearest(kind, SENSORS)}")
-    return kind, _shape(shape, n, f"sensor '{name}'")
+        raise ModelError(f"{what} is a '{kind}': {nearest(kind, SENSORS)}")
+    return kind, _shape(shape, n, what)
 
 
 def _shape(given: ArrayLike, n: int, what: str) -> Array:

@@ -26,6 +26,7 @@ def reduced(
     sensors: Mapping[str, tuple[SensorKind, Place]],
     forces: Mapping[str, Place] | None = None,
     inputs: Mapping[str, Place] | None = None,
+    virtual: Mapping[str, tuple[SensorKind, Place]] | None = None,
     damping: ArrayLike | None = None,
     damping_matrix: ArrayLike | None = None,
     length_unit: str = "m",
@@ -48,6 +49,8 @@ def reduced(
         "strain" with the number of a coordinate (from 0 on) or a weight for each coordinate.
     forces, inputs : dict, optional
         Name to place of the forces that are unknown and of those that are measured.
+    virtual : dict, optional
+        What is wanted where no sensor is, described like `sensors`; see `with_virtual`.
     damping : number or (modes,) array
         Ratio to critical damping. Or give `damping_matrix`.
     damping_matrix : (n, n) array
@@ -105,6 +108,9 @@ def reduced(
         omega / (2 * np.pi),
         damping=ratios,
         sensors={k: (kind, _at(Phi, at, f"sensor '{k}'")) for k, (kind, at) in sensors.items()},
+        virtual={
+            k: (kind, _at(Phi, at, f"virtual '{k}'")) for k, (kind, at) in (virtual or {}).items()
+        },
         forces={k: _at(Phi, at, f"force '{k}'") for k, at in (forces or {}).items()},
         inputs={k: _at(Phi, at, f"input '{k}'") for k, at in (inputs or {}).items()},
         length_unit=length_unit,

@@ -7,9 +7,15 @@ from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.models.virtual import with_virtual
 from backsight.problem.reading.checking import at, shown_value, validated
 from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
-from backsight.problem.reading.tables import ColumnTable, EstimateTable, ProblemTable
+from backsight.problem.reading.tables import (
+    ColumnTable,
+    EstimateTable,
+    ProblemTable,
+    VirtualTable,
+)
 
 
 def joint_model(table: ProblemTable) -> Model:
@@ -42,7 +48,8 @@ def joint_model(table: ProblemTable) -> Model:
             list(table.estimate),
             disturbances={name: entry.acts_on for name, entry in table.disturbances.items()},
         )
-        return dataclasses.replace(joint, states=_described(joint.states, table.disturbances))
+        joint = dataclasses.replace(joint, states=_described(joint.states, table.disturbances))
+    return _with_formulas(joint, table.virtual)
 
 
 def _plain(table: ProblemTable) -> Model:
@@ -56,14 +63,49 @@ def _plain(table: ProblemTable) -> Model:
         raise ProblemError(f"model.kind: unknown kind '{kind}', {nearest(kind, ALL_KINDS)}")
     with at("model.kind"):
         described = ALL_KINDS[kind]
+    _check_virtual(table.virtual, kind, places=described.has_places)
     with at("model"), ALL_KINDS.blamed(kind):
         return validated(described, given, where="model").build(
             RestOfFile(
+                virtual={n: (v.kind, v.at) for n, v in table.virtual.items() if v.placed},
                 inputs={name: column.unit for name, column in table.recording.inputs.items()},
                 outputs={name: column.unit for name, column in table.recording.outputs.items()},
                 start={name: entry.start for name, entry in table.estimate.items()},
             )
         )
+
+
+def _check_virtual(virtual: Mapping[str, VirtualTable], kind: str, *, places: bool) -> None:
+    """Raise `ProblemError` if a virtual output is neither a formula nor at a place, or both."""
+    for name, entry in virtual.items():
+        where = f"virtual.{name}"
+        if entry.placed == (entry.expression is not None):
+            raise ProblemError(
+                f"{where}: give either an expression, or kind and at like those of a sensor"
+            )
+        if not entry.placed:
+            continue
+        if not places:
+            raise ProblemError(
+                f"{where}.kind: a model of kind '{kind}' has no places; give an expression of its "
+                "states, inputs and parameters"
+            )
+        if entry.kind is None or entry.at is None:
+            raise ProblemError(f"{where}.{'kind' if entry.kind is None else 'at'}: is missing")
+
+
+def _with_formulas(model: Model, virtual: Mapping[str, VirtualTable]) -> Model:
+    """Add the virtual outputs that are formulas; all of them get the unit that the file gives."""
+    formulas = {n: (v.expression, v.unit) for n, v in virtual.items() if v.expression is not None}
+    with at("virtual"):
+        made = with_virtual(model, formulas) if formulas else model
+    if made.virtual is None:
+        return made
+    units = {name: entry.unit for name, entry in virtual.items() if entry.unit}
+    signals = tuple(
+        dataclasses.replace(s, unit=units.get(s.name, s.unit)) for s in made.virtual.signals
+    )
+    return dataclasses.replace(made, virtual=dataclasses.replace(made.virtual, signals=signals))
 
 
 def _check_columns(of: tuple[Signal, ...], columns: Mapping[str, ColumnTable], kind: str) -> None:

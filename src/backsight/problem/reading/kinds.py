@@ -35,15 +35,21 @@ class RestOfFile:
         Name to unit of the recording's columns.
     start : dict
         Values of the parameters that are estimated; they need not be in the model's table.
+    virtual : dict
+        Name to kind and place of what is wanted where no sensor is.
     """
 
     inputs: Mapping[str, str]
     outputs: Mapping[str, str]
     start: Mapping[str, float]
+    virtual: Mapping[str, tuple[Any, Any]]
 
 
 class ModelTable(StrictTable, abc.ABC):
     """The entries of ``[model]`` beside ``kind``."""
+
+    has_places: ClassVar[bool] = False
+    """Whether it is a structure, with sensors of a kind at a place."""
 
     @abc.abstractmethod
     def build(self, given: RestOfFile) -> Model:
@@ -140,6 +146,8 @@ class SensorTable(StrictTable):
 class SecondOrderTable(ModelTable):
     """Mass, damping and stiffness matrices of numbers and formulas."""
 
+    has_places: ClassVar[bool] = True
+
     mass: Any
     damping: Any
     stiffness: Any
@@ -162,6 +170,7 @@ class SecondOrderTable(ModelTable):
             inputs=given.inputs,
             parameters=_parameters(self.parameters, given.start),
             coordinates=self.coordinates,
+            virtual=given.virtual,
             name=self.name,
         )
 
@@ -169,6 +178,7 @@ class SecondOrderTable(ModelTable):
 class StructureTable(ModelTable, abc.ABC):
     """Sensors, unknown forces and measured forces at places of a structure."""
 
+    has_places: ClassVar[bool] = True
     function: ClassVar[Callable[..., Model]]
 
     sensors: dict[str, SensorTable] = pydantic.Field(min_length=1)
@@ -179,8 +189,8 @@ class StructureTable(ModelTable, abc.ABC):
 
     def build(self, given: RestOfFile) -> Model:
         """See `ModelTable.build`."""
-        del given  # everything is in the table
         values = {k: getattr(self, k) for k in type(self).model_fields}
+        values |= {"virtual": given.virtual}
         values |= {"sensors": {name: (at.kind, at.at) for name, at in self.sensors.items()}}
         return type(self).function(**{k: v for k, v in values.items() if v is not None})
 

@@ -50,7 +50,9 @@ def load(path: str | os.PathLike[str]) -> Problem:
     table = validated(ProblemTable, given)
     built(Integrator, table.integrator, where="integrator", fixed={})
     model = joint_model(table)
-    check_known(model.states, table.recording.truth, kind="state", where="recording.truth")
+    virtual = () if model.virtual is None else model.virtual.signals
+    known = (*model.states, *virtual)
+    check_known(known, table.recording.truth, kind="state", where="recording.truth")
     states = [s.name for s in model.states]
     for name in table.reference:
         if name not in states:

@@ -55,6 +55,28 @@ class RecordingTable(StrictTable):
     skip_lines: int = pydantic.Field(default=0, ge=0)
 
 
+class VirtualTable(StrictTable):
+    """``[virtual.NAME]``: a quantity without a sensor; its formula alone will do.
+
+    Either a formula, or a kind and a place as of a sensor of the structure.
+    """
+
+    expression: str | None = None
+    kind: str | None = None
+    at: Any = None
+    unit: str = ""
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _formula_alone(cls, given: Any) -> Any:
+        return {"expression": given} if isinstance(given, str) else given
+
+    @property
+    def placed(self) -> bool:
+        """Whether it is described like a sensor."""
+        return self.kind is not None or self.at is not None
+
+
 class EstimateTable(StrictTable):
     """``[estimate.NAME]``: a parameter that is not known."""
 
@@ -126,6 +148,7 @@ class ProblemTable(StrictTable):
     model: dict[str, Any]
     estimate: dict[str, EstimateTable] = {}
     disturbances: dict[str, DisturbanceTable] = {}
+    virtual: dict[str, VirtualTable] = {}
     noise: NoiseTable
     prior: PriorTable = PriorTable()
     integrator: dict[str, Any] = {}

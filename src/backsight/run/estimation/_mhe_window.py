@@ -59,6 +59,7 @@ def solve_window(
     inspect, nx = method.inspect(wide, dt), model.nx
     carry, _ = vm.run(recursion, [u[:k], y[:k], mask[:k]], carry=recursion.carry0)
     inside, weighed = _entered(estimator, model, dt, carry, [u[k], y[k], mask[k]])
+    inside = inside[: inspect.numel_in(0)]  # inputs for virtual outputs wait behind it
     present, *columns = (np.asarray(c).T for c in inspect(inside, u[k], y[k], weighed))
     here = present[:, 0] > 0
     x, P, w, v, multiplier, side = (c[here] for c in columns)

@@ -113,7 +113,7 @@ def ready_to_smooth(
     data = match(model, recording, estimator=estimator)
     _check_own(type(estimator))
     _check_noise(estimator)
-    passes = estimator.smoother(model, float(recording.attrs["dt"]), covariance=covariance)
+    passes = estimator.compile_smoother(model, float(recording.attrs["dt"]), covariance=covariance)
     return SmoothingTask(estimator, model, recording, passes, data)
 
 

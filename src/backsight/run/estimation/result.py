@@ -20,6 +20,7 @@ from backsight.schema import (
     RESULT_VARIABLES,
     SCHEMA_VERSION,
     SIGMA_FACTOR,
+    VIRTUAL_TRUE,
     WEIGHT,
     Status,
 )
@@ -124,6 +125,9 @@ def _dataset(
             result[channel.name].attrs[AGO] = channel.ago
     if "force" in result.dims:
         result = _with_forces(result, model)
+    if model.virtual is not None:
+        of_virtual = [s.unit for s in model.virtual.signals]
+        result = result.assign_coords(virtual_unit=("virtual", of_virtual))
     result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
     result["y"] = (("time", "output"), measured)
     if SIGMA_FACTOR in recording:
@@ -137,7 +141,16 @@ def _dataset(
         truth = recording["x_true"]
         known = [n for n in names if n in truth["state"].values]
         result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
+        if model.virtual is not None:
+            result[VIRTUAL_TRUE] = _virtual_truth(truth, [s.name for s in model.virtual.signals])
     return result
+
+
+def _virtual_truth(truth: xr.DataArray, names: list[str]) -> xr.DataArray:
+    """True values of virtual outputs, NaN where they are not known."""
+    known = truth.sel(state=[n for n in names if n in truth["state"].values])
+    columns = known.reindex(state=names).transpose("time", "state").values
+    return xr.DataArray(columns, dims=("time", "virtual"), coords={"time": truth["time"]})
 
 
 def _worthless(values: dict[str, np.ndarray], measured: Array) -> Array:
