@@ -281,9 +281,9 @@ def _joined(variance: ca.SX, of_noise: ca.SX, *, looks_back: bool) -> ca.SX:
 def _too_late(virtual: Virtual, slopes: ca.Function) -> str:
     rows = set(slopes.sparsity_out("Gd").row())
     names = ", ".join(f"'{s.name}'" for i, s in enumerate(virtual.signals) if i in rows)
-    plural = len(rows) > 1
+    contain = "outputs {} contain" if len(rows) > 1 else "output {} contains"
     return (
-        f"virtual output{'s' * plural} {names} contain{'s' * (not plural)} an unknown force of its own sample, which these sensors "
+        f"virtual {contain.format(names)} an unknown force of its own sample, which these sensors "
         "show one sample later; add an accelerometer, or let the force walk: make it a state with "
         "'augment' ([estimate] in a problem file) and take a Kalman filter"
     )

@@ -168,6 +168,13 @@ clean:
 """
 
 
+def _of_virtual(model: Model) -> str:
+    if model.virtual is None:
+        return ""
+    names = [f"{s.name} [{_markdown(s.unit)}]" if s.unit else s.name for s in model.virtual.signals]
+    return f"| z_hat, z_std | {', '.join(names)} |\n"
+
+
 def _readme(
     source: c99.Source,
     name: str,
@@ -210,7 +217,7 @@ for (;;) {{
 |---|---|
 | u | {inputs} |
 | y, mask | {outputs} |
-| numbers | {kind.name}, {kind.bytes} bytes |
+{_of_virtual(model)}| numbers | {kind.name}, {kind.bytes} bytes |
 | RAM | {kind.bytes * source.memory} bytes memory, {workspace} bytes workspace |
 | flash | about {flash:.0f} kB{without}; `size` of the object file tells exactly |
 | largest number of passes of the loops inside each other | {limits} |
