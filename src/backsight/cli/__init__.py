@@ -115,7 +115,7 @@ def check(
     with told():
         from backsight.problem import load
         from backsight.problem.recorded import recording_of
-        from backsight.problem.seeing import coarse_steps, examine, integration
+        from backsight.problem.seeing import coarse_steps, examine, integration, remedies
         from backsight.run.diagnosis import aligned, expected
         from backsight.run.diagnosis import certify as certified
 
@@ -129,6 +129,7 @@ def check(
         say(f"{read.title}\n\n{read.model}\n")
         for sentence in [
             *found.lines(),
+            *([] if found.detectable else remedies(read, data)),
             *(bands.lines() if bands else []),
             *(timing.lines() if timing else []),
             *steps,

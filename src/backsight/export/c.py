@@ -189,7 +189,10 @@ def _readme(
         f"{s.name} [{_markdown(s.unit)}]" if s.unit else s.name for s in model.states
     )
     inputs = ", ".join(s.name for s in model.inputs) or "none"
-    outputs = ", ".join(s.name for s in model.outputs)
+    outputs = ", ".join(
+        s.name if s.dummy is None else f"{s.name} (no sensor: y = {s.dummy:g}, mask = 1)"
+        for s in model.outputs
+    )
     workspace = kind.bytes * source.workspace + INT * source.ints
     files = ", ".join(f"`{kernel}.c`" for kernel in source.kernels)
     without = " without the kernels" if files else ""

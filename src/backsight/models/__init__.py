@@ -9,7 +9,7 @@ from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.models.structures import beam, modal, reduced, second_order, sensor_lag
 from backsight.models.text import from_equations
-from backsight.models.virtual import with_virtual
+from backsight.models.virtual import with_dummies, with_virtual
 
 __all__ = [
     "Model",
@@ -27,5 +27,6 @@ __all__ = [
     "sdof",
     "second_order",
     "sensor_lag",
+    "with_dummies",
     "with_virtual",
 ]

@@ -47,5 +47,6 @@ def _scaled(s: Signal) -> Signal:
         value=s.value / s.scale,
         lower=s.lower / s.scale,
         upper=s.upper / s.scale,
+        dummy=None if s.dummy is None else s.dummy / s.scale,
         scale=None,
     )

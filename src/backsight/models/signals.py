@@ -29,6 +29,9 @@ class Signal(Description):
         Bounds [unit].
     position : float, optional
         Where along the structure it is [m], for maps.
+    dummy : float, optional
+        Of an output that no sensor has: the value that stands for its measurement in every sample,
+        see `backsight.models.virtual.with_dummies`.
     name : str
         Set by the model.
     """
@@ -41,6 +44,7 @@ class Signal(Description):
     lower: Unlimited = -math.inf
     upper: Unlimited = math.inf
     position: float | None = None
+    dummy: Unlimited | None = None
     name: str = ""
 
     def conflicts(self, sound: Sound) -> Iterator[str]:

@@ -1,13 +1,13 @@
 """Quantities that no sensor measures: virtual outputs of a model."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import casadi as ca
 
 from backsight.description import checked
-from backsight.errors import ModelError
+from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
 from backsight.models.signals import Named, Signal, Virtual
 from backsight.models.text.expressions import check_names, expression
@@ -65,9 +65,7 @@ def with_virtual(model: Model, quantities: Mapping[str, Formula | tuple[Formula,
     signals = tuple(Signal(name=n, unit=unit) for n, (_, unit) in given.items())
     check_names(given)
     before = () if model.virtual is None else model.virtual.signals
-    x, u, p, w = symbols = [
-        ca.SX.sym(n, k) for n, k in (("x", model.nx), ("u", model.nu), ("p", len(model.parameters)))
-    ] + [ca.SX.sym("w", model.nx)]
+    x, u, p, w = symbols = _symbols(model)
     rates = model.f.call([x, u, p])[0] + w
     earlier = [] if model.virtual is None else ca.vertsplit(model.virtual.g.call(symbols)[0])
     known = _names(model, x, u, p, rates)
@@ -89,6 +87,90 @@ def with_virtual(model: Model, quantities: Mapping[str, Formula | tuple[Formula,
         rows.append(known[name])
     g = ca.Function("g", symbols, [ca.densify(ca.vertcat(*earlier, *rows))])
     return dataclasses.replace(model, virtual=Virtual((*before, *signals), g))
+
+
+@checked(ModelError)
+def with_dummies(model: Model, names: Sequence[str]) -> Model:
+    r"""Turn virtual outputs into dummy measurements: outputs that read zero in every sample.
+
+    Accelerations and velocities do not tell where a structure is: what is integrated from them
+    drifts, and a constant force shows in none of them. That a displacement stays within a known
+    size around zero is knowledge, too, and is told like a measurement.
+
+    Parameters
+    ----------
+    model : Model
+        With virtual outputs of these names: displacements, mostly.
+    names : sequence of str
+        As many as there are forces to follow, at least.
+
+    Returns
+    -------
+    Model
+        With an output for each, in the place of the virtual output. Recordings need no such
+        channel. The noise needs a deviation, ``sigma_y``; with the size s of the displacement
+        (root mean square) and the time :math:`\tau` over which it stays on one side, that is
+
+        .. math:: \sigma = s \sqrt{2 \tau / \Delta t},
+
+        since what is white per sample would otherwise be believed :math:`\tau / \Delta t` times.
+
+    Raises
+    ------
+    ModelError
+        If there is no such virtual output, or it contains process noise (an acceleration).
+
+    References
+    ----------
+    Naets, Cuadrado, Desmet, "Stable force identification in structural dynamics using Kalman
+    filtering and dummy-measurements", 2015, Mechanical Systems and Signal Processing 50-51,
+    235-248, doi:10.1016/j.ymssp.2014.05.042.
+
+    Examples
+    --------
+    >>> from backsight.models.builtin import sdof
+    >>> model = with_dummies(with_virtual(sdof(k=0.0, b=0.0), {"stays": ("q", "um")}), ["stays"])
+    >>> print(model)
+    sdof (continuous)
+    ├── states      q [um], v [um/s]
+    ├── inputs      u [V]
+    ├── outputs     y [um], stays [um]
+    └── parameters  k = 0, b = 0, c = 0
+    """
+    known = () if model.virtual is None else model.virtual.signals
+    places = [s.name for s in known]
+    for name in names:
+        if name not in places:
+            raise ModelError(
+                f"there is no virtual output '{name}' to make a dummy measurement of: "
+                f"{nearest(name, places)}"
+            )
+    if model.virtual is None or not names:
+        return model
+    x, u, p, w = symbols = _symbols(model)
+    rows = model.virtual.g.call(symbols)[0]
+    chosen = [places.index(n) for n in names]
+    if ca.depends_on(rows[chosen], w):
+        raise ModelError(
+            "a dummy measurement cannot be of a rate, which contains process noise: take "
+            "displacements"
+        )
+    rest = [i for i in range(len(places)) if i not in chosen]
+    read = ca.substitute(rows[chosen], w, ca.SX.zeros(model.nx))
+    dummies = [dataclasses.replace(known[i], dummy=0.0) for i in chosen]
+    g = ca.Function("g", symbols, [ca.densify(rows[rest])])
+    return dataclasses.replace(
+        model,
+        h=ca.Function("h", [x, u, p], [ca.vertcat(model.h.call([x, u, p])[0], read)]),
+        outputs=(*model.outputs, *dummies),
+        virtual=Virtual(tuple(known[i] for i in rest), g) if rest else None,
+    )
+
+
+def _symbols(model: Model) -> list[ca.SX]:
+    """States, inputs, parameters and process noise."""
+    sizes = {"x": model.nx, "u": model.nu, "p": len(model.parameters), "w": model.nx}
+    return [ca.SX.sym(name, size) for name, size in sizes.items()]
 
 
 def _names(model: Model, x: ca.SX, u: ca.SX, p: ca.SX, rates: ca.SX) -> dict[str, ca.SX]:

@@ -11,7 +11,8 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, remove_mean]
     outputs.y = { column = "q_m", unit = "m" }
                                   # [truth.STATE; sigma_factor.OUTPUT: noise of single samples;
-                                  # start, stop, resample [s]; format, axis, time_format,
+                                  # start, stop, resample [s]; high_pass [Hz];
+                                  # format, axis, time_format,
                                   # missing, delimiter, decimal, thousands, encoding, header,
                                   # skip_lines]
     [model]
@@ -28,6 +29,9 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     tip = { kind = "displacement", at = 0.4 }       # of a structure, like a sensor
     force = { expression = "k*q", unit = "N" }      # or a formula: states, inputs, parameters,
                                                     # outputs, rates (v_dot), virtual ones above
+
+    [dummy]                       # [displacements that stay near zero, see docs/virtual-sensors]
+    stays = { kind = "displacement", at = 0.4, sigma = 1e-2 }   # or a formula, as in [virtual]
 
     [noise]
     sigma_y = { y = 1e-6 }        # of the measurement; or R

@@ -12,6 +12,7 @@ from backsight.data.reader import read
 from backsight.errors import ProblemError
 from backsight.problem.problem import Problem
 from backsight.problem.reading.tables import ColumnTable
+from backsight.signals import high_pass
 
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
@@ -37,7 +38,7 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
         raise ProblemError(
             f"recording.path: there is no file '{path}'; where to get it: {table.source}"
         )
-    return read(
+    data = read(
         path,
         inputs={name: _column(entry) for name, entry in table.inputs.items()},
         outputs={name: _column(entry) for name, entry in table.outputs.items()},
@@ -60,6 +61,7 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
         skip_lines=table.skip_lines,
         outside=outside,
     )
+    return data if table.high_pass is None else high_pass(data, table.high_pass)
 
 
 def _path(problem: Problem) -> Path:

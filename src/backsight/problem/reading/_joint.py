@@ -5,9 +5,10 @@ from collections.abc import Mapping, Sequence
 
 from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
+from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.models.virtual import with_virtual
+from backsight.models.virtual import with_dummies, with_virtual
 from backsight.problem.reading.checking import at, shown_value, validated
 from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
 from backsight.problem.reading.tables import (
@@ -29,6 +30,9 @@ def joint_model(table: ProblemTable) -> Model:
     plain = _plain(table)
     _check_columns(plain.inputs, table.recording.inputs, "input")
     _check_columns(plain.outputs, table.recording.outputs, "output")
+    if table.recording.high_pass is not None:
+        with at("recording.high_pass needs a linear model"):
+            state_space(plain)
     parameters = [s.name for s in plain.parameters]
     for name in table.estimate:
         if name not in parameters:
@@ -49,7 +53,9 @@ def joint_model(table: ProblemTable) -> Model:
             disturbances={name: entry.acts_on for name, entry in table.disturbances.items()},
         )
         joint = dataclasses.replace(joint, states=_described(joint.states, table.disturbances))
-    return _with_formulas(joint, table.virtual)
+    model = _with_formulas(joint, {**table.virtual, **table.dummy})
+    with at("dummy"):
+        return with_dummies(model, list(table.dummy))
 
 
 def _plain(table: ProblemTable) -> Model:
@@ -63,11 +69,16 @@ def _plain(table: ProblemTable) -> Model:
         raise ProblemError(f"model.kind: unknown kind '{kind}', {nearest(kind, ALL_KINDS)}")
     with at("model.kind"):
         described = ALL_KINDS[kind]
-    _check_virtual(table.virtual, kind, places=described.has_places)
+    twice = [name for name in table.dummy if name in table.virtual]
+    if twice:
+        raise ProblemError(f"dummy.{twice[0]}: is the name of a virtual output, too")
+    for key, entries in (("virtual", table.virtual), ("dummy", table.dummy)):
+        _check_virtual(entries, key, kind, places=described.has_places)
+    placed = {n: (v.kind, v.at) for n, v in {**table.virtual, **table.dummy}.items() if v.placed}
     with at("model"), ALL_KINDS.blamed(kind):
         return validated(described, given, where="model").build(
             RestOfFile(
-                virtual={n: (v.kind, v.at) for n, v in table.virtual.items() if v.placed},
+                virtual=placed,
                 inputs={name: column.unit for name, column in table.recording.inputs.items()},
                 outputs={name: column.unit for name, column in table.recording.outputs.items()},
                 start={name: entry.start for name, entry in table.estimate.items()},
@@ -75,10 +86,12 @@ def _plain(table: ProblemTable) -> Model:
         )
 
 
-def _check_virtual(virtual: Mapping[str, VirtualTable], kind: str, *, places: bool) -> None:
+def _check_virtual(
+    virtual: Mapping[str, VirtualTable], key: str, kind: str, *, places: bool
+) -> None:
     """Raise `ProblemError` if a virtual output is neither a formula nor at a place, or both."""
     for name, entry in virtual.items():
-        where = f"virtual.{name}"
+        where = f"{key}.{name}"
         if entry.placed == (entry.expression is not None):
             raise ProblemError(
                 f"{where}: give either an expression, or kind and at like those of a sensor"
@@ -95,7 +108,10 @@ def _check_virtual(virtual: Mapping[str, VirtualTable], kind: str, *, places: bo
 
 
 def _with_formulas(model: Model, virtual: Mapping[str, VirtualTable]) -> Model:
-    """Add the virtual outputs that are formulas; all of them get the unit that the file gives."""
+    """Add the virtual outputs that are formulas; all of them get the unit that the file gives.
+
+    Dummy measurements are such outputs until `with_dummies` makes outputs of them.
+    """
     formulas = {n: (v.expression, v.unit) for n, v in virtual.items() if v.expression is not None}
     with at("virtual"):
         made = with_virtual(model, formulas) if formulas else model

@@ -18,15 +18,24 @@ Unknowns = Mapping[str, EstimateTable]
 """Parameters and disturbances that are estimated."""
 
 
-def noise(table: NoiseTable, unknowns: Unknowns, model: Model, *, where: str) -> Noise:
-    """Join the noise with the random walks of the unknowns, and check it against the model."""
+def noise(
+    table: NoiseTable,
+    unknowns: Unknowns,
+    model: Model,
+    dummies: Mapping[str, float],
+    *,
+    where: str,
+) -> Noise:
+    """Join the noise with walks of unknowns and deviations of dummies; check it for the model."""
     walks = {name: entry.walk for name, entry in unknowns.items() if entry.walk}
     for key in ("Q", "Qc"):
         if getattr(table, key) is not None and walks:
             _twice(f"{where}.{key}", next(iter(walks)), "walk")
+    if table.R is not None and dummies:
+        _twice(f"{where}.R", next(iter(dummies)), "sigma")
     with at(where):
         made = Noise(
-            sigma_y=table.sigma_y,
+            sigma_y=_joined(table.sigma_y, dummies, f"{where}.sigma_y", "sigma") or None,
             R=_matrix(table.R, f"{where}.R"),
             sigma_w=_joined(table.sigma_w, walks, f"{where}.sigma_w", "walk") or None,
             Q=_matrix(table.Q, f"{where}.Q"),

@@ -107,14 +107,15 @@ def _estimator(
     takes_integrator = "integrator" in (f.name for f in fields_of(kind))
     common = {"integrator": table.integrator} if table.integrator and takes_integrator else {}
     unknowns = {**table.estimate, **table.disturbances}
+    dummies = {name: entry.sigma for name, entry in table.dummy.items() if entry.sigma is not None}
     return built(
         kind,
         {**common, **entry.settings},
         where=where,
         fixed={
-            "noise": noise(entry.noise, unknowns, model, where=f"{where}.noise")
+            "noise": noise(entry.noise, unknowns, model, dummies, where=f"{where}.noise")
             if entry.noise
-            else noise(table.noise, unknowns, model, where="noise"),
+            else noise(table.noise, unknowns, model, dummies, where="noise"),
             "prior": prior(entry.prior, unknowns, model, where=f"{where}.prior")
             if entry.prior
             else prior(table.prior, unknowns, model, where="prior"),

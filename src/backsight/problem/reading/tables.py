@@ -43,6 +43,7 @@ class RecordingTable(StrictTable):
     start: float | None = None
     stop: float | None = None
     resample: float | None = None
+    high_pass: float | None = None
     format: str | None = None
     axis: Literal[0, 1] | None = None
     time_format: str | None = None
@@ -75,6 +76,12 @@ class VirtualTable(StrictTable):
     def placed(self) -> bool:
         """Whether it is described like a sensor."""
         return self.kind is not None or self.at is not None
+
+
+class DummyTable(VirtualTable):
+    """``[dummy.NAME]``: a dummy measurement, that is zero to `sigma` in every sample."""
+
+    sigma: float | None = None
 
 
 class EstimateTable(StrictTable):
@@ -149,6 +156,7 @@ class ProblemTable(StrictTable):
     estimate: dict[str, EstimateTable] = {}
     disturbances: dict[str, DisturbanceTable] = {}
     virtual: dict[str, VirtualTable] = {}
+    dummy: dict[str, DummyTable] = {}
     noise: NoiseTable
     prior: PriorTable = PriorTable()
     integrator: dict[str, Any] = {}

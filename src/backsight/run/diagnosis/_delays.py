@@ -124,11 +124,12 @@ def check_alignment(
         scores, _ = tried([result.best], every, _later(u, float(part)), len(u))
         fine |= {result.best + float(part): v for v in scores.values()}
     result = dataclasses.replace(result, fine=vertex(fine))
-    if len(names) == 1:
+    sensors = {i: s.name for i, s in enumerate(model.outputs) if s.dummy is None}
+    if len(sensors) < 2:
         return result
-    few = max(SHARED // len(names), 40 * reach)
+    few = max(SHARED // len(sensors), 40 * reach)
     channels = []
-    for i, name in enumerate(names):
+    for i, name in sensors.items():
         alone = decide(*tried(range(-reach, reach + 1), slice(i, i + 1), u, min(few, len(u))), ())
         channels.append((name, alone))
     return dataclasses.replace(result, channels=tuple(channels))

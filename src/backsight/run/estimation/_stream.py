@@ -66,9 +66,9 @@ class Stream:
             If an input is missing or not finite, a factor is not positive, or the estimator cannot
             take it into account.
         """
-        nan = np.full(max(self._model.nu, self._model.ny), np.nan)
-        inputs = vector(u, self._model.inputs, what="u", default=nan[: self._model.nu])
-        outputs = vector(y, self._model.outputs, what="y", default=nan[: self._model.ny])
+        nan = np.full(self._model.nu, np.nan)
+        inputs = vector(u, self._model.inputs, what="u", default=nan)
+        outputs = self._measured(y)
         if not np.all(np.isfinite(inputs)):
             raise DataError(f"input {inputs} is not finite; inputs must be known at every sample")
         factors = self._factors(sigma_factor)
@@ -79,6 +79,15 @@ class Stream:
         return {
             c.name: c.unpack(v[np.newaxis])[0] for c, v in zip(self._channels, values, strict=True)
         }
+
+    def _measured(self, y: ByName) -> Array:
+        """Outputs (ny,), NaN where not measured; a sequence has those that a sensor has."""
+        missing = [np.nan if s.dummy is None else s.dummy for s in self._model.outputs]
+        values = np.array(missing, float)
+        real = [i for i, s in enumerate(self._model.outputs) if s.dummy is None]
+        signals = [self._model.outputs[i] for i in real]
+        values[real] = vector(y, signals, what="y", default=values[real])
+        return values
 
     def _factors(self, given: ByName | None) -> Array:
         """Factors of the noise of all outputs, (ny,)."""

@@ -13,7 +13,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
 from backsight.run.estimation._integration import with_integration
-from backsight.run.estimation._match import output_mask
+from backsight.run.estimation._match import dummies, measured_outputs, output_mask
 from backsight.schema import (
     AGO,
     INNOVATIONS,
@@ -91,8 +91,10 @@ def _dataset(
     names = [s.name for s in model.states]
     outputs = [s.name for s in model.outputs]
     inputs = [s.name for s in model.inputs]
-    measured = recording["y"].sel(output=outputs).values
-    measured = np.where(output_mask(model, recording) > 0, measured, np.nan)
+    measured = measured_outputs(model, recording)
+    # What no sensor has measured has no innovation either.
+    seen = (output_mask(model, recording) > 0) & ~dummies(model)
+    measured = np.where(seen, measured, np.nan)
     values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
     if WEIGHT in values:
         values[WEIGHT] = np.where(np.isfinite(measured), values[WEIGHT], np.nan)
@@ -131,7 +133,7 @@ def _dataset(
     result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
     result["y"] = (("time", "output"), measured)
     if SIGMA_FACTOR in recording:
-        factors = recording[SIGMA_FACTOR].sel(output=outputs).values
+        factors = recording[SIGMA_FACTOR].reindex(output=outputs).values
         result[SIGMA_FACTOR] = (("time", "output"), factors)
     result["status"].attrs |= {
         "flag_masks": [int(f) for f in flags],
