@@ -70,6 +70,7 @@ class Status(enum.IntFlag):
     DEPENDENT = 512
     COARSE_STEP = 1024
     GATE_OPEN = 2048
+    TURN_GUESSED = 4096
 
 
 STATUS_TEXT = {
@@ -117,6 +118,10 @@ STATUS_TEXT = {
     Status.GATE_OPEN: (
         "most samples of an output looked like outliers, so that they were taken in after all; its "
         "noise, the model or the prior is wrong, or the sensor failed for longer than `patience`"
+    ),
+    Status.TURN_GUESSED: (
+        "an angle was not known to within half a turn before it was measured, so that the number "
+        "of its turns was guessed; measure more often, or give a narrower prior"
     ),
 }
 """Cause and remedy of every status bit."""

@@ -108,14 +108,15 @@ def check(
     same samples, whether units and signs are those of the model, and how
     the estimators go from sample to sample. The exit code is 0
     if nothing is wrong, 1 if a state that does not fade by itself cannot
-    be seen, if times, units or signs are wrong, if an integration step is
-    too coarse, or if an estimator is not what it is asked to be, and 2 if
+    be seen, if times, units or signs are wrong, if an output jumps like
+    an angle or is rounded more coarsely than its noise, if an integration
+    step is too coarse, or if an estimator is not what it is asked to be, and 2 if
     the problem or the recording is at fault.
     """
     with told():
         from backsight.problem import load
         from backsight.problem.recorded import recording_of
-        from backsight.problem.seeing import coarse_steps, examine, integration, remedies
+        from backsight.problem.seeing import coarse_steps, examine, integration, readings, remedies
         from backsight.run.diagnosis import aligned, expected
         from backsight.run.diagnosis import certify as certified
 
@@ -126,12 +127,15 @@ def check(
         timing = aligned(read.estimators, read.model, data)
         bands = expected(read.estimators, read.model, data) if found.observable else None
         steps, coarse = integration(read, data), coarse_steps(read, data)
+        doubtful, counted = readings(read, data)
         say(f"{read.title}\n\n{read.model}\n")
         for sentence in [
             *found.lines(),
             *([] if found.detectable else remedies(read, data)),
             *(bands.lines() if bands else []),
             *(timing.lines() if timing else []),
+            *doubtful,
+            *counted,
             *steps,
             *coarse,
         ]:
@@ -141,7 +145,7 @@ def check(
             say(f"\n{certificate.table()}\n")
             for sentence in certificate.lines():
                 say(textwrap.fill(sentence, width(), subsequent_indent="  "))
-    fine = found.detectable and (timing is None or timing.sound) and not coarse
+    fine = found.detectable and (timing is None or timing.sound) and not coarse and not doubtful
     if not (fine and (certificate is None or certificate.holds)):
         raise typer.Exit(1)
 

@@ -15,6 +15,7 @@ from backsight.discrete.steps import complaint, explicit, settle_steps
 from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._noise_states import linear_in_noise, widened, without_noise_states
+from backsight.estimators._turns import on_circle
 from backsight.estimators._virtual import (
     Surroundings,
     surroundings,
@@ -108,7 +109,9 @@ class Compilable(Description, abc.ABC):
 
     @final
     def compile(self, model: Model, dt: float) -> Recursion:
-        """Turn the description into a recursion: what `build` makes, with the outlier rule.
+        """Turn the description into a recursion: what `build` makes, with what surrounds it.
+
+        Virtual outputs, angles that start anew after a turn, and the rule for outliers.
 
         Parameters, result and errors are those of `build`; the recursion has the channel
         ``weight`` if the noise has a rule for outliers, see `backsight.estimators.outliers`.
@@ -116,7 +119,7 @@ class Compilable(Description, abc.ABC):
         rule = self.outliers
         if rule is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
-        plain = self.plain(model, dt)
+        plain = on_circle(self.plain(model, dt), model)
         return plain if rule is None else robust(plain, rule)
 
     @final

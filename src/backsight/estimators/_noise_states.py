@@ -95,6 +95,8 @@ def widened(
         f=ca.Function("f", [z, u, p], [ca.vertcat(moved, forgotten)]),
         h=ca.Function("h", [z, u, p], [seen]),
         states=(*model.states, *(Signal(name=_unused(n, model)) for n in names)),
+        # The rounding of readings is in R already.
+        outputs=tuple(dataclasses.replace(s, resolution=None) for s in model.outputs),
         dt=dt if model.continuous else model.dt,
         virtual=along(
             model.virtual, [z, u, p, w], [*felt, step / dt if model.continuous else step]

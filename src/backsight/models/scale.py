@@ -47,6 +47,10 @@ def _scaled(s: Signal) -> Signal:
         value=s.value / s.scale,
         lower=s.lower / s.scale,
         upper=s.upper / s.scale,
-        dummy=None if s.dummy is None else s.dummy / s.scale,
         scale=None,
+        **{
+            field: value / s.scale
+            for field in ("dummy", "wrap", "resolution")
+            if (value := getattr(s, field)) is not None
+        },
     )

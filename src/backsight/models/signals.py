@@ -32,6 +32,12 @@ class Signal(Description):
     dummy : float, optional
         Of an output that no sensor has: the value that stands for its measurement in every sample,
         see `backsight.models.virtual.with_dummies`.
+    wrap : float, optional
+        Of an output that is an angle and starts anew after a turn: what a turn is, ``360`` or
+        ``2 * np.pi`` [unit]. Innovations are then the shortest way round.
+    resolution : float, optional
+        Of an output: the step of its readings [unit]. Rounding to it counts as noise of the
+        variance ``resolution**2 / 12`` beside that of the estimator.
     name : str
         Set by the model.
     """
@@ -45,6 +51,8 @@ class Signal(Description):
     upper: Unlimited = math.inf
     position: float | None = None
     dummy: Unlimited | None = None
+    wrap: Positive | None = None
+    resolution: Positive | None = None
     name: str = ""
 
     def conflicts(self, sound: Sound) -> Iterator[str]:

@@ -9,7 +9,7 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     source = "..."                # [where to get it, told when it is missing]
     time = "t_s"                  # column of time [s]; or dt = 1e-3
     inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, remove_mean]
-    outputs.y = { column = "q_m", unit = "m" }
+    outputs.y = { column = "q_m", unit = "m" }      # [of angles wrap = 360 or "2*pi"; resolution]
                                   # [truth.STATE; sigma_factor.OUTPUT: noise of single samples;
                                   # start, stop, resample [s]; high_pass [Hz];
                                   # format, axis, time_format,

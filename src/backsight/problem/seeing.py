@@ -17,6 +17,7 @@ from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.problem.problem import Problem
 from backsight.rounding import significant
+from backsight.run.diagnosis import coarse_readings, rounded_readings, turned_readings
 from backsight.run.estimation import matched_inputs
 
 FIRST_SAMPLES, MOST_SAMPLES = 500, 8000
@@ -98,6 +99,15 @@ def _samples_on_one_side(model: Model, dt: float) -> str:
 
 def _unused(name: str, taken: set[str]) -> str:
     return name if name not in taken else f"{name}_stays"
+
+
+def readings(problem: Problem, data: xr.Dataset) -> tuple[list[str], list[str]]:
+    """Say which readings are not what they are taken for, and of which the rounding counts."""
+    doubtful, counted = turned_readings(problem.model, data), list[str]()
+    for estimator in problem.estimators.values():
+        doubtful += coarse_readings(estimator, problem.model, data)
+        counted += rounded_readings(estimator, problem.model, data)
+    return list(dict.fromkeys(doubtful)), list(dict.fromkeys(counted))
 
 
 def integration(problem: Problem, data: xr.Dataset) -> list[str]:

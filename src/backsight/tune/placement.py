@@ -118,10 +118,13 @@ class _Trial:
         estimator = dataclasses.replace(
             self.estimator, noise=dataclasses.replace(noise, sigma_y=None, R=R)
         )
+        model = some_outputs(self.model, names)
+        # The rounding of readings is in R already.
+        outputs = tuple(dataclasses.replace(s, resolution=None) for s in model.outputs)
         try:
             about = rate_sensors(
                 estimator,
-                some_outputs(self.model, names),
+                dataclasses.replace(model, outputs=outputs),
                 self.hits,
                 dt=self.dt,
                 selection=self.selection,

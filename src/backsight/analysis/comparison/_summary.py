@@ -31,7 +31,8 @@ ALIGNMENT, ALIGNED = "alignment", "aligned"
 outputs and inputs belong to the same samples, 0 if not (not there if that is not known)."""
 
 DOUBTS = "doubts"
-"""Attribute of a result: which parameters the recording hardly tells, a line per sentence."""
+"""Attribute of a result: which parameters the recording hardly tells, and which readings are not
+what they are taken for; a line per sentence."""
 
 MOST_HITS = 50
 """So many of the largest hits are in a summary; all are in the result."""
@@ -107,7 +108,8 @@ def summary(
     ``within`` (per state whose truth is known: the shares within 1, 2 and 3 deviations), and
     ``noise_factors`` (by how much the variances R and Q should be larger) or None; ``hits`` (number
     of unknown forces found, and the largest of them), or None if the estimator looks for none;
-    ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force);
+    ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force, and
+    on readings that are not what they are taken for);
     ``outliers`` (per output, if there is a rule for outliers: the ``count`` of samples that were
     left out or weighed down, of ``samples``, and how many were ``opened``, see `Outliers`);
     ``virtual`` (per quantity without a sensor: last ``value`` and ``std``, ``rms``, ``largest``,

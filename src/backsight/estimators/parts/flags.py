@@ -33,6 +33,7 @@ class Flags:
     dependent: Raised = 0
     coarse_step: Raised = 0
     gate_open: Raised = 0  # raised around the method, see `backsight.estimators.robust`
+    turn_guessed: Raised = 0  # the same, see `backsight.estimators._turns`
 
     @classmethod
     def of(cls, vector: Raised) -> Flags:

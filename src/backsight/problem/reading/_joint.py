@@ -8,6 +8,7 @@ from backsight.models.augment import augment
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.models.text.expressions import expression
 from backsight.models.virtual import with_dummies, with_virtual
 from backsight.problem.reading.checking import at, shown_value, validated
 from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
@@ -15,6 +16,7 @@ from backsight.problem.reading.tables import (
     ColumnTable,
     EstimateTable,
     ProblemTable,
+    SensorColumnTable,
     VirtualTable,
 )
 
@@ -27,7 +29,7 @@ def joint_model(table: ProblemTable) -> Model:
     ProblemError
         With the key of what is wrong.
     """
-    plain = _plain(table)
+    plain = _with_sensors(_plain(table), table.recording.outputs)
     _check_columns(plain.inputs, table.recording.inputs, "input")
     _check_columns(plain.outputs, table.recording.outputs, "output")
     if table.recording.high_pass is not None:
@@ -84,6 +86,29 @@ def _plain(table: ProblemTable) -> Model:
                 start={name: entry.start for name, entry in table.estimate.items()},
             )
         )
+
+
+def _with_sensors(model: Model, columns: Mapping[str, SensorColumnTable]) -> Model:
+    """Outputs with what is known of their sensors: whether they start anew, and their steps."""
+    outputs = []
+    for s in model.outputs:
+        known = {}
+        if (column := columns.get(s.name)) is not None:
+            if column.wrap is not None:
+                known["wrap"] = _number(column.wrap, f"recording.outputs.{s.name}.wrap")
+            if column.resolution is not None:
+                known["resolution"] = column.resolution
+        with at(f"recording.outputs.{s.name}"):
+            outputs.append(dataclasses.replace(s, **known))
+    return dataclasses.replace(model, outputs=tuple(outputs))
+
+
+def _number(given: float | str, where: str) -> float:
+    """A number, or one as text such as "2*pi"."""
+    if not isinstance(given, str):
+        return given
+    with at(where):
+        return float(expression(given, {}, where="the number"))
 
 
 def _check_virtual(

@@ -29,13 +29,20 @@ class ColumnTable(StrictTable):
         return {"column": given} if isinstance(given, str) else given
 
 
+class SensorColumnTable(ColumnTable):
+    """A column of an output, with what is known of its sensor."""
+
+    wrap: float | str | None = None
+    resolution: float | None = None
+
+
 class RecordingTable(StrictTable):
     """``[recording]``: the file, its columns and its time."""
 
     path: str
     source: str = ""
     inputs: dict[str, ColumnTable] = {}
-    outputs: dict[str, ColumnTable] = pydantic.Field(min_length=1)
+    outputs: dict[str, SensorColumnTable] = pydantic.Field(min_length=1)
     truth: dict[str, ColumnTable] = {}
     sigma_factor: dict[str, ColumnTable] = {}
     time: ColumnTable | None = None

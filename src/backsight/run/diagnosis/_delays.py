@@ -90,7 +90,9 @@ def check_alignment(
         (weight,) = outputs_of_run(predicting.compile(model, dt), data, "vm", (WEIGHT,))
         mask = mask * (weight >= DOUBTED)
     names = [s.name for s in model.outputs]
-    ratios = response_ratios(recursion, u, y, mask, engine=engine, names=names) if model.nu else ()
+    # Readings that start anew after a turn have another size than the response.
+    whole = mask * np.array([s.wrap is None for s in model.outputs])
+    ratios = response_ratios(recursion, u, y, whole, engine=engine, names=names) if model.nu else ()
     if any(r.factor != 1.0 for r in ratios):
         ratios = reconsidered(ratios, predicting, model, dt=dt, data=(u, y, mask), engine=engine)
     if model.nu == 0 or len(u) < 20 * reach:

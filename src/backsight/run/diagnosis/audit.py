@@ -15,6 +15,7 @@ from backsight.models.model import Model
 from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.diagnosis._identifiability import check_identifiability
+from backsight.run.diagnosis._readings import coarse_readings, turned_readings
 from backsight.run.diagnosis._walks import Walks
 from backsight.run.estimation import estimate
 
@@ -50,12 +51,19 @@ def doubts_found(
     model: Model,
     recording: xr.Dataset,
 ) -> dict[str, list[str]]:
-    """Say of every result which parameters the recording hardly tells, or not from a force."""
-    walks = Walks(model, recording)
+    """Say of every result which parameters the recording hardly tells, or not from a force.
+
+    And before them which readings are not what they are taken for.
+    """
+    walks, turned = Walks(model, recording), turned_readings(model, recording)
     return {
-        name: []
-        if model.nx > MOST_STATES or estimator.innovations == "forced" or failed(results[name])
-        else walks.doubts(estimator, results[name])
+        name: turned
+        + coarse_readings(estimator, model, recording)
+        + (
+            []
+            if model.nx > MOST_STATES or estimator.innovations == "forced" or failed(results[name])
+            else walks.doubts(estimator, results[name])
+        )
         for name, estimator in estimators.items()
     }
 

@@ -84,6 +84,15 @@ def measured_outputs(model: Model, recording: xr.Dataset) -> Array:
     return y
 
 
+def with_turns(model: Model, y: Array, near: Array) -> Array:
+    """Outputs (n, ny), those that start anew after a turn with as many as bring them `near`."""
+    turned = y.copy()
+    for i, s in enumerate(model.outputs):
+        if s.wrap is not None:
+            turned[:, i] += s.wrap * np.round((near[:, i] - y[:, i]) / s.wrap)
+    return turned
+
+
 def dummies(model: Model) -> np.ndarray:
     """Which outputs are dummy measurements, (ny,)."""
     return np.array([s.dummy is not None for s in model.outputs])

@@ -13,7 +13,12 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
 from backsight.run.estimation._integration import with_integration
-from backsight.run.estimation._match import dummies, measured_outputs, output_mask
+from backsight.run.estimation._match import (
+    dummies,
+    measured_outputs,
+    output_mask,
+    with_turns,
+)
 from backsight.schema import (
     AGO,
     INNOVATIONS,
@@ -94,7 +99,7 @@ def _dataset(
     measured = measured_outputs(model, recording)
     # What no sensor has measured has no innovation either.
     seen = (output_mask(model, recording) > 0) & ~dummies(model)
-    measured = np.where(seen, measured, np.nan)
+    measured = np.where(seen, with_turns(model, measured, values["y_hat"]), np.nan)
     values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
     if WEIGHT in values:
         values[WEIGHT] = np.where(np.isfinite(measured), values[WEIGHT], np.nan)
