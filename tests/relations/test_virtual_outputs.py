@@ -1,8 +1,6 @@
 """Virtual outputs of every estimator: what the states say, with bands that cover."""
 
 import dataclasses
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -267,15 +265,3 @@ def test_truth_of_a_simulation_and_rules_for_outliers_go_along():
     assert_close(result["z_true"].sel(virtual="a").values, expected, 1e-12)
     error = (result["z_hat"] - result["z_true"]).values[20:]
     assert (np.abs(error) < 4 * result["z_std"].values[20:]).all()
-
-
-def test_the_page_on_virtual_sensors_runs(capsys):
-    """Every example of docs/virtual-sensors.md, one after the other."""
-    page = Path(__file__).parents[2] / "docs" / "virtual-sensors.md"
-    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-    exec("\n".join(blocks), {})
-    stress, drifting, settled = capsys.readouterr().out.splitlines()
-    assert re.fullmatch(r"stress: error \d+% of its RMS, within 3 sigma: \d+\.\d%", stress)
-    assert float(stress.split(": ")[-1].rstrip("%")) > 98.5
-    before, after = (float(re.findall(r"[\d.]+", s)[0]) for s in (drifting, settled))
-    assert after < before / 2

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from backsight.report._traces import band_trace, bulk, drawn, line_trace, view
+from backsight.report._traces import band_trace, drawn, line_trace
+from backsight.report.ranges import bulk, view
 from backsight.report.thin import envelope, interval_length, thin
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from backsight.description import Positive, equations_of, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
 from backsight.models._latex import latex
-from backsight.models.signals import Named, Signal, Virtual, signals
+from backsight.models.signals import Named, Signal, Virtual, signals, traced
 from backsight.types import Array
 
 Equations = Callable[..., object] | ca.Function
@@ -30,7 +30,8 @@ class Model:
     f, h : callable (x, u, p) -> list or dict of expressions, or casadi.Function
         State equation and output equation. The arguments give access by name: ``x.v``, ``u.V``,
         ``p.k``; the result is a list in the order of the states (outputs) or a dict by name.
-        Ordinary arithmetic and the functions of `casadi` (``ca.tanh``...) may be used.
+        Ordinary arithmetic and the functions of `casadi` (``ca.tanh``...) or NumPy (``np.tanh``...)
+        may be used.
     states, inputs, outputs, parameters : dict
         Name to unit, value, ``(value, unit)`` or `Signal`, in order.
     dt : float, optional
@@ -211,7 +212,8 @@ class Model:
         if isinstance(given, ca.Function):
             rows = given.call([x, u, p])
         else:
-            returned = given(
+            returned = traced(
+                given,
                 Named("state", [s.name for s in self.states], x),
                 Named("input", [s.name for s in self.inputs], u),
                 Named("parameter", [s.name for s in self.parameters], p),

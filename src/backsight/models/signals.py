@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -155,6 +156,14 @@ def vector(given: ByName, of: Sequence[Signal], *, what: str, default: Array) ->
             f"{', '.join(names)}"
         )
     return values
+
+
+def traced(formulas: Callable[..., Any], *arguments: Any) -> Any:
+    """Result of equations that are Python functions; those of NumPy may be used in them."""
+    with warnings.catch_warnings():
+        # CasADi announces that np.sin(x.q) will return another type; either is taken.
+        warnings.filterwarnings("ignore", "(?s).*casadi", FutureWarning)
+        return formulas(*arguments)
 
 
 class Named:

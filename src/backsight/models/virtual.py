@@ -9,7 +9,7 @@ import casadi as ca
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
-from backsight.models.signals import Named, Signal, Virtual
+from backsight.models.signals import Named, Signal, Virtual, traced
 from backsight.models.text.expressions import check_names, expression
 
 RATE = "_dot"
@@ -82,7 +82,10 @@ def with_virtual(model: Model, quantities: Mapping[str, Formula | tuple[Formula,
     rows = []
     for name, (formula, _) in given.items():
         where = f"virtual output '{name}'"
-        row = formula(*named) if callable(formula) else expression(formula, known, where=where)
+        if callable(formula):
+            row = traced(formula, *named)
+        else:
+            row = expression(formula, known, where=where)
         known[name] = _one_value(row, where)
         rows.append(known[name])
     g = ca.Function("g", symbols, [ca.densify(ca.vertcat(*earlier, *rows))])

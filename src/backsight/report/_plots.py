@@ -1,8 +1,7 @@
 """The plots of the page: one function per kind, each from results to plotly.js figures."""
 
-import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,26 +10,13 @@ from backsight.analysis.consistency import windowed_nis
 from backsight.analysis.outliers import taken
 from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
-from backsight.report._traces import Trace, band_trace, bulk, limits, line_trace, literal_text, view
+from backsight.report._traces import Trace, band_trace, limits, line_trace, literal_text
+from backsight.report.ranges import bulk, view
 from backsight.report.thin import Positions
-from backsight.schema import VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE, Status
+from backsight.schema import Status
 from backsight.types import Array
 
 _NIS_WINDOWS = 200
-
-
-@dataclasses.dataclass(frozen=True)
-class _Estimated:
-    """Dimension and variables of what is drawn with its bands."""
-
-    dim: str
-    value: str
-    std: str
-    truth: str
-
-
-_STATES = _Estimated("state", "x_hat", "x_std", "x_true")
-_VIRTUAL = _Estimated("virtual", VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE)
 
 
 def output_plots(every: Sequence[Series]) -> list[Plot]:
@@ -53,28 +39,12 @@ def input_plots(every: Sequence[Series]) -> list[Plot]:
     return plots
 
 
-def state_plots(every: Sequence[Series], reference: Mapping[str, float]) -> list[Plot]:
-    """Every state and parameter with its 3-sigma bands, one plot each."""
-    return [
-        _state(every, name, unit, reference.get(name))
-        for name, unit in signal_units(every, "state").items()
-    ]
-
-
-def virtual_plots(every: Sequence[Series]) -> list[Plot]:
-    """Every quantity without a sensor with its 3-sigma bands, one plot each."""
-    return [
-        _state(every, name, unit, None, of=_VIRTUAL)
-        for name, unit in signal_units(every, "virtual").items()
-    ]
-
-
 def innovation_plots(every: Sequence[Series]) -> list[Plot]:
     """Innovations of every output and estimator within three standard deviations."""
     plots = []
     for name, unit in signal_units(every, "output").items():
         having = [s for s in every if s.has("output", name)]
-        sound = [_innovation(s, name) for s in _sound(having)]
+        sound = [_innovation(s, name) for s in sound_ones(having)]
         span = view([bulk(e) for e, _ in sound], [b for _, bound in sound for b in (-bound, bound)])
         plots += [
             _innovations(s, name, unit, span=span, wide=len(having) == 1, first=s is having[0])
@@ -92,7 +62,7 @@ def nis_plot(every: Sequence[Series]) -> Plot:
     time = interval["time"].values
     lower, upper = interval["lower"].values, interval["upper"].values
     traces = [band_trace(time, lower, upper, colour="--neutral-band")]
-    traces += [_line(s, w["nis"].values, time=w["time"].values, width=1.4) for s, w in means]
+    traces += [line_of(s, w["nis"].values, time=w["time"].values, width=1.4) for s, w in means]
     values = [np.log10(w["nis"].where(w["nis"] > 0).values) for _, w in means]
     span = view(values, [np.log10(lower[lower > 0]), np.log10(upper[upper > 0])])
     title = f"mean NIS of {window} samples [1]" if window > 1 else "NIS [1]"
@@ -137,9 +107,9 @@ def _output(every: Sequence[Series], name: str, unit: str) -> Plot:
     having = [s for s in every if s.has("output", name)]
     y = having[0].signal("y", "output", name)
     traces = [line_trace(having[0].time, y, name="measured", colour="--measured", width=4)]
-    traces += [_line(s, s.signal("y_hat", "output", name)) for s in having]
-    traces += [_line(s, _residual(s, name), axis="y2", width=0.9) for s in having]
-    sound = _sound(having)
+    traces += [line_of(s, s.signal("y_hat", "output", name)) for s in having]
+    traces += [line_of(s, _residual(s, name), axis="y2", width=0.9) for s in having]
+    sound = sound_ones(having)
     upper = view([y, *(s.signal("y_hat", "output", name) for s in sound)], [])
     lower = view([_residual(s, name) for s in sound], [])
     title = literal_text(quantity(name, unit))
@@ -157,49 +127,7 @@ def _residual(s: Series, name: str) -> Array:
     return s.signal("y", "output", name) - s.signal("y_hat", "output", name)
 
 
-def _state(
-    every: Sequence[Series],
-    name: str,
-    unit: str,
-    reference: float | None,
-    *,
-    of: _Estimated = _STATES,
-) -> Plot:
-    having = [s for s in every if s.has(of.dim, name)]
-    sound = _sound(having)
-    traces = [
-        band_trace(s.time, *_edges(s, name, of), colour=f"{s.colour}-band", group=s.group)
-        for s in having
-    ]
-    traces += [
-        _line(s, s.signal(of.value, of.dim, name), std=s.signal(of.std, of.dim, name))
-        for s in having
-    ]
-    shown = [s.signal(of.value, of.dim, name) for s in sound]
-    shapes = []
-    if truth := next((s for s in having if of.truth in s.result), None):
-        x = truth.signal(of.truth, of.dim, name)
-        traces.append(
-            line_trace(truth.time, x, name="truth", colour="--ink", width=1.2, dash="dash")
-        )
-        shown.append(x)
-    if reference is not None:
-        shapes.append(_level(reference))
-        shown.append(np.array([reference]))
-    layout = {
-        "annotations": [heading(literal_text(quantity(name, unit)))],
-        "yaxis": {"range": view(shown, [edge for s in sound for edge in _edges(s, name, of)])},
-        "shapes": shapes,
-    }
-    return Plot(f"{of.dim} {name} over time with bands", traces, layout)
-
-
-def _edges(s: Series, name: str, of: _Estimated) -> tuple[Array, Array]:
-    x, std = s.signal(of.value, of.dim, name), s.signal(of.std, of.dim, name)
-    return x - 3.0 * std, x + 3.0 * std
-
-
-def _sound(having: Sequence[Series]) -> Sequence[Series]:
+def sound_ones(having: Sequence[Series]) -> Sequence[Series]:
     """Choose what vertical ranges follow: estimators that did not diverge, if there is one."""
     return [s for s in having if not failed(s.result)] or having
 
@@ -216,7 +144,7 @@ def _innovations(
     title = heading(literal_text(f"{_short(s.name)}: {quantity(name, unit)}"))
     return Plot(
         f"innovation of {name}, {s.name}",
-        [_line(s, e, width=0.8), limits(s.time, bound, group=s.group)],
+        [line_of(s, e, width=0.8), limits(s.time, bound, group=s.group)],
         {"annotations": [title, *_inside(e, bound)], "yaxis": {"range": span}},
         wide=wide,
         first=first,
@@ -250,7 +178,7 @@ def _log_ticks(span: list[float] | None) -> dict[str, object]:
     return {"tickvals": values, "ticktext": [f"{v:g}" for v in values]}
 
 
-def _line(
+def line_of(
     s: Series,
     values: Array,
     *,
@@ -291,9 +219,3 @@ def _ticks(s: Series, where: Positions, row: int) -> Trace:
 def _nearest(places: Array, times: Array) -> Array:
     step = places[1] - places[0]
     return places[np.unique(np.rint((times - places[0]) / step).astype(int))]
-
-
-def _level(value: float) -> dict[str, object]:
-    pen = {"color": "--ink", "width": 1.2, "dash": "dot"}
-    ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": value, "y1": value}
-    return {"type": "line", "layer": "above", "line": pen, **ends}

@@ -14,15 +14,14 @@ from backsight.analysis.comparison import Row, ranked_table, verdicts
 from backsight.errors import DataError
 from backsight.output import write_whole
 from backsight.report import _html_tables as tables
+from backsight.report._bands import state_plots, virtual_plots
 from backsight.report._hit_maps import NOTE, force_maps, hit_tables
 from backsight.report._plots import (
     innovation_plots,
     input_plots,
     nis_plot,
     output_plots,
-    state_plots,
     status_plots,
-    virtual_plots,
 )
 from backsight.report._series import Plot, Series, series, signal_units
 from backsight.report._theme import TEMPLATE
