@@ -66,6 +66,18 @@ def test_virtual_outputs_are_those_of_python(tmp_path):
     assert "| z_hat, z_std | spring [N], acc |" in (tmp_path / "README.md").read_text()
 
 
+@needs_compiler
+def test_angles_turn_as_in_python(tmp_path):
+    problem = TrialProblem()
+    first = dataclasses.replace(problem.model.outputs[0], wrap=0.09)
+    model = dataclasses.replace(problem.model, outputs=(first, problem.model.outputs[1]))
+    recording = recorded(problem)
+    recording["y"][:, 0] = recording["y"][:, 0] % 0.09
+    export_c(EKF(problem.noise, problem.prior), model, recording, tmp_path, name="turning")
+    ran = run_selftest(tmp_path, "turning")
+    assert ran.returncode == 0, ran.stdout
+
+
 @dataclasses.dataclass(frozen=True)
 class Clashing(EKF):
     """Its estimate goes through a loop whose body has the name of a function in it."""

@@ -40,8 +40,12 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
         )
     data = read(
         path,
-        inputs={name: _column(entry) for name, entry in table.inputs.items()},
-        outputs={name: _column(entry) for name, entry in table.outputs.items()},
+        inputs={n: _column(entry) for n, entry in table.inputs.items() if not entry.gaps},
+        outputs={
+            n: _column(entry)
+            for n, entry in (*table.outputs.items(), *table.inputs.items())
+            if n in table.outputs or n in table.with_gaps
+        },
         truth={name: _column(entry) for name, entry in table.truth.items()},
         sigma_factor={name: _column(entry) for name, entry in table.sigma_factor.items()},
         time=None if table.time is None else _column(table.time),

@@ -45,6 +45,10 @@ def joint_model(table: ProblemTable) -> Model:
         if entry.acts_on not in states:
             hint = nearest(entry.acts_on, states)
             raise ProblemError(f"disturbances.{name}.acts_on: no state '{entry.acts_on}', {hint}")
+    gaps = table.recording.with_gaps
+    for name in gaps:
+        if name in table.recording.outputs:
+            raise ProblemError(f"recording.inputs.{name}.gaps: '{name}' is an output, too")
     with at("estimate"):
         described = dataclasses.replace(
             plain, parameters=_described(plain.parameters, table.estimate)
@@ -53,8 +57,10 @@ def joint_model(table: ProblemTable) -> Model:
             described,
             list(table.estimate),
             disturbances={name: entry.acts_on for name, entry in table.disturbances.items()},
+            inputs=list(gaps),
         )
-        joint = dataclasses.replace(joint, states=_described(joint.states, table.disturbances))
+        told = _described(joint.states, {**table.disturbances, **gaps})
+        joint = dataclasses.replace(joint, states=told)
     model = _with_formulas(joint, {**table.virtual, **table.dummy})
     with at("dummy"):
         return with_dummies(model, list(table.dummy))

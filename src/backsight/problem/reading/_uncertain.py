@@ -22,20 +22,20 @@ def noise(
     table: NoiseTable,
     unknowns: Unknowns,
     model: Model,
-    dummies: Mapping[str, float],
+    sensors: Mapping[str, float],
     *,
     where: str,
 ) -> Noise:
-    """Join the noise with walks of unknowns and deviations of dummies; check it for the model."""
+    """Join the noise with the walks of unknowns, and of outputs that say their own; check it."""
     walks = {name: entry.walk for name, entry in unknowns.items() if entry.walk}
     for key in ("Q", "Qc"):
         if getattr(table, key) is not None and walks:
             _twice(f"{where}.{key}", next(iter(walks)), "walk")
-    if table.R is not None and dummies:
-        _twice(f"{where}.R", next(iter(dummies)), "sigma")
+    if table.R is not None and sensors:
+        _twice(f"{where}.R", next(iter(sensors)), "noise")
     with at(where):
         made = Noise(
-            sigma_y=_joined(table.sigma_y, dummies, f"{where}.sigma_y", "sigma") or None,
+            sigma_y=_joined(table.sigma_y, sensors, f"{where}.sigma_y", "noise") or None,
             R=_matrix(table.R, f"{where}.R"),
             sigma_w=_joined(table.sigma_w, walks, f"{where}.sigma_w", "walk") or None,
             Q=_matrix(table.Q, f"{where}.Q"),

@@ -106,16 +106,18 @@ def _estimator(
         kind = ALL_ESTIMATORS[entry.kind]
     takes_integrator = "integrator" in (f.name for f in fields_of(kind))
     common = {"integrator": table.integrator} if table.integrator and takes_integrator else {}
-    unknowns = {**table.estimate, **table.disturbances}
-    dummies = {name: entry.sigma for name, entry in table.dummy.items() if entry.sigma is not None}
+    gaps = table.recording.with_gaps
+    unknowns = {**table.estimate, **table.disturbances, **gaps}
+    sensors = {name: entry.sigma for name, entry in table.dummy.items() if entry.sigma is not None}
+    sensors |= {name: entry.sigma_u for name, entry in gaps.items()}
     return built(
         kind,
         {**common, **entry.settings},
         where=where,
         fixed={
-            "noise": noise(entry.noise, unknowns, model, dummies, where=f"{where}.noise")
+            "noise": noise(entry.noise, unknowns, model, sensors, where=f"{where}.noise")
             if entry.noise
-            else noise(table.noise, unknowns, model, dummies, where="noise"),
+            else noise(table.noise, unknowns, model, sensors, where="noise"),
             "prior": prior(entry.prior, unknowns, model, where=f"{where}.prior")
             if entry.prior
             else prior(table.prior, unknowns, model, where="prior"),

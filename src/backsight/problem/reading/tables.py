@@ -29,6 +29,31 @@ class ColumnTable(StrictTable):
         return {"column": given} if isinstance(given, str) else given
 
 
+class EstimateTable(StrictTable):
+    """``[estimate.NAME]``: a parameter that is not known."""
+
+    start: float
+    sigma: float | None = None
+    walk: float = 0.0
+    unit: str | None = None
+    lower: float | None = None
+    upper: float | None = None
+    scale: float | None = None
+
+
+class GapsTable(EstimateTable):
+    """``gaps`` of an input: it is a state with a walk, which the column measures to `sigma_u`."""
+
+    start: float = 0.0
+    sigma_u: float
+
+
+class CommandColumnTable(ColumnTable):
+    """A column of an input, which may have gaps."""
+
+    gaps: GapsTable | None = None
+
+
 class SensorColumnTable(ColumnTable):
     """A column of an output, with what is known of its sensor."""
 
@@ -41,7 +66,7 @@ class RecordingTable(StrictTable):
 
     path: str
     source: str = ""
-    inputs: dict[str, ColumnTable] = {}
+    inputs: dict[str, CommandColumnTable] = {}
     outputs: dict[str, SensorColumnTable] = pydantic.Field(min_length=1)
     truth: dict[str, ColumnTable] = {}
     sigma_factor: dict[str, ColumnTable] = {}
@@ -61,6 +86,11 @@ class RecordingTable(StrictTable):
     encoding: str | None = None
     header: int | None = pydantic.Field(default=None, ge=0)
     skip_lines: int = pydantic.Field(default=0, ge=0)
+
+    @property
+    def with_gaps(self) -> Mapping[str, GapsTable]:
+        """Inputs that were not recorded at every sample."""
+        return {name: c.gaps for name, c in self.inputs.items() if c.gaps is not None}
 
 
 class VirtualTable(StrictTable):
@@ -89,18 +119,6 @@ class DummyTable(VirtualTable):
     """``[dummy.NAME]``: a dummy measurement, that is zero to `sigma` in every sample."""
 
     sigma: float | None = None
-
-
-class EstimateTable(StrictTable):
-    """``[estimate.NAME]``: a parameter that is not known."""
-
-    start: float
-    sigma: float | None = None
-    walk: float = 0.0
-    unit: str | None = None
-    lower: float | None = None
-    upper: float | None = None
-    scale: float | None = None
 
 
 class DisturbanceTable(EstimateTable):

@@ -67,7 +67,8 @@ def matched_inputs(model: Model, recording: xr.Dataset) -> Array:
         k, i = bad[0]
         raise DataError(
             f"input '{model.inputs[i].name}' is {u[k, i]} at sample {k}; inputs must be known at "
-            "every sample: fill the gap or cut the recording there"
+            "every sample. Cut the recording there, or estimate the input: make it an output of "
+            f"the recording and take augment(model, inputs=['{model.inputs[i].name}'])"
         )
     return u
 

@@ -70,7 +70,12 @@ class Stream:
         inputs = vector(u, self._model.inputs, what="u", default=nan)
         outputs = self._measured(y)
         if not np.all(np.isfinite(inputs)):
-            raise DataError(f"input {inputs} is not finite; inputs must be known at every sample")
+            names = [s.name for s in self._model.inputs]
+            lacking = ", ".join(n for n, v in zip(names, inputs, strict=True) if not np.isfinite(v))
+            raise DataError(
+                f"input {lacking} is not finite or missing; inputs must be known at every sample, "
+                f"or be among the states: augment(model, inputs=['{lacking}'])"
+            )
         factors = self._factors(sigma_factor)
         measured = np.isfinite(outputs) & np.isfinite(factors)
         mask = np.where(measured, 1 / np.where(measured, factors, 1.0), 0.0)
