@@ -224,7 +224,8 @@ def test_noise_of_inputs_is_in_what_contains_them():
     assert_close(result["z_std"].sel(virtual="mix").values, deviations(result), 1e-9)
 
 
-def test_many_states_have_the_same_formulas():
+@pytest.mark.parametrize("last", ["q2**3 + F", "q2 + F"])
+def test_many_states_have_the_same_formulas(last):
     n = 8
     stiffness = 100.0 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     model = bs.second_order(
@@ -232,7 +233,7 @@ def test_many_states_have_the_same_formulas():
         forces={"F": "q8"}, parameters={"F": 0.0}, outputs={"y": ("displacement", "q1")},
         virtual={"a": ("acceleration", "q5"), "d": ("displacement", "q3")},
     )  # fmt: skip
-    model = bs.with_virtual(bs.augment(model, ["F"]), {"cubic": "q2**3 + F"})
+    model = bs.with_virtual(bs.augment(model, ["F"]), {"last": last})
     kf = bs.KalmanFilter(
         bs.Noise(sigma_y=1e-3, sigma_w={"F": 0.1, "q5_dot": 1e-3}), bs.Prior(sigma_x0=0.1)
     )
@@ -244,10 +245,11 @@ def test_many_states_have_the_same_formulas():
     G = np.zeros((12, 3, 2 * n + 1))
     G[:, 0, :n], G[:, 0, n : 2 * n] = -stiffness[4], -0.01 * stiffness[4]
     G[:, 1, 2] = 1.0
-    G[:, 2, 1], G[:, 2, 2 * n] = 3 * x[:, 1] ** 2, 1.0
+    power = 3 if "**" in last else 1
+    G[:, 2, 1], G[:, 2, 2 * n] = power * x[:, 1] ** (power - 1), 1.0
     variance = np.einsum("kij,kjl,kil->ki", G, P, G)
     variance[:, 0] += (1e-3 / 0.02) ** 2
-    expected = np.column_stack([f[:, n + 4], x[:, 2], x[:, 1] ** 3 + x[:, -1]])
+    expected = np.column_stack([f[:, n + 4], x[:, 2], x[:, 1] ** power + x[:, -1]])
     assert_close(result["z_hat"].values, expected, 1e-9)
     assert_close(result["z_std"].values, np.sqrt(variance), 1e-9)
 

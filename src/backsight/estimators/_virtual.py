@@ -21,10 +21,17 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import side, unvech
-from backsight.engine.dense import UNROLL, add_product, transpose
+from backsight.algebra.symmetric import side
 from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import TuningError
+from backsight.estimators._virtual_bands import (
+    Surroundings,
+    apart,
+    of_states,
+    slopes_of,
+    together,
+    variance_of,
+)
 from backsight.estimators.uncertainty import Noise
 from backsight.models.model import Model
 from backsight.models.signals import Virtual
@@ -33,25 +40,6 @@ from backsight.types import Array
 
 CROSS = "P_xd"
 """Channel by which a method may tell the covariance of states and unknown forces, (nx, nf)."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Surroundings:
-    """What virtual outputs need to know beside what a method puts out.
-
-    Parameters
-    ----------
-    model : Model
-        With virtual outputs, physical.
-    W : (nx, nx) array
-        Covariance of the process noise that is added to the rates.
-    background : (nf,) array
-        Standard deviation of forces that act beside those that a method finds.
-    """
-
-    model: Model
-    W: Array
-    background: Array
 
 
 def surroundings(
@@ -171,7 +159,7 @@ def _estimates(
 ) -> dict[str, ca.MX]:
     """Estimates and standard deviations of the virtual outputs of a sample."""
     names = () if forces is None else forces.labels
-    slopes = _slopes(virtual, around, names)
+    slopes, constant = slopes_of(virtual, around, names)
     direct = bool(slopes.sparsity_out("Gd").nnz())
     if direct and (forces is None or forces.ago):
         raise TuningError(_too_late(virtual, slopes))
@@ -179,103 +167,17 @@ def _estimates(
     # 1. Estimates, and their derivatives by states and by unknown forces.
     x, d = named["x_hat"], named["d_hat"] if names else ca.MX(0, 1)
     z, Gt, Gd, of_noise = slopes(x, u, d)
-    PGt = _times(named["P"], Gt)
+    variance = variance_of(named["P"], Gt, constant)
 
     # 2. Deviations by what is known of states and forces together, or of each by itself.
     if direct and CROSS in named:
         known = [named[CROSS], named["P_d"]]
-        sigma = _together(slopes, looks_back=looks_back)(Gt, PGt, of_noise, Gd, *known)
+        sigma = together(slopes, looks_back=looks_back)(variance, of_noise, Gt, Gd, *known)
     elif direct:
-        sigma = _apart(slopes, around, looks_back=looks_back)(Gt, PGt, of_noise, Gd, named["d_std"])
+        sigma = apart(slopes, around, looks_back=looks_back)(variance, of_noise, Gd, named["d_std"])
     else:
-        sigma = _of_states(slopes, looks_back=looks_back)(Gt, PGt, of_noise)
+        sigma = of_states(slopes, looks_back=looks_back)(variance, of_noise)
     return {VIRTUAL: z, VIRTUAL_STD: sigma}
-
-
-def _slopes(virtual: Virtual, around: Surroundings, forces: tuple[str, ...]) -> ca.Function:
-    """``(x, u, d) -> (z, G', Gd, G_w W G_w')``; of the last only the diagonal (nz,)."""
-    m = around.model
-    x, u, d = ca.SX.sym("x", m.nx), ca.SX.sym("u", m.nu), ca.SX.sym("d", len(forces))
-    w, p = ca.SX.sym("w", m.nx), ca.SX(m.theta)
-    for i, s in enumerate(m.parameters):
-        if s.name in forces:
-            p[i] = d[forces.index(s.name)]
-    g = virtual.g.call([x, u, p, w])[0]
-    z = ca.substitute(g, w, ca.SX.zeros(m.nx))
-    Gw = ca.substitute(ca.jacobian(g, w), w, ca.SX.zeros(m.nx))
-    of_noise = ca.sum2((Gw @ ca.sparsify(ca.SX(around.W))) * Gw)
-    Gt, Gd = ca.densify(ca.jacobian(z, x).T), ca.sparsify(ca.jacobian(z, d))
-    return ca.Function(
-        "virtual_outputs",
-        [x, u, d],
-        [ca.densify(z), Gt, Gd, ca.densify(of_noise)],
-        ["x", "u", "d"],
-        ["z", "Gt", "Gd", "of_noise"],
-    )
-
-
-def _times(P: ca.MX, Gt: ca.MX) -> ca.MX:
-    """P G' of the lower triangle of P."""
-    n, nz = Gt.shape
-    triangle, columns = ca.SX.sym("P", P.numel()), ca.SX.sym("Gt", n, nz)
-    if n <= UNROLL:
-        product = ca.densify(unvech(triangle) @ columns)
-        return ca.Function("virtual_product", [triangle, columns], [product])(P, Gt)
-    whole = ca.Function("virtual_covariance", [triangle], [unvech(triangle)])
-    return add_product(ca.MX.zeros(n, nz), whole(P), transpose(Gt))
-
-
-def _of_states(slopes: ca.Function, *, looks_back: bool) -> ca.Function:
-    """``(G', P G', of_noise) -> sigma`` where unknown forces are not contained."""
-    Gt, PGt, of_noise, _ = _symbols(slopes)
-    sigma = _joined(_diagonal(Gt, PGt), of_noise, looks_back=looks_back)
-    return ca.Function("virtual_deviation", [Gt, PGt, of_noise], [sigma])
-
-
-def _together(slopes: ca.Function, *, looks_back: bool) -> ca.Function:
-    """``(G', P G', of_noise, Gd, P_xd, P_d) -> sigma`` with the covariance of states and forces."""
-    Gt, PGt, of_noise, Gd = _symbols(slopes)
-    nx, nf = Gt.shape[0], Gd.shape[1]
-    cross, triangle = ca.SX.sym("P_xd", nx * nf), ca.SX.sym("P_d", nf * (nf + 1) // 2)
-    Pxd, Pd = ca.reshape(cross, nx, nf), unvech(triangle)
-    variance = _diagonal(Gt, PGt) + _diagonal(Gd.T, Pd @ Gd.T) + 2 * _diagonal(Gt, Pxd @ Gd.T)
-    sigma = _joined(variance, of_noise, looks_back=looks_back)
-    given = [Gt, PGt, of_noise, Gd, cross, triangle]
-    return ca.Function("virtual_deviation", given, [sigma])
-
-
-def _apart(slopes: ca.Function, around: Surroundings, *, looks_back: bool) -> ca.Function:
-    """``(G', P G', of_noise, Gd, d_std) -> sigma``: deviations are added, which is the most."""
-    Gt, PGt, of_noise, Gd = _symbols(slopes)
-    d_std = ca.SX.sym("d_std", Gd.shape[1])
-    beside = ca.sum2((Gd @ ca.SX(ca.diag(ca.DM(around.background**2)))) * Gd)
-    sigma = _joined(_diagonal(Gt, PGt), of_noise + beside, looks_back=looks_back)
-    sigma += ca.fabs(Gd) @ d_std
-    return ca.Function("virtual_deviation", [Gt, PGt, of_noise, Gd, d_std], [ca.densify(sigma)])
-
-
-def _symbols(slopes: ca.Function) -> list[ca.SX]:
-    """G', P G', of_noise and Gd."""
-    shape = slopes.size_out("Gt")
-    return [
-        ca.SX.sym("Gt", *shape),
-        ca.SX.sym("PGt", *shape),
-        ca.SX.sym("of_noise", shape[1]),
-        ca.SX.sym("Gd", slopes.sparsity_out("Gd")),
-    ]
-
-
-def _diagonal(At: ca.SX, B: ca.SX) -> ca.SX:
-    """Diagonal of A B, (n,)."""
-    return ca.sum1(At * B).T
-
-
-def _joined(variance: ca.SX, of_noise: ca.SX, *, looks_back: bool) -> ca.SX:
-    """Deviation by estimate and process noise, independent of each other or not."""
-    known = ca.fmax(variance, 0)  # of a quantity that is known exactly, rounding is left
-    if looks_back:
-        return ca.densify(ca.sqrt(known) + ca.sqrt(of_noise))
-    return ca.densify(ca.sqrt(known + of_noise))
 
 
 def _too_late(virtual: Virtual, slopes: ca.Function) -> str:

@@ -132,13 +132,13 @@ def with_dummies(model: Model, names: Sequence[str]) -> Model:
     Examples
     --------
     >>> from backsight.models.builtin import sdof
-    >>> model = with_dummies(with_virtual(sdof(k=0.0, b=0.0), {"stays": ("q", "um")}), ["stays"])
+    >>> model = with_dummies(with_virtual(sdof(k=0.0, b=0.0), {"stays": ("q", "m")}), ["stays"])
     >>> print(model)
     sdof (continuous)
-    ├── states      q [um], v [um/s]
-    ├── inputs      u [V]
-    ├── outputs     y [um], stays [um]
-    └── parameters  k = 0, b = 0, c = 0
+    ├── states      q [m], v [m/s]
+    ├── inputs      u [N]
+    ├── outputs     y [m], stays [m]
+    └── parameters  k = 0, b = 0, c = 1
     """
     known = () if model.virtual is None else model.virtual.signals
     places = [s.name for s in known]
