@@ -90,7 +90,8 @@ def with_turns(model: Model, y: Array, near: Array) -> Array:
     turned = y.copy()
     for i, s in enumerate(model.outputs):
         if s.wrap is not None:
-            turned[:, i] += s.wrap * np.round((near[:, i] - y[:, i]) / s.wrap)
+            known = np.isfinite(near[:, i])
+            turned[known, i] += s.wrap * np.round((near[known, i] - y[known, i]) / s.wrap)
     return turned
 
 
