@@ -19,8 +19,20 @@ from backsight.errors import ProblemError, nearest
 if TYPE_CHECKING:
     from backsight.estimators.base import AbstractEstimator
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-study = typer.Typer(no_args_is_help=True, help="Reproduce a paper or work on a real system.")
+SHORT = {"help_option_names": ["-h", "--help"]}
+# Markup would take the brackets of "[from the estimator's name]" for a style.
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings=SHORT,
+)
+study = typer.Typer(
+    no_args_is_help=True,
+    help="Reproduce a paper or work on a real system.",
+    rich_markup_mode=None,
+    context_settings=SHORT,
+)
 app.add_typer(study, name="study")
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
@@ -182,12 +194,39 @@ def export(
         say(f"Code: {out}\nTest: make -C {out} test")
 
 
-@app.command("methods")
-def list_methods() -> None:
-    """List the estimators with the settings that a problem file may give them."""
-    from backsight.problem.methods import methods as listed
+@app.command("report")
+def report_again(
+    estimates: Annotated[list[Path], typer.Argument(help="estimates.nc of one or several runs.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")],
+) -> None:
+    """Draw the report again from results, of several runs side by side."""
+    with told():
+        from backsight.problem.results_file import read_estimates
+        from backsight.report import report
 
-    say(listed(tell=warn))
+        read = {file: read_estimates(file) for file in estimates}
+        results = {
+            name if len(read) == 1 else f"{file.parent.name or file.stem}: {name}": result
+            for file, found in read.items()
+            for name, result in found.results.items()
+        }
+        first = next(iter(read.values()))
+        title = " | ".join(dict.fromkeys(found.title for found in read.values() if found.title))
+        problem = first.problem if len(read) == 1 else None
+        say(f"Report: {report(results, out, title=title or None, problem=problem)}")
+
+
+@app.command("methods")
+def list_methods(
+    name: Annotated[
+        str | None, typer.Argument(help="A kind, such as ekf: what every setting means.")
+    ] = None,
+) -> None:
+    """List the estimators with the settings that a problem file may give them."""
+    with told():
+        from backsight.problem.methods import method, methods
+
+        say(methods(tell=warn) if name is None else method(name))
 
 
 @study.command("list")

@@ -7,6 +7,7 @@ numbers; `Description` checks every field against it and tells all that is wrong
 
 from backsight.description._arguments import checked
 from backsight.description._base import Description, Sound
+from backsight.description._docstring import first_sentence, meanings_of, without_marks
 from backsight.description._fits import fault
 from backsight.description._html import equations_of, page_of, preformatted
 from backsight.description._ranges import (
@@ -46,10 +47,13 @@ __all__ = [
     "described",
     "equations_of",
     "fault",
+    "first_sentence",
+    "meanings_of",
     "page_of",
     "plain",
     "preformatted",
     "short",
     "tree",
+    "without_marks",
     "words",
 ]

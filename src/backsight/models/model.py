@@ -169,6 +169,15 @@ class Model:
         return self.dt is None
 
     @property
+    def resting(self) -> tuple[str, ...]:
+        """Names of the states that the model leaves as they are: unknown constants, walks."""
+        x = ca.SX.sym("x", self.nx)
+        rate = self.rhs(x, ca.SX.sym("u", self.nu))
+        still = rate if self.continuous else rate - x
+        rows = zip(self.states, ca.vertsplit(still), strict=True)
+        return tuple(s.name for s, row in rows if row.is_zero())
+
+    @property
     def theta(self) -> Array:
         """Values of the parameters, (np,)."""
         return np.array([s.value for s in self.parameters])

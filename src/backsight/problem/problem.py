@@ -45,3 +45,4 @@ class Problem(Printed):
     smoothed: frozenset[str]
     reference: Mapping[str, float]
     report: bool
+    covariance: bool

@@ -28,12 +28,12 @@ _STATES = _Estimated("state", "x_hat", "x_std", "x_true")
 _VIRTUAL = _Estimated("virtual", VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE)
 
 
-def state_plots(every: Sequence[Series], reference: Mapping[str, float]) -> list[Plot]:
-    """Every state and parameter with its 3-sigma bands, one plot each."""
-    return [
-        _state(every, name, unit, reference.get(name))
-        for name, unit in signal_units(every, "state").items()
-    ]
+def state_plots(
+    every: Sequence[Series], reference: Mapping[str, float], names: Sequence[str]
+) -> list[Plot]:
+    """States and parameters of these names with their 3-sigma bands, one plot each."""
+    units = signal_units(every, "state")
+    return [_state(every, name, units[name], reference.get(name)) for name in names]
 
 
 def virtual_plots(every: Sequence[Series]) -> list[Plot]:

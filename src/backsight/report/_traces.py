@@ -14,13 +14,46 @@ from backsight.types import Array
 
 Trace = dict[str, object]
 
+_SINGLE, _VARIES = 1e37, 1e-3  # largest number, and least relative range, in single precision
 _DOTTED = 100  # up to so many samples, each gets a dot
 
 
 def encoded(values: Array) -> dict[str, str]:
-    """Numbers as base64 of their bytes: exact, small, and with room for NaN, unlike JSON."""
-    raw = np.ascontiguousarray(values, dtype="<f8").tobytes()
-    return {"dtype": "f8", "bdata": base64.b64encode(raw).decode("ascii")}
+    """Numbers as base64 of their bytes: small, and with room for NaN, unlike JSON.
+
+    Single precision draws a signal exactly enough unless it varies little about a large value.
+    """
+    finite = values[np.isfinite(values)]
+    largest = float(np.abs(finite).max(initial=0.0))
+    fine = finite.size == 0 or (largest < _SINGLE and float(np.ptp(finite)) > _VARIES * largest)
+    kind = "f4" if fine else "f8"
+    raw = np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()
+    return {"dtype": kind, "bdata": base64.b64encode(raw).decode("ascii")}
+
+
+def moments(time: Array, kept: Positions) -> dict[str, object]:
+    """Times of some samples: their numbers if the samples are evenly spaced, which is small.
+
+    The largest number stands for a gap; the page's script turns numbers into times.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Of all samples.
+    kept : array of int
+        Positions; negative where the line is interrupted.
+    """
+    step = (time[-1] - time[0]) / max(len(time) - 1, 1)
+    even = np.abs(time - (time[0] + step * np.arange(len(time)))).max() <= 0.01 * step
+    if not even or not step > 0:
+        at = np.where(kept < 0, np.nan, time[kept])
+        raw = np.ascontiguousarray(at, dtype="<f8").tobytes()
+        return {"dtype": "f8", "bdata": base64.b64encode(raw).decode("ascii")}
+    kind = "u2" if len(time) < 2**16 - 1 else "u4"
+    largest = np.iinfo(kind).max
+    raw = np.where(kept < 0, largest, kept).astype(f"<{kind}").tobytes()
+    places = {"dtype": kind, "bdata": base64.b64encode(raw).decode("ascii")}
+    return {"start": float(time[0]), "step": float(step), "places": places}
 
 
 def literal_text(text: str) -> str:
@@ -46,7 +79,7 @@ def line_trace(
         "type": "scatter",
         "mode": "lines" if len(kept) > _DOTTED else "lines+markers",
         "name": literal_text(name),
-        "x": encoded(time[kept]),
+        "x": moments(time, kept),
         "y": encoded(values[kept]),
         "yaxis": axis,
         "legendgroup": group,
@@ -81,13 +114,13 @@ def band_trace(time: Array, lower: Array, upper: Array, *, colour: str, group: s
     kept, low, high = envelope(lower, upper)
     there = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
     pieces = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
-    gap = np.array([np.nan])
-    x = [np.concatenate([time[kept[p]], time[kept[p]][::-1], gap]) for p in pieces]
+    gap, nowhere = np.array([np.nan]), np.array([-1])
+    x = [np.concatenate([kept[p], kept[p][::-1], nowhere]) for p in pieces]
     y = [np.concatenate([high[p], low[p][::-1], gap]) for p in pieces]
     return {
         "type": "scatter",
         "mode": "lines",
-        "x": encoded(np.concatenate(x)),
+        "x": moments(time, np.concatenate(x)),
         "y": encoded(np.concatenate(y)),
         "legendgroup": group,
         "line": {"width": 0},
@@ -104,7 +137,7 @@ def limits(time: Array, bound: Array, *, group: str = "") -> Trace:
     return {
         "type": "scatter",
         "mode": "lines",
-        "x": encoded(np.concatenate([time[kept], gap, time[kept]])),
+        "x": moments(time, np.concatenate([kept, [-1], kept])),
         "y": encoded(np.concatenate([bound[kept], gap, -bound[kept]])),
         "legendgroup": group,
         "line": {"color": "--ink", "width": 1},

@@ -68,6 +68,7 @@ def load(path: str | os.PathLike[str]) -> Problem:
         smoothed=frozenset(name for name, e in table.estimators.items() if e.smooth),
         reference=table.reference,
         report=table.output.report,
+        covariance=table.output.covariance,
     )
 
 

@@ -170,6 +170,7 @@ class OutputTable(StrictTable):
     """``[output]``: what is written."""
 
     report: bool = True
+    covariance: bool = False
 
 
 class ProblemTable(StrictTable):

@@ -23,8 +23,10 @@ from backsight.schema import (
     AGO,
     INNOVATIONS,
     RESULT_VARIABLES,
+    ROLE,
     SCHEMA_VERSION,
     SIGMA_FACTOR,
+    UNKNOWN,
     VIRTUAL_TRUE,
     WEIGHT,
     Status,
@@ -96,6 +98,7 @@ def _dataset(
     names = [s.name for s in model.states]
     outputs = [s.name for s in model.outputs]
     inputs = [s.name for s in model.inputs]
+    resting = model.resting
     measured = measured_outputs(model, recording)
     # What no sensor has measured has no innovation either.
     seen = (output_mask(model, recording) > 0) & ~dummies(model)
@@ -121,6 +124,7 @@ def _dataset(
             "output_": outputs,
             "input": inputs,
             "state_unit": ("state", [s.unit for s in model.states]),
+            ROLE: ("state", [UNKNOWN if n in resting else "motion" for n in names]),
             "output_unit": ("output", [s.unit for s in model.outputs]),
             "input_unit": ("input", [s.unit for s in model.inputs]),
         },
