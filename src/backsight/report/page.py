@@ -101,9 +101,9 @@ def _sections(
     bands = "<p>Lines are estimates, bands three standard deviations either way.</p>"
     found = [
         Section("Unknown forces", NOTE if maps else "", maps, hit_tables(rows, every)),
+        Section("Where no sensor is", tables.virtual_table(rows, every), virtual_plots(every)),
         Section("Unknowns", bands, state_plots(every, reference, first)),
         Section("States", "" if first else bands, state_plots(every, reference, moving)),
-        Section("Where no sensor is", tables.virtual_table(rows, every), virtual_plots(every)),
         Section("Measured and estimated", "", output_plots(every)),
         Section("Inputs", "", input_plots(every)),
         Section("Values", tables.final_values_table(rows, every, states)),
