@@ -60,6 +60,7 @@ def test_check_proposes_what_can_be_pasted(tmp_path):
     assert code == 0
     assert "observable" in output
     assert "without a further sensor" not in output
+    assert "without a sensor, but measured as zero: tip_stays (dummy)" in output
 
 
 def test_the_table_makes_outputs_with_their_noise(tmp_path):

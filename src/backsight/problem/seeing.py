@@ -102,8 +102,11 @@ def _unused(name: str, taken: set[str]) -> str:
 
 
 def readings(problem: Problem, data: xr.Dataset) -> tuple[list[str], list[str]]:
-    """Say which readings are not what they are taken for, and of which the rounding counts."""
+    """Say which readings are not what they are taken for, and what counts that is no reading."""
     doubtful, counted = turned_readings(problem.model, data), list[str]()
+    supposed = [s.name for s in problem.model.outputs if s.dummy is not None]
+    if supposed:
+        counted.append(f"without a sensor, but measured as zero: {', '.join(supposed)} (dummy)")
     for estimator in problem.estimators.values():
         doubtful += coarse_readings(estimator, problem.model, data)
         counted += rounded_readings(estimator, problem.model, data)
