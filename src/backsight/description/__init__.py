@@ -5,6 +5,7 @@ numbers; `Description` checks every field against it and tells all that is wrong
 `checked` does the same for the arguments of a function.
 """
 
+from backsight.description._alike import alike
 from backsight.description._arguments import checked
 from backsight.description._base import Description, Sound
 from backsight.description._docstring import first_sentence, meanings_of, without_marks
@@ -15,6 +16,7 @@ from backsight.description._ranges import (
     Count,
     Distinct,
     Horizon,
+    Lag,
     Level,
     NonNegative,
     Positive,
@@ -33,6 +35,7 @@ __all__ = [
     "Description",
     "Distinct",
     "Horizon",
+    "Lag",
     "Level",
     "NonNegative",
     "Positive",
@@ -43,6 +46,7 @@ __all__ = [
     "Sound",
     "Unlimited",
     "Whole",
+    "alike",
     "checked",
     "described",
     "equations_of",
