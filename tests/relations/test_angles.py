@@ -10,8 +10,8 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import TuningError
 from backsight.run.diagnosis import coarse_readings, turned_readings
 from backsight.schema import Status
+from backsight.testing import CASES, TrialProblem
 from closeness import assert_close
-from contract.cases import CASES, TrialProblem
 
 TURN = 0.09  # the position of the trial problem swings through several of them
 

@@ -10,8 +10,8 @@ import backsight as bs
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import TuningError
 from backsight.models.structures.unknown_forces import forces_as_inputs
+from backsight.testing import CASES
 from closeness import assert_close
-from contract.cases import CASES
 
 DIRECTION = np.array([2.0, -3.0])
 

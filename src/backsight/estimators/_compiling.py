@@ -16,11 +16,8 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._noise_states import linear_in_noise, widened, without_noise_states
 from backsight.estimators._turns import on_circle
-from backsight.estimators._virtual import (
-    Surroundings,
-    surroundings,
-    with_virtual_outputs,
-)
+from backsight.estimators._virtual import surroundings, with_virtual_outputs
+from backsight.estimators._virtual_bands import Surroundings
 from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
