@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
+from backsight.cli import _recordings
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.errors import ProblemError, nearest
 
@@ -34,6 +35,8 @@ study = typer.Typer(
     context_settings=SHORT,
 )
 app.add_typer(study, name="study")
+app.command("columns")(_recordings.show_columns)
+app.command("init")(_recordings.write_problem)
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
 Force = Annotated[
@@ -146,8 +149,8 @@ def check(
             *([] if found.detectable else remedies(read, data)),
             *(bands.lines() if bands else []),
             *(timing.lines() if timing else []),
-            *doubtful,
-            *counted,
+            *(timing.remedies(float(data.attrs["dt"])) if timing else []),
+            *(doubtful + counted),
             *steps,
             *coarse,
         ]:
@@ -227,6 +230,20 @@ def list_methods(
         from backsight.problem.methods import method, methods
 
         say(methods(tell=warn) if name is None else method(name))
+
+
+@app.command("schema")
+def print_schema() -> None:
+    """Print a JSON schema of problem files, for editors that complete and check TOML.
+
+    Name it in the first line of a problem file, #:schema problem.schema.json
+    """
+    import json
+
+    from backsight.problem.json_schema import json_schema
+
+    # As it is: it holds no text of a file, and a line is a line.
+    typer.echo(json.dumps(json_schema(tell=warn), indent=2))
 
 
 @study.command("list")

@@ -6,11 +6,11 @@ from typing import Any
 
 import casadi as ca
 
+from backsight.algebra.expressions import check_names, expression
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
 from backsight.models.signals import Named, Signal, Virtual, traced
-from backsight.models.text.expressions import check_names, expression
 
 RATE = "_dot"
 """Behind the name of a state: its rate in a formula."""

@@ -50,21 +50,26 @@ TOO_WIDE = 1e7
 
 
 def wide(s: Setting, *, limit: float = WIDE) -> bool:
-    """Whether a prior is so wide: of the outputs at the start, or as many samples later as states.
+    """Whether a prior is so wide, see `width_of_prior`."""
+    return width_of_prior(s) > limit
 
-    A state that no output shows at once, a velocity, is seen when it has moved.
+
+def width_of_prior(s: Setting) -> float:
+    """Largest deviation of an output by the prior, in those of its noise; 0 if that runs away.
+
+    At the start, or as many samples later as there are states: a state that no output shows at
+    once, a velocity, is seen when it has moved.
     """
     F, H = _linearised(s)
     spread = cholesky_factor(s.P0)
-    sigma = np.sqrt(np.diag(s.R))
+    sigma, largest = np.sqrt(np.diag(s.R)), 0.0
     for _ in range(min(s.model.nx, 10)):
         with np.errstate(over="ignore", invalid="ignore"):
             seen, spread = np.linalg.norm(H @ spread, axis=1), F @ spread
         if not np.isfinite(seen).all():
-            return False
-        if (seen > limit * sigma).any():
-            return True
-    return False
+            return 0.0
+        largest = max(largest, float((seen / sigma).max(initial=0.0)))
+    return largest
 
 
 def refuse_too_wide(s: Setting, title: str) -> None:

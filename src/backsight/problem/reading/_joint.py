@@ -3,12 +3,12 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+from backsight.algebra.expressions import expression
 from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.models.text.expressions import expression
 from backsight.models.virtual import with_dummies, with_virtual
 from backsight.problem.reading.checking import at, shown_value, validated
 from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
@@ -19,6 +19,7 @@ from backsight.problem.reading.tables import (
     SensorColumnTable,
     VirtualTable,
 )
+from backsight.units import check_unit, convertible
 
 
 def joint_model(table: ProblemTable) -> Model:
@@ -29,9 +30,12 @@ def joint_model(table: ProblemTable) -> Model:
     ProblemError
         With the key of what is wrong.
     """
-    plain = _with_sensors(_plain(table), table.recording.outputs)
-    _check_columns(plain.inputs, table.recording.inputs, "input")
-    _check_columns(plain.outputs, table.recording.outputs, "output")
+    _check_sources(table)
+    _check_units(table)
+    columns = table.recording.columns
+    plain = _with_sensors(_plain(table), columns("outputs"))
+    _check_columns(plain.inputs, columns("inputs"), "input")
+    _check_columns(plain.outputs, columns("outputs"), "output")
     if table.recording.high_pass is not None:
         with at("recording.high_pass needs a linear model"):
             state_space(plain)
@@ -45,9 +49,9 @@ def joint_model(table: ProblemTable) -> Model:
         if entry.acts_on not in states:
             hint = nearest(entry.acts_on, states)
             raise ProblemError(f"disturbances.{name}.acts_on: no state '{entry.acts_on}', {hint}")
-    gaps = table.recording.with_gaps
+    gaps = table.recording.gaps
     for name in gaps:
-        if name in table.recording.outputs:
+        if name in columns("outputs"):
             raise ProblemError(f"recording.inputs.{name}.gaps: '{name}' is an output, too")
     with at("estimate"):
         described = dataclasses.replace(
@@ -87,19 +91,19 @@ def _plain(table: ProblemTable) -> Model:
         return validated(described, given, where="model").build(
             RestOfFile(
                 virtual=placed,
-                inputs={name: column.unit for name, column in table.recording.inputs.items()},
-                outputs={name: column.unit for name, column in table.recording.outputs.items()},
+                inputs={n: c.unit for n, c in table.recording.columns("inputs").items()},
+                outputs={n: c.unit for n, c in table.recording.columns("outputs").items()},
                 start={name: entry.start for name, entry in table.estimate.items()},
             )
         )
 
 
-def _with_sensors(model: Model, columns: Mapping[str, SensorColumnTable]) -> Model:
+def _with_sensors(model: Model, columns: Mapping[str, ColumnTable]) -> Model:
     """Outputs with what is known of their sensors: whether they start anew, and their steps."""
     outputs = []
     for s in model.outputs:
         known = {}
-        if (column := columns.get(s.name)) is not None:
+        if isinstance(column := columns.get(s.name), SensorColumnTable):
             if column.wrap is not None:
                 known["wrap"] = _number(column.wrap, f"recording.outputs.{s.name}.wrap")
             if column.resolution is not None:
@@ -155,6 +159,47 @@ def _with_formulas(model: Model, virtual: Mapping[str, VirtualTable]) -> Model:
     return dataclasses.replace(made, virtual=dataclasses.replace(made.virtual, signals=signals))
 
 
+def _check_sources(table: ProblemTable) -> None:
+    """Raise `ProblemError` if two files have the same signal, or one has none."""
+    seen: dict[str, str] = {}
+    for where, file in table.recording.files.items():
+        if not file.inputs and not file.outputs:
+            raise ProblemError(f"{where}: names no column as input or output")
+        for kind in ("inputs", "outputs", "truth"):
+            for name in getattr(file, kind):
+                key = f"{kind}.{name}"
+                if key in seen:
+                    raise ProblemError(f"{where}.{key}: is a column of {seen[key]}, too")
+                seen[key] = where
+
+
+def _check_units(table: ProblemTable) -> None:
+    """Raise `ProblemError` if the unit of a column, an unknown or a state is none."""
+    units: dict[str, object] = {
+        f"{where}.{kind}.{name}.unit": column.unit
+        for where, file in table.recording.files.items()
+        for kind in ("inputs", "outputs", "truth")
+        for name, column in getattr(file, kind).items()
+    }
+    for kind in ("estimate", "disturbances", "virtual", "dummy"):
+        units |= {f"{kind}.{n}.unit": entry.unit for n, entry in getattr(table, kind).items()}
+    for kind in ("states", "coordinates"):
+        entries = table.model.get(kind)
+        if isinstance(entries, Mapping):
+            units |= {f"model.{kind}.{name}": unit for name, unit in entries.items()}
+    parameters = table.model.get("parameters")
+    if isinstance(parameters, Mapping):
+        units |= {
+            f"model.parameters.{name}.unit": entry.get("unit")
+            for name, entry in parameters.items()
+            if isinstance(entry, Mapping)
+        }
+    for where, unit in units.items():
+        if isinstance(unit, str):
+            with at(where):
+                check_unit(unit)
+
+
 def _check_columns(of: tuple[Signal, ...], columns: Mapping[str, ColumnTable], kind: str) -> None:
     check_known(of, columns, kind=kind, where=f"recording.{kind}s")
     for signal in of:
@@ -175,10 +220,11 @@ def check_known(
         if name not in known:
             hint = nearest(name, known)
             raise ProblemError(f"{where}.{name}: the model has no {kind} '{name}', {hint}")
-        if column.unit and known[name] and column.unit != known[name]:
+        if column.unit and known[name] and not convertible(column.unit, known[name]):
             raise ProblemError(
-                f"{where}.{name}.unit: the model takes '{name}' in {known[name]}, not "
-                f"{column.unit}; give the factor from the file's unit to {known[name]}"
+                f"{where}.{name}.unit: the model takes '{name}' in {known[name]}, to which "
+                f"{column.unit} cannot be converted; give the factor from the file's unit to "
+                f"{known[name]}"
             )
 
 

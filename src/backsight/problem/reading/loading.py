@@ -14,10 +14,10 @@ from backsight.models.model import Model
 from backsight.problem.problem import Problem
 from backsight.problem.reading._joint import check_known, joint_model
 from backsight.problem.reading._room import DEEPEST, MOST_BYTES, check_keys, check_tree
-from backsight.problem.reading._uncertain import noise, prior
 from backsight.problem.reading.checking import at, validated
 from backsight.problem.reading.settings import built, fields_of
 from backsight.problem.reading.tables import EstimatorTable, ProblemTable
+from backsight.problem.reading.uncertain import noise, prior
 
 _GROUP = re.compile(r"[\w+-]+(?:[ .][\w+-]+)*")
 """Names of estimators become names of groups in a file."""
@@ -51,8 +51,12 @@ def load(path: str | os.PathLike[str]) -> Problem:
     built(Integrator, table.integrator, where="integrator", fixed={})
     model = joint_model(table)
     virtual = () if model.virtual is None else model.virtual.signals
-    known = (*model.states, *virtual)
-    check_known(known, table.recording.truth, kind="state", where="recording.truth")
+    check_known(
+        (*model.states, *virtual),
+        table.recording.columns("truth"),
+        kind="state",
+        where="recording.truth",
+    )
     states = [s.name for s in model.states]
     for name in table.reference:
         if name not in states:
@@ -107,7 +111,7 @@ def _estimator(
         kind = ALL_ESTIMATORS[entry.kind]
     takes_integrator = "integrator" in (f.name for f in fields_of(kind))
     common = {"integrator": table.integrator} if table.integrator and takes_integrator else {}
-    gaps = table.recording.with_gaps
+    gaps = table.recording.gaps
     unknowns = {**table.estimate, **table.disturbances, **gaps}
     sensors = {name: entry.sigma for name, entry in table.dummy.items() if entry.sigma is not None}
     sensors |= {name: entry.sigma_u for name, entry in gaps.items()}
