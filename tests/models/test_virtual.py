@@ -100,3 +100,33 @@ def test_structures_take_them_like_sensors():
                 1.0, bending_stiffness=1.0, mass_per_length=1.0,
                 sensors={"y": ("displacement", 1.0)}, virtual=wrong,
             )  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:.*not symmetric")
+@pytest.mark.parametrize("skew", [0.0, 5.0])
+def test_reduced_structures_answer_where_no_sensor_is_as_a_sensor_would(skew):
+    chain = 1e3 * (2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
+    chain[0, 1] += skew
+    kinds = ("displacement", "velocity", "acceleration")
+    wanted = {f"{kind[0]}2": (kind, 2) for kind in kinds}
+    given = {
+        "mass": np.eye(4), "stiffness": chain, "modes": 2, "damping": 0.01,
+        "inputs": {"G": 0}, "forces": {"F": 1},
+    }  # fmt: skip
+    if not skew:
+        given["residual"] = "feedthrough"
+    model = bs.reduced(**given, sensors={"y": ("displacement", 0)}, virtual=wanted)
+    seen = bs.reduced(**given, sensors={"y": ("displacement", 0), **wanted})
+    rng = np.random.default_rng(0)
+    x, u, w = rng.standard_normal(model.nx), [0.7], rng.standard_normal(model.nx)
+    expected = np.asarray(seen.h(x, u, [3.0])).ravel()
+    model, seen = (
+        dataclasses.replace(m, parameters=(dataclasses.replace(m.parameters[0], value=3.0),))
+        for m in (model, seen)
+    )
+    np.testing.assert_allclose(values(model, x, u), expected[1:], rtol=1e-12)
+    assert [s.unit for s in model.virtual.signals] == ["m", "m/s", "m/s2"]
+    # The noise of the rates moves an acceleration as it moves the rate of the velocity.
+    shift = values(model, x, u, w) - values(model, x, u)
+    along = np.asarray(seen.h(x + 1e-3 * w, u, [3.0])).ravel() - expected
+    np.testing.assert_allclose(shift, [0, 0, along[2] / 1e-3], rtol=1e-6, atol=1e-9)

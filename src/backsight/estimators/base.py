@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar, Literal, TypeAlias, final
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -18,7 +18,7 @@ from backsight.discrete.steps import complaint, settle_steps
 from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
-from backsight.estimators._virtual import smoothed_with_virtual_outputs, without_covariance
+from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
 from backsight.models.model import Model
@@ -26,9 +26,6 @@ from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.schema import Innovations
 from backsight.types import Array
-
-Spread: TypeAlias = Literal["full", "std"]
-"""What a smoother puts out of the covariance: all of it, or standard deviations."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,20 +75,6 @@ class AbstractEstimator(Compilable, abc.ABC):
             If the estimator has no window whose states can be looked at.
         """
         raise TuningError(f"{self.title} has no window to look at; use MHE")
-
-    @final
-    def compile_smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
-        """Turn the description into two passes: what `smoother` makes, with virtual outputs.
-
-        Parameters and errors are those of `smoother`.
-        """
-        if model.virtual is None:
-            return self.smoother(model, dt, covariance=covariance)
-        # Bands of virtual outputs need all of the covariance, whatever is put out of it.
-        found = smoothed_with_virtual_outputs(
-            self.smoother(model, dt, covariance="full"), self.surroundings(model, dt)
-        )
-        return found if covariance == "full" else without_covariance(found)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """Turn the description into a pass forward and a pass back, see `backsight.smooth`.

@@ -10,6 +10,7 @@ import numpy as np
 
 from backsight.description import Positive, equations_of, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
+from backsight.models._affine import remember, remembered
 from backsight.models._latex import latex
 from backsight.models.signals import Named, Signal, Virtual, signals, traced
 from backsight.types import Array
@@ -234,7 +235,10 @@ class Model:
                 f"{where} returns {expression.shape[0]} values for "
                 f"{len(of)}: {', '.join(s.name for s in of)}"
             )
-        return ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
+        made = ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
+        if isinstance(given, ca.Function) and (known := remembered(given)):
+            remember(made, known)
+        return made
 
 
 def _rows(returned: Any, of: tuple[Signal, ...], where: str) -> list[ca.SX]:

@@ -92,6 +92,62 @@ def with_virtual(model: Model, quantities: Mapping[str, Formula | tuple[Formula,
     return dataclasses.replace(model, virtual=Virtual((*before, *signals), g))
 
 
+def built_with_virtual(
+    build: Callable[[Mapping[str, Any]], Model],
+    sensors: Mapping[str, Any],
+    virtual: Mapping[str, Any],
+) -> Model:
+    """Structure with sensors of which some are not there: these become virtual outputs.
+
+    Parameters
+    ----------
+    build : callable
+        Sensors, name to ``(kind, place)``, to the model.
+    sensors, virtual : dict
+        What is measured, and what is wanted where no sensor is.
+
+    Raises
+    ------
+    ModelError
+        As `build`; if a name is used twice.
+    """
+    twice = [name for name in virtual if name in sensors]
+    if twice:
+        raise ModelError(f"the virtual output '{twice[0]}' has the name of another signal")
+    # An acceleration is the rate of the velocity there, and contains the noise of that rate.
+    beside = {
+        name: f"{name}_velocity_"
+        for name, given in virtual.items()
+        if isinstance(given, tuple) and str(given[0]).endswith("acceleration")
+    }
+    velocities = {other: ("velocity", virtual[name][1]) for name, other in beside.items()}
+    whole = build({**sensors, **virtual, **velocities})
+    x, u, p, w = symbols = _symbols(whole)
+    rows = dict(
+        zip(
+            [s.name for s in whole.outputs],
+            ca.vertsplit(whole.h.call([x, u, p])[0]),
+            strict=True,
+        )
+    )
+    g = [
+        rows[name] + ca.mtimes(ca.jacobian(rows[beside[name]], x), w)
+        if name in beside
+        else rows[name]
+        for name in virtual
+    ]
+    known = {s.name: s for s in whole.outputs}
+    return dataclasses.replace(
+        whole,
+        h=ca.Function("h", [x, u, p], [ca.vertcat(*(rows[name] for name in sensors))]),
+        outputs=tuple(known[name] for name in sensors),
+        virtual=Virtual(
+            tuple(known[name] for name in virtual),
+            ca.Function("g", symbols, [ca.densify(ca.vertcat(*g))]),
+        ),
+    )
+
+
 @checked(ModelError)
 def with_dummies(model: Model, names: Sequence[str]) -> Model:
     r"""Turn virtual outputs into dummy measurements: outputs that read zero in every sample.

@@ -31,12 +31,7 @@ from backsight.estimators._virtual import CROSS
 from backsight.estimators.base import Spread
 from backsight.estimators.joint_input._step import lost_forces, step
 from backsight.estimators.joint_input._system import Forces
-from backsight.estimators.parts.covariance import (
-    Covariance,
-    Term,
-    times_transposed,
-    transposed,
-)
+from backsight.estimators.parts.covariance import Covariance, Term, matrix_product, transposed
 from backsight.estimators.parts.factors import cholesky, on_top
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
@@ -48,7 +43,6 @@ from backsight.estimators.smoothing import (
     filter_channels,
     gathered,
     leaving,
-    matrix_product,
     smoothed_channels,
     weakened,
 )
@@ -97,8 +91,8 @@ def joint_passes(name: str, found: Forces, *, covariance: Spread, cross: bool) -
     values = [*outputs, d, _of_forces(found, covariance)(Tt[:, nx:])]
     channels = (*of_states, *of_forces)
     if cross:
-        columns = [ca.MX(Tt[:, :nx]), ca.MX(Tt[:, nx:])]
-        between = times_transposed(transposed(columns[0]), transposed(columns[1]))
+        of_states_root, of_forces_root = ca.MX(Tt[:, :nx]), ca.MX(Tt[:, nx:])
+        between = matrix_product(transposed(of_states_root), of_forces_root)
         values.append(found.cross()(between))
         channels = (*channels, Channel(CROSS, ("state", "force")))
     backward = back.recursion(

@@ -9,7 +9,7 @@ import numpy as np
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights, weights
 from backsight.algebra.triangular import forward
-from backsight.algebra.update import masked, measured, noise_of
+from backsight.algebra.update import masked, measured
 from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
@@ -19,7 +19,12 @@ from backsight.estimators.base import AbstractEstimator, Setting, Spread, settin
 from backsight.estimators.kalman._sigma_pairs import Outside, Points, SigmaPoints
 from backsight.estimators.kalman._unscented import unscented_looks
 from backsight.estimators.kalman.square_root import covariance_of_factor
-from backsight.estimators.parts.covariance import Covariance, Term, times_transposed
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    Term,
+    scatter_and_noise,
+    times_transposed,
+)
 from backsight.estimators.parts.factors import (
     Factor,
     cholesky_factor,
@@ -160,19 +165,17 @@ def _from_mean(Y: Term, w: Weights) -> tuple[Term, Term]:
 
 
 def _innovation(s: Setting, points: SigmaPoints) -> ca.Function:
-    w = points.weights
+    w, sizes = points.weights, {"spread": Factor(Covariance(s.model.nx)).size, "y_mean": s.model.ny}
 
-    def seen(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
-        S = dY @ ca.diag(ca.SX(w.covariance)) @ dY.T + noise_of(ca.SX(s.R), mask)
-        return {"e": measured(mask) * (y - y_mean), "covariance": S}
+    def seen(y: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
+        return {"e": measured(mask) * (y - y_mean)}
 
-    sizes = {"dY": (s.model.ny, len(w.mean)), "spread": Factor(Covariance(s.model.nx)).size}
-    compare = leaf("compare", {**notation(s), **sizes}, seen)
+    missed = leaf("missed", {**notation(s), **sizes}, seen)
 
     def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
         y_mean, dY = _from_mean(_outputs(s, points, _around(s, points, x, spread), u), w)
-        e, S = compare(y, dY, y_mean, mask)
-        return {"e": e, "S": S}
+        S = scatter_and_noise(dY, w.covariance, s.R, mask)
+        return {"e": missed(y, y_mean, mask), "S": S}
 
     return half("innovation", s, formula, sizes)
 

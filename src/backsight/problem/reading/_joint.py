@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from backsight.algebra.expressions import expression
 from backsight.errors import ProblemError, nearest
@@ -10,8 +11,9 @@ from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.models.virtual import with_dummies, with_virtual
+from backsight.problem.reading._model_table import RestOfFile
 from backsight.problem.reading.checking import at, shown_value, validated
-from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
+from backsight.problem.reading.kinds import ALL_KINDS
 from backsight.problem.reading.tables import (
     ColumnTable,
     EstimateTable,
@@ -22,8 +24,10 @@ from backsight.problem.reading.tables import (
 from backsight.units import check_unit, convertible
 
 
-def joint_model(table: ProblemTable) -> Model:
+def joint_model(table: ProblemTable, folder: Path) -> Model:
     """Build the model and make states of the parameters and disturbances to estimate.
+
+    Files of the model are looked for in the folder.
 
     Raises
     ------
@@ -33,7 +37,7 @@ def joint_model(table: ProblemTable) -> Model:
     _check_sources(table)
     _check_units(table)
     columns = table.recording.columns
-    plain = _with_sensors(_plain(table), columns("outputs"))
+    plain = _with_sensors(_plain(table, folder), columns("outputs"))
     _check_columns(plain.inputs, columns("inputs"), "input")
     _check_columns(plain.outputs, columns("outputs"), "output")
     if table.recording.high_pass is not None:
@@ -70,7 +74,7 @@ def joint_model(table: ProblemTable) -> Model:
         return with_dummies(model, list(table.dummy))
 
 
-def _plain(table: ProblemTable) -> Model:
+def _plain(table: ProblemTable, folder: Path) -> Model:
     given = dict(table.model)
     kind = given.pop("kind", None)
     if kind is None:
@@ -94,6 +98,7 @@ def _plain(table: ProblemTable) -> Model:
                 inputs={n: c.unit for n, c in table.recording.columns("inputs").items()},
                 outputs={n: c.unit for n, c in table.recording.columns("outputs").items()},
                 start={name: entry.start for name, entry in table.estimate.items()},
+                folder=folder,
             )
         )
 
