@@ -23,8 +23,8 @@ from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
 from backsight.models.model import Model
-from backsight.models.scale import scale
 from backsight.models.signals import Signal
+from backsight.models.views.scale import scale
 from backsight.schema import Innovations
 from backsight.types import Array
 
