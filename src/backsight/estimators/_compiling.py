@@ -18,6 +18,7 @@ from backsight.estimators._noise_states import linear_in_noise, widened, without
 from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.varied_noise import VariedNoise
 from backsight.models.model import Model
 from backsight.schema import Status
 
@@ -32,6 +33,8 @@ class Compilable(Description, abc.ABC):
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
     noise_states: ClassVar[bool] = False
     """Whether it is right for noise as states, see `backsight.estimators._noise_states`."""
+    varies_noise: ClassVar[bool] = False
+    """Whether inputs may multiply its process noise, see `backsight.estimators.varied_noise`."""
 
     @property
     def assumed(self) -> tuple[Noise, Prior]:
@@ -110,6 +113,9 @@ class Compilable(Description, abc.ABC):
         rule = self.outliers
         if rule is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
+        if isinstance(noise := getattr(self, "noise", None), VariedNoise):
+            if not self.varies_noise or self.constant_gain or noise.beyond_additive:
+                raise TuningError(f"{self.title} takes no process noise that inputs multiply")
         plain = self.plain(model, dt)
         return plain if rule is None else robust(plain, rule)
 

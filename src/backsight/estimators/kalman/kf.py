@@ -66,6 +66,7 @@ class KalmanFilter(AbstractEstimator):
     title: ClassVar[str] = "Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    varies_noise: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -121,7 +122,7 @@ def linear_halves(system: Linear, correct: ca.Function) -> Halves:
     """Halves of a filter of a linear model with the given measurement update."""
     kept = Covariance(system.s.model.nx)
     return Halves(
-        spread0=kept.kept(system.s.P0),
+        spread_of=kept.kept,
         innovation=ekf.innovation(system.s),
         correct=correct,
         predict=predict_linear(system),

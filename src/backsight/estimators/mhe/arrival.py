@@ -258,7 +258,7 @@ def _filter(halves: Halves, covariance: ca.Function) -> Arrival:
         x_post, after, _ = halves.correct.call([x, spread, *measured])
         return halves.predict.call([x_post, after, leaving.u, leaving.u_next])
 
-    return Arrival(halves.spread0, covariance, advance)
+    return Arrival(halves.spread_of(to.s.P0), covariance, advance)
 
 
 def _along(chain: Chain, Q: Array) -> ca.Function:

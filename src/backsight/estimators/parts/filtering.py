@@ -1,7 +1,7 @@
 """Put a measurement update and a time update together to a recursion."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -20,8 +20,8 @@ class Halves:
 
     Parameters
     ----------
-    spread0 : array
-        Spread of the prior.
+    spread_of : callable
+        Covariance (nx, nx) in numbers to its spread.
     innovation : casadi.Function
         ``(x, spread, u, y, mask) -> (e, S)``.
     correct : casadi.Function
@@ -34,7 +34,7 @@ class Halves:
         Whether the input is interpolated between samples.
     """
 
-    spread0: Array
+    spread_of: Callable[[Array], Array]
     innovation: ca.Function
     correct: ca.Function
     predict: ca.Function
@@ -72,9 +72,16 @@ class Sample:
 def assemble(name: str, s: Setting, halves: Halves) -> Recursion:
     """Recursion of a filter that consists of two halves, see `sample`."""
     now = sample(s, halves)
-    return now.memory.recursion(
+    plain = now.memory.recursion(
         name, now.data, next=now.next, outputs=now.outputs, channels=ESTIMATE_CHANNELS, dt=s.dt
     )
+    behind = plain.carry0[s.model.nx + len(halves.spread_of(s.P0)) :]
+
+    def start(x0: Array, P0: Array) -> Array:
+        spread = halves.spread_of(P0 / np.outer(s.sx, s.sx))
+        return np.concatenate([x0 / s.sx, spread, behind])
+
+    return dataclasses.replace(plain, start=start)
 
 
 def sample(s: Setting, halves: Halves) -> Sample:
@@ -86,7 +93,7 @@ def sample(s: Setting, halves: Halves) -> Sample:
     """
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    parts = {"x": s.x0, "spread": halves.spread0}
+    parts = {"x": s.x0, "spread": halves.spread_of(s.P0)}
     if halves.ramp:
         parts |= {"u_last": np.zeros(s.model.nu), "started": np.zeros(1)}
     m = Memory(**parts)
