@@ -9,8 +9,9 @@ import scipy
 from backsight.tune.fitting._objective import Evaluation, Objective
 from backsight.types import Array
 
-NEAR = 1e-4
-"""A place is the best one if the next step is shorter, in standard deviations of the estimate."""
+NEAR, ROUGHLY = 1e-3, 3e-2
+"""A place is the best one if the next step is shorter, in standard deviations of the estimate; and
+one from which the search goes on, or that a run of its own for every derivative has found."""
 
 EXCERPT = 10_000
 """Samples from which the first places are found; the whole recordings only refine them."""
@@ -66,15 +67,18 @@ class _FoundError(Exception):
     """The step is short enough: scipy has no criterion in standard deviations."""
 
 
-def descend(objective: Objective, start: Array, search: Search) -> Optimum:
-    """Fisher scoring from one start, in a trust region (Moré and Sorensen, `scipy`)."""
+def descend(objective: Objective, start: Array, search: Search, *, near: float) -> Optimum:
+    """Fisher scoring from one start, in a trust region (Moré and Sorensen, `scipy`).
+
+    It ends when the next step is shorter than `near`, or the passes are used up.
+    """
     known: dict[bytes, Evaluation] = {}
     best: list[tuple[float, Array, Evaluation]] = []
 
     def at(place: Array) -> Evaluation:
         key = np.asarray(place, float).tobytes()
         if key not in known:
-            if search.passes >= search.most:
+            if best and search.passes >= search.most:
                 raise _FoundError
             found = known[key] = search.evaluate(objective, np.asarray(place, float))
             if not best or found.cost < best[0][0]:
@@ -87,7 +91,7 @@ def descend(objective: Objective, start: Array, search: Search) -> Optimum:
         nonlocal converged
         here = at(place)
         step = np.linalg.solve(here.curvature, here.gradient)
-        if float(here.gradient @ step) < NEAR**2:
+        if float(here.gradient @ step) < near**2:
             converged = True
             raise _FoundError
 
@@ -109,7 +113,7 @@ def descend(objective: Objective, start: Array, search: Search) -> Optimum:
 
 
 def search_all(
-    objective: Objective, search: Search, *, restarts: int, seed: int
+    objective: Objective, search: Search, *, restarts: int, seed: int, near: float
 ) -> tuple[Optimum, list[float]]:
     """Search from the start and from random places, first in an excerpt, then in everything.
 
@@ -121,17 +125,15 @@ def search_all(
     if short:
         share = EXCERPT / objective.samples
         excerpt = objective.cut(lambda n: slice(0, max(int(n * share), min(n, 200))))
-    first = descend(excerpt, np.zeros(p), search)
+    first = descend(excerpt, np.zeros(p), search, near=ROUGHLY)
     ends: list[Optimum] = [first]
     size = np.minimum([c.unknown.spread for c in objective.coordinates], FAR)
     for _ in range(restarts):
         start = first.place + size * rng.choice([-1.0, 1.0], p)
-        ends.append(descend(excerpt, start, search))
+        ends.append(descend(excerpt, start, search, near=ROUGHLY))
     ends.sort(key=lambda end: end.evaluation.cost)
     worse = [end.evaluation.cost - ends[0].evaluation.cost for end in ends]
-    if not short:
-        return ends[0], worse
-    return descend(objective, ends[0].place, search), worse
+    return descend(objective, ends[0].place, search, near=near), worse
 
 
 def spread_of(found: Evaluation) -> tuple[Array, Array]:

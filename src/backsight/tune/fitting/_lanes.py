@@ -230,7 +230,7 @@ def _judging(
     after, *values = inner.step.call(seen, True, False)
     named = dict(zip([c.name for c in inner.channels], values, strict=True))
     e, S, y_hat = named["e"], named["S"], named["y_hat"]
-    judged = _apart(R)(e, S, y_hat, y_all, mask, mask_all, factor)
+    judged = apart(R)(e, S, y_hat, y_all, mask, mask_all, factor)
     return Recursion(
         step=ca.Function(
             f"tuned_{inner.name}", [carry, *data], [ca.vertcat(after, inputs, factor), *judged]
@@ -249,7 +249,7 @@ def _weights(ny: int) -> ca.Function:
     return ca.Function("weights", [mask, factor], [mask / factor])
 
 
-def _apart(R: Array) -> ca.Function:
+def apart(R: Array) -> ca.Function:
     """Innovations independent of each other, and their variances: ``-> (r, d)``.
 
     Of an output that is judged and was hidden from the estimator the innovation is its measurement

@@ -76,6 +76,8 @@ class Objective:
     criterion : AbstractCriterion
     step : float
         Difference on the scales by which derivatives are taken.
+    fast : bool
+        Whether derivatives run in lanes, at next to no price.
     """
 
     runners: tuple[Runner, ...]
@@ -83,6 +85,7 @@ class Objective:
     coordinates: tuple[Coordinate, ...]
     criterion: AbstractCriterion
     step: float
+    fast: bool
 
     @property
     def precision(self) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 
 from backsight.errors import TuningError, nearest
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.tune.fitting._scale import AbstractScale, LinearScale, LogScale, scale_of
@@ -105,8 +106,17 @@ def _resolved(free: Free, estimator: AbstractEstimator, model: Model) -> list[Un
         )
     if free.name in parameters:
         return [_parameter(free, model)]
+    if isinstance(estimator, AbstractForceEstimator) and free.name in ("lam", "threshold"):
+        raise TuningError(
+            f"'{free.name}' decides how many forces there are, which no likelihood can: use "
+            "lambda_from_noise, lambda_from_whiteness or lambda_from_sensors, and propose_threshold"
+        )
     if free.name in settings:
         start = number_at(estimator, free.name)
+        if isinstance(start, int):
+            raise TuningError(
+                f"'{free.name}' is a whole number: give Choice('{free.name}', (...)) instead"
+            )
         return [_positive(free, "setting", free.name, free.name, start, SETTING)]
     known = [*readers, *parameters, *settings]
     raise TuningError(f"'{free.name}' cannot be free: {nearest(free.name, known)}")

@@ -10,6 +10,7 @@ import abc
 import dataclasses
 import math
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from backsight.description import Count, Description, Positive
 from backsight.errors import TuningError
 from backsight.types import Array
 
-BLOCKS = 40
+BLOCKS = 100
 """Parts of a piece whose scores count as independent, at least."""
 
 
@@ -78,6 +79,9 @@ class AbstractCriterion(Description, abc.ABC):
     should have standard deviation one with the true settings: the standard deviations of the tuned
     values follow from that.
     """
+
+    independent: ClassVar[bool] = True
+    """Whether what it sums up is independent from sample to sample if everything is right."""
 
     def hidden(self, samples: int) -> Array:
         """Which samples are kept from the estimator, (samples,) of bool; none by default."""
@@ -165,7 +169,7 @@ class Likelihood(AbstractCriterion):
         dl = (log_d[1:] - log_d[0]) / step
         z = r[0] / np.sqrt(d[0])
         score = (psi * (z * dr - 0.5 * z2 * dl) + 0.5 * dl).sum(axis=2)
-        a, b = dr.reshape(p, -1), dl.reshape(p, -1)
+        a, b = dr.reshape(p, z.size), dl.reshape(p, z.size)
         curvature = a @ a.T + 0.5 * b @ b.T
         length = max(1, score.shape[1] // BLOCKS)
         scores = np.add.reduceat(score, np.arange(0, score.shape[1], length), axis=1).T
@@ -192,6 +196,8 @@ class Prediction(Likelihood):
     every : int, optional
         Samples from block to block; three blocks if not given.
     """
+
+    independent: ClassVar[bool] = False
 
     ahead: Count = 10
     every: Count | None = None

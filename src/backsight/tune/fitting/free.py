@@ -23,7 +23,7 @@ class Free(Description):
     spread : float, optional
         Factor by which the value given may be wrong, one standard deviation: the prior of its
         logarithm is normal. 30 for noise and prior, 3 for parameters of the model, 10 for settings
-        if not given.
+        if not given; infinite if nothing is known, so that the data alone decide.
     sigma : float, optional
         The same as a difference [unit of the value], for values that may change their sign: the
         prior is normal. Start values have that of `Prior` if neither is given.
@@ -33,7 +33,7 @@ class Free(Description):
     """
 
     name: str
-    spread: Annotated[float | None, Range("be above 1", 1.0, above=True)] = None
+    spread: Annotated[float | None, Range("be above 1", 1.0, above=True, infinite=True)] = None
     sigma: Positive | None = None
     per: Literal["all", "recording"] | tuple[str, ...] = "all"
 
@@ -43,3 +43,24 @@ class Free(Description):
             yield f"'{self.name}': give either spread or sigma"
         if sound("name") and not self.name:
             yield "a free value needs a name"
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice(Description):
+    """A setting of the estimator that is one of several values, such as the horizon N.
+
+    Parameters
+    ----------
+    name : str
+        Path of the field: ``N``, ``arrival``.
+    options : tuple
+        Values of the field.
+    """
+
+    name: str
+    options: tuple[object, ...]
+
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("options") and len(self.options) < 2:
+            yield f"'{self.name}': a choice needs two options or more"
