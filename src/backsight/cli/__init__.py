@@ -146,6 +146,48 @@ def check(
 
 
 @app.command()
+def tune(
+    problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Problem file with what was found.")],
+    estimator: Annotated[
+        str | None, typer.Option("--estimator", "-e", help="Its name in the file.")
+    ] = None,
+    page: Annotated[Path | None, typer.Option(help="Page with before and after (HTML).")] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the files if they are there.")
+    ] = False,
+    outside: Outside = None,
+) -> None:
+    """Find noise, prior, parameters and settings from the recording alone.
+
+    The table [tune] of the problem file says what is free and how it is
+    judged; without it all standard deviations of the noise are. The new
+    file is the old one, comments included, with other values. The exit
+    code is 0 if all was found, 1 if something could not be, which the
+    lines with an exclamation mark say, and 2 if the problem, the
+    recording or the file is at fault and nothing is written.
+    """
+    with told():
+        from backsight.problem import load, tune_problem
+
+        read = load(problem)
+        with bar() as advance:
+            found = tune_problem(
+                read,
+                out,
+                estimator=estimator,
+                page=page,
+                force=force,
+                outside=outside or (),
+                progress=lambda share: advance("passes", share),
+            )
+        say(f"{read.title}\n\n{found.tuned}\n")
+        say(f"Tuned by: {found.by}\nProblem: {out}" + (f"\nPage: {page}" if page else ""))
+    if found.tuned.doubts:
+        raise typer.Exit(1)
+
+
+@app.command()
 def export(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     estimator: Annotated[str, typer.Option("--estimator", "-e", help="Its name in the file.")],

@@ -113,9 +113,10 @@ class Compilable(Description, abc.ABC):
         rule = self.outliers
         if rule is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
-        if isinstance(noise := getattr(self, "noise", None), VariedNoise):
-            if not self.varies_noise or self.constant_gain or noise.beyond_additive:
-                raise TuningError(f"{self.title} takes no process noise that inputs multiply")
+        noise = getattr(self, "noise", None)
+        able = self.varies_noise and not self.constant_gain
+        if isinstance(noise, VariedNoise) and (not able or noise.beyond_additive):
+            raise TuningError(f"{self.title} takes no process noise that inputs multiply")
         plain = self.plain(model, dt)
         return plain if rule is None else robust(plain, rule)
 

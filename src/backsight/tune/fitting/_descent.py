@@ -1,7 +1,7 @@
 """The search for the best place: scoring steps in a trust region, from several starts."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import scipy
@@ -104,7 +104,12 @@ def descend(objective: Objective, start: Array, search: Search, *, near: float) 
             hess=lambda x: at(x).curvature,
             method="trust-exact",
             callback=judged,
-            options={"initial_trust_radius": 1.0, "max_trust_radius": 3.0, "gtol": 0.0, "maxiter": 200},
+            options={
+                "initial_trust_radius": 1.0,
+                "max_trust_radius": 3.0,
+                "gtol": 0.0,
+                "maxiter": 200,
+            },
         )
     except _FoundError:
         pass

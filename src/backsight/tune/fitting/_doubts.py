@@ -42,7 +42,10 @@ def profiles_of(objective: Objective, best: Optimum, covariance: Array) -> xr.Da
         rises.append([cost - costs[0] for cost in costs[1:]])
         values.append([c.unknown.scale.value(float(place[i])) for place in places[1:]])
     return xr.Dataset(
-        {"value": (("name", "point"), np.array(values)), "rise": (("name", "point"), np.array(rises))},
+        {
+            "value": (("name", "point"), np.array(values)),
+            "rise": (("name", "point"), np.array(rises)),
+        },
         coords={"name": names, "point": list(POINTS)},
     )
 
@@ -105,7 +108,9 @@ def doubts_of_search(best: Optimum, worse: Sequence[float], passes: float) -> li
     """Sentences on the search itself."""
     found = []
     if not best.converged:
-        found.append(f"the search has not ended after {passes:.0f} passes: start nearer, or give more")
+        found.append(
+            f"the search has not ended after {passes:.0f} passes: start nearer, or give more"
+        )
     other = [w for w in worse if FLAT < w < np.inf]
     if other:
         found.append(
@@ -120,7 +125,7 @@ def doubts_of_halves(held_out: HeldOut, count: int) -> list[str]:
     loss = held_out.first_half - held_out.everything
     if loss > DIFFERENT + 3 * count:
         return [
-            f"the two halves of the recording want different values: those of the first predict the "
-            f"second {significant(loss, 3)} worse than those of both"
+            "the two halves of the recording want different values: those of the first predict "
+            f"the second {significant(loss, 3)} worse than those of both"
         ]
     return []

@@ -10,7 +10,7 @@ from backsight.description import Count, Whole, checked
 from backsight.errors import DataError, TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation import match
+from backsight.run.estimation import check_window, match
 from backsight.tune.fitting._descent import Search
 from backsight.tune.fitting._lanes import Data
 from backsight.tune.fitting._task import Task
@@ -18,6 +18,10 @@ from backsight.tune.fitting._unknowns import Unknown, unknowns_of
 from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood
 from backsight.tune.fitting.free import Choice, Free
 from backsight.tune.fitting.tuned import Tuned
+from backsight.types import Array
+
+OUTLIERS = 0.02
+"""Share of outliers that a likelihood reckons with, if the noise has a rule for them."""
 
 
 @checked()
@@ -82,10 +86,10 @@ def fit(
 
     Notes
     -----
-    Values of Kalman filters whose noise is given by standard deviations or matrices, of all
-    estimators that weigh samples for `sigma_y`, and parameters of models run in lanes. Anything else
-    is built anew for every value, which takes as long as it takes to build an estimator. Of a linear
-    model with free parameters the filter is the extended one with a Runge-Kutta method.
+    Noise and prior of Kalman filters, `sigma_y` of all estimators that weigh samples, and
+    parameters of models run in lanes. Anything else is built anew for every value, which takes as
+    long as it takes to build an estimator. Of a linear model with free parameters the filter is the
+    extended one with a Runge-Kutta method.
 
     References
     ----------
@@ -103,25 +107,27 @@ def fit(
         unknowns = unknowns_of([f for f in wanted if isinstance(f, Free)], estimator, model)
     _check_groups(unknowns, len(given))
     if criterion is None:
-        rule = estimator.outliers
-        criterion = Likelihood(clip=float(rule.threshold) if rule is not None else None)
+        criterion = Likelihood(outliers=OUTLIERS if estimator.outliers is not None else 0.0)
     data = [_data(estimator, model, r, criterion) for r in given]
     periods = [float(r.attrs["dt"]) for r in given]
     samples = sum(len(d[0]) for d in data)
     search = Search(passes, lambda done: progress(min(done / passes, 1.0)), samples)
     task = Task(estimator, model, tuple(data), tuple(periods), criterion, search)
-    place, worse = np.zeros(0), []
+    objective = task.objective(unknowns)
+    place: Array = np.zeros(0)
+    worse: list[float] = []
     if unknowns:
-        best, worse = task.search(unknowns, restarts=restarts, seed=seed)
+        best, worse = task.search(objective, restarts=restarts, seed=seed)
         place = best.place
     options: dict[str, object] = {}
     table = None
     if choices:
         # With wrong values no option is right: these come first, and again afterwards.
-        chosen, table = task.option(choices, unknowns, place)
+        chosen, table = task.option(choices, unknowns, objective, place)
         options = {c.name: o for c, o in zip(choices, chosen.options, strict=True)}
         task = dataclasses.replace(task, estimator=chosen.estimator)
-    found = task.tuned(unknowns, place, worse, check=check)
+        objective = task.objective(unknowns)
+    found = task.tuned(unknowns, objective, place, worse, check=check)
     return dataclasses.replace(found, chosen=options, choices=table)
 
 
@@ -139,6 +145,7 @@ def _data(
 ) -> Data:
     """Data of a recording; what the criterion hides is judged alone."""
     u, y, mask = match(model, recording, estimator=estimator)
+    check_window(estimator, len(u))
     if not mask.any():
         raise DataError("nothing was measured in the recording")
     hidden = np.asarray(criterion.hidden(len(u)), bool)

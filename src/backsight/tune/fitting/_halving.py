@@ -15,6 +15,7 @@ from backsight.errors import BacksightError, TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.tune.fitting._lanes import Data
+from backsight.tune.fitting._objective import width_of
 from backsight.tune.fitting._rebuilt import Rebuilt
 from backsight.tune.fitting._settings import with_setting
 from backsight.tune.fitting.criteria import AbstractCriterion, Piece
@@ -103,6 +104,6 @@ def _cost(
         except BacksightError:
             return np.inf
         judged = part[4] > 0
-        total += criterion.measure([Piece(*found, judged)], 1.0).cost
+        total += criterion.measure([Piece(*found, judged, width_of(part))], 1.0).cost
         count += int(judged.sum())
     return total / max(count, 1)

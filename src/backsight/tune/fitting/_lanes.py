@@ -2,9 +2,9 @@ r"""Many settings at once: a recursion whose free values are a part of its memor
 
 A lane of the processor's vectors is one setting: the free values lie behind the memory of the
 estimator, which nothing changes in a step, and are handed to it as inputs. Standard deviations of
-sensors divide the weights of the sample (`sigma_factor`), those of the process noise are inputs that
-multiply it (`VariedNoise`), parameters of the model are inputs, and the prior is the memory before
-the first sample. So one program serves all passes, whatever the values.
+sensors divide the weights of the sample (`sigma_factor`), those of the process noise are inputs
+that multiply it (`VariedNoise`), parameters of the model are inputs, and the prior is the memory
+before the first sample. So one program serves all passes, whatever the values.
 
 What comes out are innovations that are independent within the sample, in the order of the outputs:
 with :math:`S = L D L'` the entries of :math:`r = L^{-1} e` have the variances in :math:`D`.
@@ -104,7 +104,7 @@ def lanes_of(
     """Make the recursion; None if the estimator cannot take these values as inputs."""
     kinds = {u.kind for u in unknowns}
     constant = estimator.constant_gain
-    if "setting" in kinds or constant and not isinstance(estimator, KalmanFilter):
+    if "setting" in kinds or (constant and not isinstance(estimator, KalmanFilter)):
         return None
     noise = estimator.assumed[0]
     if "walk" in kinds and (not estimator.varies_noise or noise.beyond_additive):
@@ -141,7 +141,9 @@ def _scaled(estimator: AbstractEstimator, model: Model, dt: float) -> Model:
         pairs = zip(group, scales, strict=True)
         return tuple(dataclasses.replace(x, scale=float(k)) for x, k in pairs)
 
-    return dataclasses.replace(model, states=sized(model.states, s.sx), outputs=sized(model.outputs, s.sy))
+    return dataclasses.replace(
+        model, states=sized(model.states, s.sx), outputs=sized(model.outputs, s.sy)
+    )
 
 
 def _with_inputs(model: Model, names: Sequence[str]) -> Model:
@@ -215,9 +217,7 @@ def _numbers(model: Model, unknowns: Sequence[Unknown], values: Mapping[str, flo
     return np.concatenate([parameters, walks, sensor_factors(model, unknowns, values)])
 
 
-def _judging(
-    inner: Recursion, model: Model, unknowns: Sequence[Unknown], R: Array
-) -> Recursion:
+def _judging(inner: Recursion, model: Model, unknowns: Sequence[Unknown], R: Array) -> Recursion:
     """Wrap a recursion: values behind its memory go in, innovations by themselves come out."""
     ny, nu, size = model.ny, model.nu, _count(model, unknowns)
     carry = ca.MX.sym("carry", len(inner.carry0) + size)

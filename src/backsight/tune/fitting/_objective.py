@@ -1,7 +1,7 @@
 """The criterion over all recordings as a function of all values, with their prior."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -143,10 +143,9 @@ class Objective:
         costs = np.zeros(len(places))
         for k in range(len(self.data)):
             settings = [self.values(place, k) for place in places]
-            judged = self.data[k][4] > 0
             pieces = list(self.runners[k].innovations(self.data[k], settings))
             for i in range(len(places)):
-                alone = _cut([(r[i : i + 1], d[i : i + 1]) for r, d in pieces], judged)
+                alone = _cut([(r[i : i + 1], d[i : i + 1]) for r, d in pieces], self.data[k])
                 costs[i] += self.criterion.measure(alone, self.step).cost
         return [float(c) for c in costs]
 
@@ -156,12 +155,22 @@ class Objective:
             moved = place.copy()
             moved[i] += self.step
             settings.append(self.values(moved, k))
-        yield from _cut(self.runners[k].innovations(self.data[k], settings), self.data[k][4] > 0)
+        yield from _cut(self.runners[k].innovations(self.data[k], settings), self.data[k])
 
 
-def _cut(found: "Sequence[tuple[Array, Array]] | Iterator[tuple[Array, Array]]", judged: Array) -> Iterator[Piece]:
-    start = 0
+def _cut(found: Iterable[tuple[Array, Array]], data: Data) -> Iterator[Piece]:
+    """Innovations with what counts of them."""
+    judged, width, start = data[4] > 0, width_of(data), 0
     for r, d in found:
         stop = start + r.shape[1]
-        yield Piece(r, d, judged[start:stop])
+        yield Piece(r, d, judged[start:stop], width)
         start = stop
+
+
+def width_of(data: Data) -> Array:
+    """Range of what was measured, (ny,)."""
+    y, seen = data[3], data[4] > 0
+    high = np.where(seen, y, -np.inf).max(axis=0)
+    low = np.where(seen, y, np.inf).min(axis=0)
+    width = np.where(high > low, high - low, 1.0)
+    return np.where(np.isfinite(width), width, 1.0)

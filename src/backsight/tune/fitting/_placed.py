@@ -39,9 +39,7 @@ def placed(
     return estimator, _with_parameters(model, given) if given else model
 
 
-def sensor_factors(
-    model: Model, unknowns: Sequence[Unknown], values: Mapping[str, float]
-) -> Array:
+def sensor_factors(model: Model, unknowns: Sequence[Unknown], values: Mapping[str, float]) -> Array:
     """Factor of the standard deviation of every output, (ny,)."""
     factor = np.ones(model.ny)
     for u in unknowns:

@@ -1,4 +1,4 @@
-"""One setting after the other, each with a recursion of its own: for any estimator and any value."""
+"""One setting after the other, each with a recursion of its own: for all estimators and values."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence

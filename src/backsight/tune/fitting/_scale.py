@@ -90,9 +90,7 @@ class BoundedScale(AbstractScale):
         return 1 / (1 + math.exp(-max(-500.0, min(500.0, logit))))
 
 
-def scale_of(
-    start: float, lower: float, upper: float, *, unit: float | None
-) -> AbstractScale:
+def scale_of(start: float, lower: float, upper: float, *, unit: float | None) -> AbstractScale:
     """Scale of a value with bounds; with a unit the value itself, as far as there are no bounds.
 
     The start must not be at a bound.

@@ -1,17 +1,15 @@
 """Numbers among the settings of an estimator, by their paths: ``alpha``, ``arrival.forgetting``."""
 
 import dataclasses
-from typing import TypeVar
+from typing import Any
 
 from backsight.description import Description
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise, Prior
 
-D = TypeVar("D", bound=Description)
 
-
-def numbers_of(description: Description) -> list[str]:
+def numbers_of(description: Any) -> list[str]:
     """Paths of all numbers of an estimator and of the parts it is made of."""
     found = []
     for field in dataclasses.fields(description):
@@ -40,9 +38,9 @@ def number_at(description: Description, path: str) -> float:
     return value
 
 
-def with_setting(description: D, path: str, value: object) -> D:
+def with_setting(description: Any, path: str, value: Any) -> Any:
     """The same description with another value of a setting."""
     name, _, rest = path.partition(".")
     if rest:
         value = with_setting(getattr(description, name), rest, value)
-    return dataclasses.replace(description, **{name: value})  # type: ignore[arg-type]
+    return dataclasses.replace(description, **{name: value})

@@ -54,10 +54,9 @@ class Task:
     searching: Search
 
     def search(
-        self, unknowns: Sequence[Unknown], *, restarts: int, seed: int
+        self, objective: Objective, *, restarts: int, seed: int
     ) -> tuple[Optimum, list[float]]:
         """Best values, and by how much other ends of the search are worse."""
-        objective = self._objective(unknowns)
         start = self.searching.evaluate(objective, np.zeros(len(objective.coordinates)))
         if not np.isfinite(start.cost):
             raise TuningError(
@@ -68,7 +67,11 @@ class Task:
         return search_all(objective, self.searching, restarts=again, seed=seed, near=near)
 
     def option(
-        self, choices: Sequence[Choice], unknowns: Sequence[Unknown], place: Array
+        self,
+        choices: Sequence[Choice],
+        unknowns: Sequence[Unknown],
+        objective: Objective,
+        place: Array,
     ) -> tuple[Candidate, xr.Dataset]:
         """Best option of all choices with the values found; its estimator has the start values."""
         candidates = candidates_of(self.estimator, choices)
@@ -77,7 +80,7 @@ class Task:
         if unknowns:
             if any(u.per != "all" for u in unknowns):
                 raise TuningError("a Choice goes with values that all recordings share")
-            values = self._objective(unknowns).values(place, 0)
+            values = objective.values(place, 0)
             pairs = [placed(c.estimator, self.model, unknowns, values) for c in candidates]
             trials = [Candidate(c.options, p[0]) for c, p in zip(candidates, pairs, strict=True)]
             model = pairs[0][1]
@@ -85,10 +88,15 @@ class Task:
         return next(c for c in candidates if c.options == best.options), table
 
     def tuned(
-        self, unknowns: Sequence[Unknown], place: Array, worse: Sequence[float], *, check: bool
+        self,
+        unknowns: Sequence[Unknown],
+        objective: Objective,
+        place: Array,
+        worse: Sequence[float],
+        *,
+        check: bool,
     ) -> Tuned:
         """What was found, judged."""
-        objective = self._objective(unknowns)
         coordinates = objective.coordinates
         best = Optimum(place, objective.at(place), True)
         if unknowns:
@@ -114,7 +122,9 @@ class Task:
         return Tuned(
             estimators=tuple(e for e, _ in ends),
             models=tuple(m for _, m in ends),
-            values={n: s.value(float(t)) for n, s, t in zip(names, scales, best.place, strict=True)},
+            values={
+                n: s.value(float(t)) for n, s, t in zip(names, scales, best.place, strict=True)
+            },
             start={c.name: c.unknown.start for c in coordinates},
             std=dict(zip(names, map(float, size), strict=True)),
             units={c.name: c.unknown.unit for c in coordinates},
@@ -142,7 +152,10 @@ class Task:
             {
                 "cost": ("evaluation", np.array([cost for _, cost, _ in history])),
                 "passes": ("evaluation", np.array([done for done, _, _ in history])),
-                "value": (("evaluation", "name"), np.array(values).reshape(len(history), len(names))),
+                "value": (
+                    ("evaluation", "name"),
+                    np.array(values).reshape(len(history), len(names)),
+                ),
             },
             coords={"name": names},
         )
@@ -157,7 +170,8 @@ class Task:
         start = np.zeros(len(best.place))
         return HeldOut(*second.cost_at([start, found.place, best.place]))
 
-    def _objective(self, unknowns: Sequence[Unknown]) -> Objective:
+    def objective(self, unknowns: Sequence[Unknown]) -> Objective:
+        """Criterion and prior over all recordings."""
         known: dict[float, Runner] = {}
         for dt in self.periods:
             if dt not in known:

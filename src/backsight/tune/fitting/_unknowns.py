@@ -86,7 +86,9 @@ def _refuse_overlaps(found: Sequence[Unknown]) -> None:
     walks = [u.entry for u in found if u.kind == "walk"]
     for matrix in ("Q", "Qc"):
         if matrix in walks and len(walks) > 1:
-            raise TuningError(f"'{matrix}' is a factor of all process noise: free nothing beside it")
+            raise TuningError(
+                f"'{matrix}' is a factor of all process noise: free nothing beside it"
+            )
 
 
 def _resolved(free: Free, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
@@ -122,16 +124,12 @@ def _resolved(free: Free, estimator: AbstractEstimator, model: Model) -> list[Un
     raise TuningError(f"'{free.name}' cannot be free: {nearest(free.name, known)}")
 
 
-def _sigma_y(
-    free: Free, entry: str, estimator: AbstractEstimator, model: Model
-) -> list[Unknown]:
+def _sigma_y(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
     sigma = np.sqrt(np.diag(estimator.assumed[0].measurement(model)))
     return _each(free, "sigma_y", entry, model.outputs, sigma)
 
 
-def _sigma_w(
-    free: Free, entry: str, estimator: AbstractEstimator, model: Model
-) -> list[Unknown]:
+def _sigma_w(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
     noise = estimator.assumed[0]
     if noise.sigma_w is None:
         raise TuningError("the process noise is not given by sigma_w: free Q or Qc")
@@ -139,9 +137,7 @@ def _sigma_w(
     return _each(free, "walk", entry, model.states, sigma)
 
 
-def _sigma_x0(
-    free: Free, entry: str, estimator: AbstractEstimator, model: Model
-) -> list[Unknown]:
+def _sigma_x0(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
     sigma = np.sqrt(np.diag(estimator.assumed[1].covariance(model)))
     return _each(free, "sigma_x0", entry, model.states, sigma)
 
@@ -176,7 +172,9 @@ def _x0(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> l
             unit = model.states[i].unit
             found.append(Unknown(f"x0.{name}", "x0", name, scale, 1.0, free.per, unit))
     if not found:
-        raise TuningError(f"'{free.name}' cannot be free: sigma_x0 says that it is known; give sigma")
+        raise TuningError(
+            f"'{free.name}' cannot be free: sigma_x0 says that it is known; give sigma"
+        )
     return found
 
 
@@ -209,7 +207,11 @@ def _parameter(free: Free, model: Model) -> Unknown:
     s = next(s for s in model.parameters if s.name == free.name)
     if not s.lower < s.value < s.upper:
         raise TuningError(f"'{s.name}' starts at its bound {s.value:g}: start inside")
-    if s.value == 0 and free.sigma is None and not (math.isfinite(s.lower) or math.isfinite(s.upper)):
+    if (
+        s.value == 0
+        and free.sigma is None
+        and not (math.isfinite(s.lower) or math.isfinite(s.upper))
+    ):
         raise TuningError(f"'{s.name}' starts at 0: give Free('{s.name}', sigma=...)")
     scale = scale_of(s.value, s.lower, s.upper, unit=free.sigma)
     spread = math.log(free.spread or PHYSICAL)

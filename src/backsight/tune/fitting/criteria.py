@@ -9,14 +9,14 @@ variance one.
 import abc
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import ClassVar
 
 import numpy as np
 
-from backsight.description import Count, Description, Positive
+from backsight.description import Count, Description, Share, Sound
 from backsight.errors import TuningError
-from backsight.types import Array
+from backsight.types import Array, Mask
 
 BLOCKS = 100
 """Parts of a piece whose scores count as independent, at least."""
@@ -33,11 +33,14 @@ class Piece:
         step in the i-th value.
     judged : (n, ny) array of bool
         What counts.
+    width : (ny,) array
+        Range of what was measured in the recording.
     """
 
     r: Array
     d: Array
-    judged: Array
+    judged: Mask
+    width: Array
 
     @property
     def z(self) -> Array:
@@ -83,7 +86,7 @@ class AbstractCriterion(Description, abc.ABC):
     independent: ClassVar[bool] = True
     """Whether what it sums up is independent from sample to sample if everything is right."""
 
-    def hidden(self, samples: int) -> Array:
+    def hidden(self, samples: int) -> Mask:
         """Which samples are kept from the estimator, (samples,) of bool; none by default."""
         return np.zeros(samples, bool)
 
@@ -124,11 +127,14 @@ class Likelihood(AbstractCriterion):
             + \frac{d'}{2 d}\left(1 - \frac{r^2}{d}\right), \qquad
         I_{ij} = \sum \frac{r'_i r'_j}{d} + \frac{d'_i d'_j}{2 d^2} .
 
+    With a share :math:`\epsilon` of outliers, which lie anywhere in the range w of what was
+    measured, a term is :math:`-\ln((1 - \epsilon)\,N(r; 0, d) + \epsilon / w)`: what is surely an
+    outlier decides nothing, and its derivatives are weighted by how surely it is none.
+
     Parameters
     ----------
-    clip : float, optional
-        Innovations larger than so many standard deviations count linearly instead of squared
-        (Huber), so that outliers do not decide. That of the rule for outliers if not given.
+    outliers : float
+        Share of outliers; `fit` takes 0.02 if the noise has a rule for outliers.
 
     References
     ----------
@@ -136,7 +142,7 @@ class Likelihood(AbstractCriterion):
     doi:10.1109/TIT.1965.1053737.
     """
 
-    clip: Positive | None = None
+    outliers: Share = 0.0
 
     def residuals(self, z: Array) -> Array:
         """See `AbstractCriterion`; the likelihood is more than these."""
@@ -153,31 +159,28 @@ class Likelihood(AbstractCriterion):
         )
 
     def _of(self, piece: Piece, step: float) -> Measure:
-        # Rows where nothing counts have r = 0, d = 1 in all lanes: they add only ln 2π.
         p, w = len(piece.r) - 1, piece.judged
         r, d = (np.where(w, a, b) for a, b in ((piece.r, 0.0), (piece.d, 1.0)))
         if not (np.isfinite(r).all() and np.isfinite(d).all() and (d > 0).all()):
             return Measure.failed(p)
         log_d = np.log(d)
         z2 = r[0] ** 2 / d[0]
-        c = self.clip or math.inf
-        large = z2 > c**2
-        rho = np.where(large, 2 * self._finite(c) * np.sqrt(z2) - self._finite(c) ** 2, z2)
-        cost = 0.5 * float(np.sum((rho + log_d[0] + math.log(2 * math.pi)) * w))
-        psi = np.where(large, self._finite(c) / np.sqrt(np.where(z2 > 0, z2, 1)), 1.0)
+        terms = 0.5 * (z2 + log_d[0] + math.log(2 * math.pi))
+        sure = np.ones_like(z2)
+        if self.outliers:
+            own, other = math.log1p(-self.outliers) - terms, np.log(self.outliers / piece.width)
+            terms = -np.logaddexp(own, other)
+            sure = np.exp(own + terms)
+        cost = float(np.sum(terms * w))
+        z = r[0] / np.sqrt(d[0])
         dr = (r[1:] - r[0]) / step / np.sqrt(d[0])
         dl = (log_d[1:] - log_d[0]) / step
-        z = r[0] / np.sqrt(d[0])
-        score = (psi * (z * dr - 0.5 * z2 * dl) + 0.5 * dl).sum(axis=2)
-        a, b = dr.reshape(p, z.size), dl.reshape(p, z.size)
+        score = (sure * (z * dr + 0.5 * (1 - z2) * dl)).sum(axis=2)
+        a, b = (k.reshape(p, z.size) for k in (dr * np.sqrt(sure), dl * np.sqrt(sure)))
         curvature = a @ a.T + 0.5 * b @ b.T
         length = max(1, score.shape[1] // BLOCKS)
         scores = np.add.reduceat(score, np.arange(0, score.shape[1], length), axis=1).T
         return Measure(cost, scores.sum(axis=0), curvature, scores)
-
-    @staticmethod
-    def _finite(c: float) -> float:
-        return c if math.isfinite(c) else 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,17 +205,19 @@ class Prediction(Likelihood):
     ahead: Count = 10
     every: Count | None = None
 
-    def conflicts(self, sound: object) -> Iterable[str]:
+    def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
         del sound
         if self.every is not None and self.every <= self.ahead:
             yield f"every = {self.every} leaves nothing to see between blocks of {self.ahead}"
 
-    def hidden(self, samples: int) -> Array:
+    def hidden(self, samples: int) -> Mask:
         """See `AbstractCriterion`."""
         every = self.every or 3 * self.ahead
         if samples < every:
-            raise TuningError(f"the recording has {samples} samples; a block and what is before it {every}")
+            raise TuningError(
+                f"the recording has {samples} samples; a block and what is before it {every}"
+            )
         return np.arange(samples) % every >= every - self.ahead
 
 
