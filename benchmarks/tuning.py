@@ -59,16 +59,12 @@ def trial(machine: Machine, seed: int) -> Trial:
     y, w = WRONG_Y ** (1 - 2 * (seed % 2)), WRONG_W ** (1 - 2 * (seed // 2 % 2))
     recording, _ = machine.record(seed)
     began = time.perf_counter()
-    found = fit(
-        machine.estimator(y=y, w=w), machine.model, recording, free=["sigma_y", "sigma_w"]
-    )
+    found = fit(machine.estimator(y=y, w=w), machine.model, recording, free=["sigma_y", "sigma_w"])
     seconds = time.perf_counter() - began
     true = {f"sigma_y.{n}": s for n, s in machine.sigma_y.items()}
     true |= {f"sigma_w.{n}": s for n, s in machine.sigma_w.items()}
     errors = {n: found.values[n] / s - 1 for n, s in true.items()}
-    off = [
-        np.log(found.values[n] / s) / (found.std[n] / found.values[n]) for n, s in true.items()
-    ]
+    off = [np.log(found.values[n] / s) / (found.std[n] / found.values[n]) for n, s in true.items()]
     other, x = machine.record(1000 + seed)
     best, tuned = (
         bs.estimate(e, machine.model, other) for e in (machine.estimator(), found.estimator)

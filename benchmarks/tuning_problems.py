@@ -94,13 +94,13 @@ def _steps(size: float, hold: int, *, mean: float = 0.0) -> Callable[..., Array]
 
 def _two_masses() -> bs.Model:
     return bs.Model(
-        f=lambda x, u, p: [
+        f=lambda x, u, _p: [
             x.v1,
             -200 * x.q1 - 100 * (x.q1 - x.q2) - 0.8 * x.v1 + u.F,
             x.v2,
             100 * (x.q1 - x.q2) - 0.8 * x.v2,
         ],
-        h=lambda x, u, p: [x.q1, x.q2],
+        h=lambda x, _u, _p: [x.q1, x.q2],
         states={"q1": "m", "v1": "m/s", "q2": "m", "v2": "m/s"},
         inputs={"F": "N"},
         outputs={"y1": "m", "y2": "m"},
@@ -110,8 +110,8 @@ def _two_masses() -> bs.Model:
 
 def _pendulum() -> bs.Model:
     return bs.Model(
-        f=lambda x, u, p: [x.rate, -9.81 / 0.5 * ca.sin(x.angle) - 0.3 * x.rate + u.M],
-        h=lambda x, u, p: [0.5 * ca.sin(x.angle)],
+        f=lambda x, u, _p: [x.rate, -9.81 / 0.5 * ca.sin(x.angle) - 0.3 * x.rate + u.M],
+        h=lambda x, _u, _p: [0.5 * ca.sin(x.angle)],
         states={"angle": "rad", "rate": "rad/s"},
         inputs={"M": "1/s2"},
         outputs={"aside": "m"},
@@ -126,8 +126,8 @@ def _punch() -> bs.Model:
         return 5e-4 * ca.log(1 + ca.exp((q - 0.02) / 5e-4))
 
     return bs.Model(
-        f=lambda x, u, p: [x.v, -400 * x.q - 4 * x.v - 2e4 * contact(x.q) + u.F],
-        h=lambda x, u, p: [x.q],
+        f=lambda x, u, _p: [x.v, -400 * x.q - 4 * x.v - 2e4 * contact(x.q) + u.F],
+        h=lambda x, _u, _p: [x.q],
         states={"q": "m", "v": "m/s"},
         inputs={"F": "N/kg"},
         outputs={"y": "m"},
@@ -139,7 +139,7 @@ def _stage() -> bs.Model:
     """A stage whose stiffness and gain walk."""
     plain = bs.Model(
         f=lambda x, u, p: [x.v, -p.k * x.q - 77.0 * x.v + p.c * u.V],
-        h=lambda x, u, p: [x.q],
+        h=lambda x, _u, _p: [x.q],
         states={"q": "um", "v": "um/s"},
         inputs={"V": "V"},
         outputs={"y": "um"},
@@ -168,11 +168,11 @@ def _tanks() -> bs.Model:
         return 0.5 * ca.log(1 + ca.exp((level - 10) / 0.25)) * 0.25
 
     return bs.Model(
-        f=lambda x, u, p: [
+        f=lambda x, u, _p: [
             -0.25 * root(x.upper) + 0.25 * u.pump - over(x.upper),
             0.25 * root(x.upper) + over(x.upper) - 0.3 * root(x.lower),
         ],
-        h=lambda x, u, p: [x.lower],
+        h=lambda x, _u, _p: [x.lower],
         states={"upper": bs.Signal(value=5.0), "lower": bs.Signal(value=5.0)},
         inputs={"pump": "V"},
         outputs={"level": "1"},
@@ -188,8 +188,8 @@ def _quarter_car() -> bs.Model:
         return suspension, 4000.0 * (x.road - x.wheel) - 8.0 * suspension
 
     return bs.Model(
-        f=lambda x, u, p: [x.v_body, forces(x)[0] + u.F, x.v_wheel, forces(x)[1] - 8 * u.F, 0],
-        h=lambda x, u, p: [x.body - x.wheel, forces(x)[0] + u.F, forces(x)[1] - 8 * u.F],
+        f=lambda x, u, _p: [x.v_body, forces(x)[0] + u.F, x.v_wheel, forces(x)[1] - 8 * u.F, 0],
+        h=lambda x, u, _p: [x.body - x.wheel, forces(x)[0] + u.F, forces(x)[1] - 8 * u.F],
         states={"body": "m", "v_body": "m/s", "wheel": "m", "v_wheel": "m/s", "road": "m"},
         inputs={"F": "N/kg"},
         outputs={"travel": "m", "a_body": "m/s2", "a_wheel": "m/s2"},

@@ -188,8 +188,7 @@ class EKFArrival(AbstractArrival):
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        halves = ekf.ekf_halves(to.s, to.integrator, "discrete")
-        return _filter(halves, to.s.P0, _same(to.chain))
+        return _filter(ekf.ekf_halves(to.s, to.integrator, "discrete"), to.s.P0, _same(to.chain))
 
 
 @dataclasses.dataclass(frozen=True)

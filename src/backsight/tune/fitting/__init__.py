@@ -5,7 +5,7 @@ from backsight.tune.fitting.criteria import AbstractCriterion as AbstractCriteri
 from backsight.tune.fitting.criteria import Likelihood as Likelihood
 from backsight.tune.fitting.criteria import Prediction as Prediction
 from backsight.tune.fitting.criteria import Whiteness as Whiteness
-from backsight.tune.fitting.free import Choice as Choice
-from backsight.tune.fitting.free import Free as Free
 from backsight.tune.fitting.tuned import HeldOut as HeldOut
 from backsight.tune.fitting.tuned import Tuned as Tuned
+from backsight.tune.fitting.values import Choice as Choice
+from backsight.tune.fitting.values import Free as Free

@@ -13,11 +13,10 @@ from backsight.models.model import Model
 from backsight.run.estimation import check_window, match
 from backsight.tune.fitting._descent import Search
 from backsight.tune.fitting._lanes import Data
-from backsight.tune.fitting._task import Task
-from backsight.tune.fitting._unknowns import Unknown, unknowns_of
+from backsight.tune.fitting._tuning import Tuning
 from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood
-from backsight.tune.fitting.free import Choice, Free
 from backsight.tune.fitting.tuned import Tuned
+from backsight.tune.fitting.values import Choice, Free, Unknown, unknowns_of
 from backsight.types import Array
 
 OUTLIERS = 0.02
@@ -112,22 +111,22 @@ def fit(
     periods = [float(r.attrs["dt"]) for r in given]
     samples = sum(len(d[0]) for d in data)
     search = Search(passes, lambda done: progress(min(done / passes, 1.0)), samples)
-    task = Task(estimator, model, tuple(data), tuple(periods), criterion, search)
-    objective = task.objective(unknowns)
+    tuning = Tuning(estimator, model, tuple(data), tuple(periods), criterion, search)
+    objective = tuning.objective(unknowns)
     place: Array = np.zeros(0)
     worse: list[float] = []
     if unknowns:
-        best, worse = task.search(objective, restarts=restarts, seed=seed)
+        best, worse = tuning.search(objective, restarts=restarts, seed=seed)
         place = best.place
     options: dict[str, object] = {}
     table = None
     if choices:
         # With wrong values no option is right: these come first, and again afterwards.
-        chosen, table = task.option(choices, unknowns, objective, place)
+        chosen, table = tuning.option(choices, unknowns, objective, place)
         options = {c.name: o for c, o in zip(choices, chosen.options, strict=True)}
-        task = dataclasses.replace(task, estimator=chosen.estimator)
-        objective = task.objective(unknowns)
-    found = task.tuned(unknowns, objective, place, worse, check=check)
+        tuning = dataclasses.replace(tuning, estimator=chosen.estimator)
+        objective = tuning.objective(unknowns)
+    found = tuning.tuned(unknowns, objective, place, worse, check=check)
     return dataclasses.replace(found, chosen=options, choices=table)
 
 

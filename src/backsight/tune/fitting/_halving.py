@@ -17,9 +17,8 @@ from backsight.models.model import Model
 from backsight.tune.fitting._lanes import Data
 from backsight.tune.fitting._objective import width_of
 from backsight.tune.fitting._rebuilt import Rebuilt
-from backsight.tune.fitting._settings import with_setting
 from backsight.tune.fitting.criteria import AbstractCriterion, Piece
-from backsight.tune.fitting.free import Choice
+from backsight.tune.fitting.values import Choice, with_setting
 from backsight.types import Array
 
 LEAST = 300
@@ -54,7 +53,7 @@ def candidates_of(estimator: AbstractEstimator, choices: Sequence[Choice]) -> li
     return found
 
 
-def choose(
+def halve(
     candidates: Sequence[Candidate],
     model: Model,
     data: Sequence[Data],

@@ -29,8 +29,7 @@ from backsight.estimators.varied_noise import NoisePart, VariedNoise
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.models.structures import forces_as_inputs
-from backsight.tune.fitting._placed import placed, sensor_factors, walk_factor, walk_parts
-from backsight.tune.fitting._unknowns import Unknown
+from backsight.tune.fitting.values import Unknown, placed, sensor_factors, walk_factor, walk_parts
 from backsight.types import Array
 
 Data = tuple[Array, Array, Array, Array, Array]
@@ -41,7 +40,7 @@ CHUNK = 100_000
 
 
 @dataclasses.dataclass(frozen=True)
-class Lanes:
+class LaneRunner:
     """An estimator that runs with many settings at once.
 
     Parameters
@@ -100,7 +99,7 @@ class Lanes:
 
 def lanes_of(
     estimator: AbstractEstimator, model: Model, dt: float, unknowns: Sequence[Unknown]
-) -> Lanes | None:
+) -> LaneRunner | None:
     """Make the recursion; None if the estimator cannot take these values as inputs."""
     kinds = {u.kind for u in unknowns}
     constant = estimator.constant_gain
@@ -125,7 +124,7 @@ def lanes_of(
         return None
     found = tuple(unknowns)
     recursion = _judging(inner, model, found, noise.measurement(model))
-    return Lanes(recursion, estimator, model, varied, wide, inner.start, found, dt)
+    return LaneRunner(recursion, estimator, model, varied, wide, inner.start, found, dt)
 
 
 def _input(unknown: Unknown) -> str:

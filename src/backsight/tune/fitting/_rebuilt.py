@@ -12,8 +12,7 @@ from backsight.models.model import Model
 from backsight.run.estimation import run_on
 from backsight.run.estimation.lag import from_first_sample
 from backsight.tune.fitting._lanes import Data, apart
-from backsight.tune.fitting._placed import placed
-from backsight.tune.fitting._unknowns import Unknown
+from backsight.tune.fitting.values import Unknown, placed
 from backsight.types import Array
 
 COMPILE = 5000

@@ -207,8 +207,7 @@ class Prediction(Likelihood):
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
-        del sound
-        if self.every is not None and self.every <= self.ahead:
+        if sound("every", "ahead") and self.every is not None and self.every <= self.ahead:
             yield f"every = {self.every} leaves nothing to see between blocks of {self.ahead}"
 
     def hidden(self, samples: int) -> Mask:

@@ -24,15 +24,13 @@ from backsight.tune.fitting._doubts import (
     doubts_of_search,
     profiles_of,
 )
-from backsight.tune.fitting._halving import Candidate, candidates_of, choose
-from backsight.tune.fitting._lanes import Data, Lanes, lanes_of
+from backsight.tune.fitting._halving import Candidate, candidates_of, halve
+from backsight.tune.fitting._lanes import Data, LaneRunner, lanes_of
 from backsight.tune.fitting._objective import Objective, Runner, coordinates_of
-from backsight.tune.fitting._placed import placed
 from backsight.tune.fitting._rebuilt import Rebuilt
-from backsight.tune.fitting._unknowns import Unknown
 from backsight.tune.fitting.criteria import AbstractCriterion
-from backsight.tune.fitting.free import Choice
 from backsight.tune.fitting.tuned import HeldOut, Tuned, correlation_of
+from backsight.tune.fitting.values import AbstractScale, Choice, Unknown, placed
 from backsight.types import Array
 
 SMALL, COARSE = 1e-5, 1e-3
@@ -43,7 +41,7 @@ ENOUGH = 400
 
 
 @dataclasses.dataclass(frozen=True)
-class Task:
+class Tuning:
     """Estimator, model and data of a fit."""
 
     estimator: AbstractEstimator
@@ -84,7 +82,7 @@ class Task:
             pairs = [placed(c.estimator, self.model, unknowns, values) for c in candidates]
             trials = [Candidate(c.options, p[0]) for c, p in zip(candidates, pairs, strict=True)]
             model = pairs[0][1]
-        best, table = choose(trials, model, self.data, self.periods, self.criterion)
+        best, table = halve(trials, model, self.data, self.periods, self.criterion)
         return next(c for c in candidates if c.options == best.options), table
 
     def tuned(
@@ -142,10 +140,10 @@ class Task:
             converged=best.converged,
         )
 
-    def _history(self, names: list[str], scales: Sequence[object]) -> xr.Dataset:
+    def _history(self, names: list[str], scales: Sequence[AbstractScale]) -> xr.Dataset:
         history = self.searching.history
         values = [
-            [s.value(float(t)) for s, t in zip(scales, place, strict=True)]  # type: ignore[attr-defined]
+            [s.value(float(t)) for s, t in zip(scales, place, strict=True)]
             for _, _, place in history
         ]
         return xr.Dataset(
@@ -178,7 +176,7 @@ class Task:
                 lanes = lanes_of(self.estimator, self.model, dt, unknowns) if unknowns else None
                 known[dt] = lanes or Rebuilt(self.estimator, self.model, tuple(unknowns), dt)
         runners = tuple(known[dt] for dt in self.periods)
-        fast = all(isinstance(r, Lanes) for r in runners)
+        fast = all(isinstance(r, LaneRunner) for r in runners)
         return Objective(
             runners,
             self.data,

@@ -10,8 +10,8 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.tune.fitting._settings import number_at, with_setting
-from backsight.tune.fitting._unknowns import Unknown
+from backsight.tune.fitting.values._settings import number_at, with_setting
+from backsight.tune.fitting.values._unknowns import Unknown
 from backsight.types import Array
 
 

@@ -12,9 +12,9 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.tune.fitting._scale import AbstractScale, LinearScale, LogScale, scale_of
-from backsight.tune.fitting._settings import number_at, numbers_of
-from backsight.tune.fitting.free import Free
+from backsight.tune.fitting.values._free import Free
+from backsight.tune.fitting.values._scale import AbstractScale, LinearScale, LogScale, scale_of
+from backsight.tune.fitting.values._settings import number_at, numeric_settings
 
 Kind = Literal["sigma_y", "R", "walk", "sigma_x0", "P0", "x0", "parameter", "setting"]
 """What a value is; ``walk`` is all process noise: `sigma_w`, `Q`, `Qc` and entries of them."""
@@ -101,7 +101,7 @@ def _resolved(free: Free, estimator: AbstractEstimator, model: Model) -> list[Un
         estimator.assumed  # noqa: B018 - raises if it has none
         return readers[group](free, entry, estimator, model)
     parameters = [s.name for s in model.parameters]
-    settings = numbers_of(estimator)
+    settings = numeric_settings(estimator)
     if free.name in parameters and free.name in settings:
         raise TuningError(
             f"'{free.name}' is a parameter of the model and a setting of the estimator; rename it"

@@ -9,7 +9,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise, Prior
 
 
-def numbers_of(description: Any) -> list[str]:
+def numeric_settings(description: Any) -> list[str]:
     """Paths of all numbers of an estimator and of the parts it is made of."""
     found = []
     for field in dataclasses.fields(description):
@@ -24,7 +24,7 @@ def numbers_of(description: Any) -> list[str]:
         if isinstance(value, int | float) and not isinstance(value, bool):
             found.append(prefix)
         elif isinstance(value, Description):
-            found += [f"{prefix}.{inner}" for inner in numbers_of(value)]
+            found += [f"{prefix}.{inner}" for inner in numeric_settings(value)]
     return found
 
 
