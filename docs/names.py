@@ -41,11 +41,16 @@ def first_line(value: object) -> str:
     return f"constant, `{type(value).__name__}`"
 
 
+def spaces() -> dict[str, ModuleType]:
+    """The package and its namespaces, by the names under which they are used."""
+    inner = {f"bs.{n}": getattr(bs, n) for n in sorted(bs._HOMES) if is_module(bs, n)}
+    return {"bs": bs} | inner
+
+
 def page() -> str:
     """The whole page."""
-    spaces = {"bs": bs} | {f"bs.{n}": getattr(bs, n) for n in sorted(bs._HOMES) if is_module(bs, n)}
     parts = [HEAD]
-    for space, module in spaces.items():
+    for space, module in spaces().items():
         about = "" if module is bs else f"\n{first_line_of_module(module)}\n"
         rows = [f"| `{n}` | {first_line(getattr(module, n))} |" for n in names(module)]
         parts.append(f"## `{space}`\n{about}\n| name | |\n|---|---|\n" + "\n".join(rows) + "\n")

@@ -10,6 +10,7 @@ from backsight import export as export
 from backsight import extend as extend
 from backsight import forces as forces
 from backsight import models as models
+from backsight import plot as plot
 from backsight import settings as settings
 from backsight import signals as signals
 from backsight import testing as testing

@@ -116,6 +116,12 @@ STATUS_TEXT = {
 }
 """Cause and remedy of every status bit."""
 
+ROLE = "state_role"
+"""Coordinate of the states of a result: `UNKNOWN`, or "motion"."""
+
+UNKNOWN = "unknown"
+"""Role of a state that the model leaves as it is: an unknown constant, parameter or force."""
+
 SIGMA_FACTOR = "sigma_factor"
 """Variable of a recording with the noise of single samples."""
 
@@ -191,8 +197,17 @@ def check_sigma_factor(factor: np.ndarray, names: Sequence[str], where: str) -> 
 
 def check_result(result: xr.Dataset) -> None:
     """Raise `DataError` unless the dataset has the variables and dimensions of a result."""
+    check_estimates(result, "the dataset")
+    if "P" not in result:
+        raise DataError("the dataset has no variable 'P': it is not a result")
+
+
+def check_estimates(result: xr.Dataset, where: str) -> None:
+    """Raise `DataError` unless this is a result, with the covariance or without it."""
     for name, (dims, _) in RESULT_VARIABLES.items():
+        if name == "P" and name not in result:
+            continue
         if name not in result:
-            raise DataError(f"the dataset has no variable '{name}': it is not a result")
+            raise DataError(f"{where} has no variable '{name}': it is not a result")
         if result[name].dims != dims:
             raise DataError(f"variable '{name}' has the dimensions {result[name].dims}, not {dims}")

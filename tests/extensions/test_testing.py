@@ -1,11 +1,8 @@
 """The contract suite for outsiders finds what is broken, and says what."""
 
 import dataclasses
-import re
 import subprocess
 import sys
-import types
-from pathlib import Path
 from typing import ClassVar
 
 import casadi as ca
@@ -122,24 +119,6 @@ def test_a_wrong_description_is_told_at_once():
         type("Fails", (bs.EKF,), {"build": lambda *_: 1 / 0})
     )
     assert "Fails cannot be compiled (zoh): ZeroDivisionError" in broken(fails)
-
-
-def test_the_page_runs():
-    """Every example of docs/extend.md, one after the other."""
-    page = Path(__file__).parents[2] / "docs" / "extend.md"
-    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(blocks) == 5
-    sys.modules["page"] = types.ModuleType("page")  # dataclasses and pickle look there
-    try:
-        names = vars(sys.modules["page"])
-        for block in blocks:
-            exec(block.replace("check_estimator(Fading)", QUICKLY), names)
-        assert isinstance(names["STUDY"], bs.extend.Study)
-    finally:
-        del sys.modules["page"]
-
-
-QUICKLY = "check_estimator(Fading, engines=['vm'], holds=['zoh'])"
 
 
 def test_every_check_says_what_it_promises():

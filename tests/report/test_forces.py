@@ -1,7 +1,6 @@
 """Maps of unknown forces and tables of hits, on the page and as a figure."""
 
 import base64
-import json
 import re
 
 import numpy as np
@@ -11,6 +10,7 @@ from backsight import plot
 from backsight.errors import DataError
 from backsight.report import report
 from backsight.report.thin import peaks
+from report.unpacking import figures_of
 
 PLACES = ("tip", "<b>&middle", "root")
 FORCES = {40: ("tip", -10.0), 41: ("tip", -5.0), 200: ("root", 4.0)}
@@ -34,12 +34,11 @@ def page(results, folder):
 
 
 def maps(text):
-    data = re.search(r'id="figures">(.*?)</script>', text, re.DOTALL)[1]
-    return [f for f in json.loads(data)["figures"] if f["traces"][0]["type"] == "heatmap"]
+    return [f for f in figures_of(text) if f["traces"][0]["type"] == "heatmap"]
 
 
 def values(given):
-    numbers = np.frombuffer(base64.b64decode(given["bdata"]))
+    numbers = np.frombuffer(base64.b64decode(given["bdata"]), given["dtype"])
     return numbers.reshape([int(n) for n in given["shape"].split(", ")])
 
 

@@ -1,4 +1,3 @@
-import json
 import os
 import re
 from html.parser import HTMLParser
@@ -9,6 +8,7 @@ import pytest
 from backsight.errors import DataError, OutputError
 from backsight.report import report
 from backsight.schema import STATUS_TEXT, Status
+from report.unpacking import figures_of, unpacked
 
 HOSTILE = "<script>alert('x')</script><!--"
 
@@ -37,12 +37,6 @@ def written(results, folder, **more):
     return report(results, folder / "report.html", **more).read_text(encoding="utf-8")
 
 
-def figures(page):
-    data = re.search(r'id="figures">(.*?)</script>', page, re.DOTALL)[1]
-    assert "<" not in data  # inside a script element it could end the data early
-    return json.loads(data)["figures"]
-
-
 @pytest.fixture(scope="module")
 def page(result, gappy, tmp_path_factory):
     problem = "[model]\nkind = 'sdof'\n"
@@ -53,7 +47,8 @@ def page(result, gappy, tmp_path_factory):
 def test_the_page_needs_nothing_from_anywhere(page):
     tags = Elements(page).tags
     assert not [t for t, a in tags if t in ("link", "img", "iframe", "object", "embed", "base")]
-    assert not [a for _, a in tags if {"src", "href", "srcset", "data"} & set(a)]
+    assert not [a for _, a in tags if {"src", "srcset", "data"} & set(a)]
+    assert all(a["href"].startswith("#") for _, a in tags if "href" in a)
     policy = next(a["content"] for _, a in tags if a.get("http-equiv") == "Content-Security-Policy")
     assert "default-src 'none'" in policy
     assert "http" not in policy
@@ -63,21 +58,21 @@ def test_the_page_needs_nothing_from_anywhere(page):
 
 
 def test_plotly_is_there_once_and_sends_nothing_away(page):
-    assert page.count("plotly.js v") == 1
+    assert "plotly.js (cartesian - minified)" in unpacked(page, "plotly")[:100]
     assert "showSendToCloud: false" in page
 
 
 def test_every_place_for_a_plot_has_its_figure(page):
     places = [a for t, a in Elements(page).tags if t == "figure"]
-    assert len(places) == len(figures(page)) == 2 + 1 + 2 + 4 + 1
+    assert len(places) == len(figures_of(page)) == 2 + 1 + 2 + 4 + 1
     assert all(a["aria-label"] for a in places)
 
 
 def test_axes_have_units(page):
-    headings = [f["layout"]["annotations"][0]["text"] for f in figures(page)]
-    assert headings[:5] == ["q_m [m]", "a_m [m/s2]", "F [N/kg]", "q [m]", "v [m/s]"]
+    headings = [f["layout"]["annotations"][0]["text"] for f in figures_of(page)]
+    assert headings[:5] == ["q [m]", "v [m/s]", "q_m [m]", "a_m [m/s2]", "F [N/kg]"]
     assert headings[-1].endswith("[1]")
-    assert '"time [s]"' in page
+    assert '"time [s]"' in unpacked(page, "figures")
 
 
 def test_table_ranks_and_shows_final_values(page):
@@ -95,7 +90,7 @@ def test_status_appears_with_cause_and_remedy_only_if_there_is_one(result, page,
     told = written({"KF": result.assign(status=(("time",), code))}, tmp_path)
     assert "<h2>Status</h2>" in told
     assert STATUS_TEXT[Status.CLIPPED] in told
-    assert figures(told)[-1]["traces"][0]["x"] == [0.05, 0.06]
+    assert figures_of(told)[-1]["traces"][0]["x"] == [0.05, 0.06]
 
 
 def test_hostile_names_are_only_text(filtered, tmp_path):
@@ -107,10 +102,10 @@ def test_hostile_names_are_only_text(filtered, tmp_path):
     assert HOSTILE not in page
     assert "<!--" not in page.split("<script>")[0]
     parsed = Elements(page)
-    assert [t for t, _ in parsed.tags].count("script") == 3
+    assert [t for t, _ in parsed.tags].count("script") == 3  # library, figures, program
     assert parsed.text.count(HOSTILE) >= 5
-    shown = [f["layout"]["annotations"][0]["text"] for f in figures(page)]
-    names = [t["name"] for f in figures(page) for t in f["traces"] if "name" in t]
+    shown = [f["layout"]["annotations"][0]["text"] for f in figures_of(page)]
+    names = [t["name"] for f in figures_of(page) for t in f["traces"] if "name" in t]
     assert not [s for s in shown + names if "<" in s or "%{" in s]
 
 
@@ -161,7 +156,7 @@ def test_single_estimator_is_not_ranked(result, tmp_path):
 def test_results_with_different_states(result, tmp_path):
     other = result.assign_coords(state=["q", "w"]).drop_vars("x_true")
     page = written({"a": result, "b": other}, tmp_path)
-    headings = [f["layout"]["annotations"][0]["text"] for f in figures(page)]
+    headings = [f["layout"]["annotations"][0]["text"] for f in figures_of(page)]
     assert {"q [m]", "v [m/s]", "w [m/s]"} <= set(headings)
 
 
@@ -180,7 +175,7 @@ def test_long_recordings_stay_small_and_say_so(result, tmp_path):
     long = result.isel(time=np.arange(n) % 300).assign_coords(time=0.01 * np.arange(n))
     page = written({"a": long, "b": long}, tmp_path)
     assert "smallest and largest of every 25 samples" in page
-    assert len(page.encode()) < 7.5e6
+    assert len(page.encode()) < 2.5e6
     assert "The plots show every sample." in written({"a": result}, tmp_path)
 
 
@@ -216,3 +211,26 @@ def test_an_older_report_survives_a_failure(result, tmp_path, monkeypatch):
         report({"KF": result}, place)
     assert place.read_text() == "older"
     assert os.listdir(tmp_path) == ["report.html"]
+
+
+def test_the_first_screen_is_the_answer(result, tmp_path):
+    known = result.assign_coords(state_role=("state", ["motion", "unknown"]))
+    page = written({"KF": known, "twin": known}, tmp_path, reference={"v": 0.0})
+    header = page[page.index("<header>") : page.index("</header>")]
+    assert re.findall(r"<h3>.*?</i>(\w+)", header) == ["v"]
+    last = float(result.x_hat[-1, 1])
+    shown = re.search(r'class="value">\(?(−?[\d.]+)', header)[1].replace("−", "-")
+    assert float(shown) == pytest.approx(last, rel=0.5)
+    assert header.count("<svg") == 1
+    # Both say the same: once.
+    assert header.count("consistent, its innovations are as large as it predicts") == 1
+    assert header.count('class="lamp good"') == 2
+    assert page.index("<h2>Unknowns</h2>") < page.index("<h2>States</h2>")
+    assert page.index("<h2>Innovations</h2>") < page.index("<h2>Comparison</h2>")
+
+
+def test_a_lamp_tells_who_is_not_to_be_believed(filtered, tmp_path):
+    narrow = filtered(600, noise_factor=0.2)
+    header = written({"narrow": narrow}, tmp_path).partition("</header>")[0]
+    assert 'class="lamp bad"' in header
+    assert 'class="lamp fair"' in written({"wide": filtered(600, noise_factor=5.0)}, tmp_path)

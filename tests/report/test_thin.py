@@ -1,7 +1,10 @@
+import base64
+
 import numpy as np
 import pytest
 
-from backsight.report._traces import band_trace, bulk, drawn, line_trace, view
+from backsight.report._traces import band_trace, drawn, encoded, line_trace, moments
+from backsight.report.ranges import bulk, view
 from backsight.report.thin import envelope, interval_length, thin
 
 
@@ -55,9 +58,12 @@ def test_envelope_contains_the_band_everywhere():
 
 
 def numbers(encoded):
-    import base64
-
-    return np.frombuffer(base64.b64decode(encoded["bdata"]), "<f8")
+    """As the page's script reads them."""
+    if "places" in encoded:
+        at = numbers(encoded["places"])
+        gap = np.iinfo(encoded["places"]["dtype"]).max
+        return np.where(at == gap, np.nan, encoded["start"] + encoded["step"] * at)
+    return np.frombuffer(base64.b64decode(encoded["bdata"]), f"<{encoded['dtype']}")
 
 
 def test_band_is_interrupted_where_it_is_not_finite():
@@ -132,3 +138,20 @@ def test_bulk_leaves_out_rare_values():
 def test_view_of_constants_and_of_nothing():
     assert view([np.zeros(5)], []) == [-1.0, 1.0]
     assert view([np.full(5, np.nan)], [np.array([])]) is None
+
+
+def test_times_of_samples_are_exact_or_as_they_are():
+    time, kept = 3.0 + 1e-3 * np.arange(70_000), np.array([0, 5, 69_999])
+    told = moments(time, kept)
+    assert told["places"]["dtype"] == "u4"
+    np.testing.assert_allclose(numbers(told), time[kept], rtol=1e-14)
+    uneven = np.array([0.0, 1.0, 5.0])
+    np.testing.assert_array_equal(numbers(moments(uneven, np.array([0, -1, 2]))), [0, np.nan, 5])
+
+
+def test_single_precision_only_where_nobody_sees_it():
+    assert encoded(np.array([0.0, 1.0]))["dtype"] == "f4"
+    small = encoded(1e6 + 1e-3 * np.arange(5.0))
+    assert small["dtype"] == "f8"
+    np.testing.assert_array_equal(numbers(small), 1e6 + 1e-3 * np.arange(5.0))
+    assert encoded(np.array([1e300, -1e300]))["dtype"] == "f8"

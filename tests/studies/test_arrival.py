@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from backsight.errors import DataError
+from backsight.output import MARKER
 from backsight.run.estimation import estimate_many
 from backsight.schema import Status
 from backsight_studies import STUDIES
@@ -241,6 +242,7 @@ def test_the_study(tmp_path, monkeypatch):
     )
     written = {p.name for p in (tmp_path / "out").iterdir()}
     assert written == {
+        MARKER,
         "study.html", "checks.json", "runs.csv", "summary.csv", "reactor.png", "horizon.png",
         "bands.png",
     }  # fmt: skip

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from backsight.errors import DataError
+from backsight.output import MARKER
 from backsight.schema import Status
 from backsight_studies import STUDIES
 from backsight_studies.checks import Check
@@ -156,6 +157,7 @@ def test_the_study(tmp_path):
     )
     written = {p.name for p in (tmp_path / "out").iterdir()}
     assert written == {
+        MARKER,
         "study.html", "checks.json", "starts.csv", "jumps.csv", "gains.csv", "biases.csv",
         "claims.csv", "figure2.png", "figure3.png", "figure4.png", "figure5.png", "bias.png",
     }  # fmt: skip

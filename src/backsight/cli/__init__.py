@@ -219,6 +219,28 @@ def export(
         say(f"Code: {out}\nTest: make -C {out} test")
 
 
+@app.command("report")
+def report_again(
+    estimates: Annotated[list[Path], typer.Argument(help="estimates.nc of one or several runs.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")],
+) -> None:
+    """Draw the report again from results, of several runs side by side."""
+    with told():
+        from backsight.problem.results_file import read_estimates
+        from backsight.report import report
+
+        read = {file: read_estimates(file) for file in estimates}
+        results = {
+            name if len(read) == 1 else f"{file.parent.name or file.stem}: {name}": result
+            for file, found in read.items()
+            for name, result in found.results.items()
+        }
+        first = next(iter(read.values()))
+        title = " | ".join(dict.fromkeys(found.title for found in read.values() if found.title))
+        problem = first.problem if len(read) == 1 else None
+        say(f"Report: {report(results, out, title=title or None, problem=problem)}")
+
+
 @app.command("methods")
 def list_methods() -> None:
     """List the estimators with the settings that a problem file may give them."""

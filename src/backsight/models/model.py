@@ -1,6 +1,7 @@
 """The model: named signals, state equation and output equation."""
 
 import dataclasses
+import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -30,7 +31,8 @@ class Model:
     f, h : callable (x, u, p) -> list or dict of expressions, or casadi.Function
         State equation and output equation. The arguments give access by name: ``x.v``, ``u.V``,
         ``p.k``; the result is a list in the order of the states (outputs) or a dict by name.
-        Ordinary arithmetic and the functions of `casadi` (``ca.tanh``...) may be used.
+        Ordinary arithmetic and the functions of `casadi` (``ca.tanh``...) or NumPy (``np.tanh``...)
+        may be used.
     states, inputs, outputs, parameters : dict
         Name to unit, value, ``(value, unit)`` or `Signal`, in order.
     dt : float, optional
@@ -142,6 +144,15 @@ class Model:
         return self.dt is None
 
     @property
+    def resting(self) -> tuple[str, ...]:
+        """Names of the states that the model leaves as they are: unknown constants, walks."""
+        x = ca.SX.sym("x", self.nx)
+        rate = self.rhs(x, ca.SX.sym("u", self.nu))
+        still = rate if self.continuous else rate - x
+        rows = zip(self.states, ca.vertsplit(still), strict=True)
+        return tuple(s.name for s, row in rows if row.is_zero())
+
+    @property
     def theta(self) -> Array:
         """Values of the parameters, (np,)."""
         return np.array([s.value for s in self.parameters])
@@ -184,11 +195,14 @@ class Model:
         if isinstance(given, ca.Function):
             rows = given.call([x, u, p])
         else:
-            returned = given(
-                Named("state", [s.name for s in self.states], x),
-                Named("input", [s.name for s in self.inputs], u),
-                Named("parameter", [s.name for s in self.parameters], p),
-            )
+            with warnings.catch_warnings():
+                # CasADi announces that np.sin(x.q) will return another type; `_rows` takes either.
+                warnings.filterwarnings("ignore", "(?s).*casadi", FutureWarning)
+                returned = given(
+                    Named("state", [s.name for s in self.states], x),
+                    Named("input", [s.name for s in self.inputs], u),
+                    Named("parameter", [s.name for s in self.parameters], p),
+                )
             rows = _rows(returned, of, where)
         expression = ca.densify(ca.vertcat(*rows))
         if expression.shape != (len(of), 1):

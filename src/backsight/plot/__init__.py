@@ -14,11 +14,21 @@ if importlib.util.find_spec("matplotlib") is None:
     )
 
 from backsight.plot._figures import band, figure, label, legend, line, save, truth
-from backsight.plot._force_map import force_map
+from backsight.plot._force_map import draw_forces, force_map
 from backsight.plot._force_path import force_path_figure
+from backsight.plot._quality import draw_comparison, draw_nis, draw_spectrum
+from backsight.plot._signals import draw_innovations, draw_outputs, draw_states, draw_window
 
 __all__ = [
     "band",
+    "draw_comparison",
+    "draw_forces",
+    "draw_innovations",
+    "draw_nis",
+    "draw_outputs",
+    "draw_spectrum",
+    "draw_states",
+    "draw_window",
     "figure",
     "force_map",
     "force_path_figure",

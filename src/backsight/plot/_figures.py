@@ -19,6 +19,13 @@ from backsight.types import Array
 _INK, _MUTED, _GRID = "#1d2126", "#656d76", "#e8eaeb"
 
 
+class Drawing(Figure):
+    """A figure that shows itself in a notebook, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        return _png(self, dpi=110)
+
+
 def figure(rows: int = 1, columns: int = 1, *, width: float = 7.0, height: float = 2.2) -> Figure:
     """Make a figure of plots above each other that share the time axis.
 
@@ -30,7 +37,7 @@ def figure(rows: int = 1, columns: int = 1, *, width: float = 7.0, height: float
     width, height : float
         Width of the figure and height of one row [inch].
     """
-    made = Figure(figsize=(width, height * rows), layout="constrained", facecolor="white")
+    made = Drawing(figsize=(width, height * rows), layout="constrained", facecolor="white")
     FigureCanvasAgg(made)
     made.subplots(rows, columns, sharex="col", squeeze=False)
     for axes in made.axes:
@@ -71,7 +78,7 @@ def line(axes: Axes, time: Array, values: Array, *, name: str, series: int) -> N
         Number of the colour; after six they repeat.
     """
     width = max(2.0 - series, 1.0)
-    axes.plot(time, values, color=_colour(series), linewidth=width, label=name)
+    axes.plot(time, values, color=colour(series), linewidth=width, label=name)
 
 
 def band(
@@ -98,7 +105,7 @@ def band(
         Half the width of the band in standard deviations.
     """
     low, high = values - deviations * std, values + deviations * std
-    axes.fill_between(time, low, high, color=_colour(series), alpha=0.16, linewidth=0)
+    axes.fill_between(time, low, high, color=colour(series), alpha=0.16, linewidth=0)
     line(axes, time, values, name=name, series=series)
 
 
@@ -114,12 +121,17 @@ def legend(axes: Axes) -> None:
 
 def save(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 160) -> Path:
     """Write the figure as PNG; raises `OutputError` if that is not possible."""
+    return write_whole(path, _png(figure, dpi=dpi))
+
+
+def _png(figure: Figure, *, dpi: int) -> bytes:
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=dpi)
-    return write_whole(path, picture.getvalue())
+    return picture.getvalue()
 
 
-def _colour(series: int) -> str:
+def colour(series: int) -> str:
+    """Colour of a series (0, 1, ...)."""
     return ON_LIGHT[series % len(ON_LIGHT)]
 
 

@@ -4,10 +4,13 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
 
 from backsight.analysis.forces import forces, hits, where
+from backsight.description import checked
 from backsight.errors import DataError
-from backsight.plot._figures import label
+from backsight.plot._choice import TIME, Results, results_by_name
+from backsight.plot._figures import figure, label
 from backsight.report.palette import BLUE, VERMILLION
 from backsight.report.thin import peaks
 
@@ -70,3 +73,31 @@ def force_map(axes: Axes, result: xr.Dataset, *, name: str, circles: int = 12) -
         bar = made.colorbar(picture, ax=axes, pad=0.01, fraction=0.03)
         bar.outline.set_visible(False)
         bar.ax.tick_params(labelsize=8, length=0)
+
+
+@checked()
+def draw_forces(results: Results) -> Figure:
+    """Draw unknown forces as maps, place over time, with circles round the largest hits.
+
+    Parameters
+    ----------
+    results
+        As in `draw_states`; those without unknown forces are left out.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    DataError
+        If no result has unknown forces.
+    """
+    those = [(who, r) for who, r in results_by_name(results).items() if hits(r) is not None]
+    if not those:
+        raise DataError("no result has unknown forces 'd_hat' to draw a map of")
+    made = figure(len(those), width=8.0, height=2.6)
+    for axes, (who, result) in zip(made.axes, those, strict=False):
+        force_map(axes, result, name=who)
+    made.axes[len(those) - 1].set_xlabel(TIME, fontsize=8)
+    return made

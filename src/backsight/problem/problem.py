@@ -48,3 +48,4 @@ class Problem(Printed):
     reference: Mapping[str, float]
     tune: TuneTable
     report: bool
+    covariance: bool

@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Callable, Collection, Mapping
-from importlib.metadata import version
 from pathlib import Path
 
 import xarray as xr
@@ -15,6 +14,7 @@ from backsight.output import whole, writing
 from backsight.problem.problem import Problem
 from backsight.problem.reading.checking import at
 from backsight.problem.recorded import recording_of
+from backsight.problem.results_file import write_estimates
 from backsight.problem.seeing import doubts
 from backsight.report import report
 from backsight.run.compare import Comparison, compared
@@ -97,10 +97,13 @@ def _ready(problem: Problem, data: xr.Dataset) -> dict[str, Task | SmoothingTask
 
 
 def _write(folder: Path, problem: Problem, results: Mapping[str, xr.Dataset]) -> None:
-    about = {"title": problem.title, "problem": problem.text, "backsight": version("backsight")}
-    xr.Dataset(attrs=about).to_netcdf(folder / ESTIMATES, engine="h5netcdf")
-    for name, result in results.items():
-        result.to_netcdf(folder / ESTIMATES, group=name, mode="a", engine="h5netcdf")
+    write_estimates(
+        folder / ESTIMATES,
+        results,
+        title=problem.title,
+        problem=problem.text,
+        covariance=problem.covariance,
+    )
     text = json.dumps(_summary(problem, results), indent=2, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
     if problem.report:

@@ -10,7 +10,8 @@ from backsight.analysis.consistency import windowed_nis
 from backsight.analysis.outliers import taken
 from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
-from backsight.report._traces import Trace, band_trace, bulk, limits, line_trace, literal_text, view
+from backsight.report._traces import Trace, band_trace, limits, line_trace, literal_text
+from backsight.report.ranges import bulk, view
 from backsight.report.thin import Positions
 from backsight.schema import Status
 from backsight.types import Array
@@ -38,12 +39,12 @@ def input_plots(every: Sequence[Series]) -> list[Plot]:
     return plots
 
 
-def state_plots(every: Sequence[Series], reference: Mapping[str, float]) -> list[Plot]:
-    """Every state and parameter with its 3-sigma bands, one plot each."""
-    return [
-        _state(every, name, unit, reference.get(name))
-        for name, unit in signal_units(every, "state").items()
-    ]
+def state_plots(
+    every: Sequence[Series], reference: Mapping[str, float], names: Sequence[str]
+) -> list[Plot]:
+    """States and parameters of these names with their 3-sigma bands, one plot each."""
+    units = signal_units(every, "state")
+    return [_state(every, name, units[name], reference.get(name)) for name in names]
 
 
 def innovation_plots(every: Sequence[Series]) -> list[Plot]:

@@ -14,13 +14,46 @@ from backsight.types import Array
 
 Trace = dict[str, object]
 
+_SINGLE, _VARIES = 1e37, 1e-3  # largest number, and least relative range, in single precision
 _DOTTED = 100  # up to so many samples, each gets a dot
 
 
 def encoded(values: Array) -> dict[str, str]:
-    """Numbers as base64 of their bytes: exact, small, and with room for NaN, unlike JSON."""
-    raw = np.ascontiguousarray(values, dtype="<f8").tobytes()
-    return {"dtype": "f8", "bdata": base64.b64encode(raw).decode("ascii")}
+    """Numbers as base64 of their bytes: small, and with room for NaN, unlike JSON.
+
+    Single precision draws a signal exactly enough unless it varies little about a large value.
+    """
+    finite = values[np.isfinite(values)]
+    largest = float(np.abs(finite).max(initial=0.0))
+    fine = finite.size == 0 or (largest < _SINGLE and float(np.ptp(finite)) > _VARIES * largest)
+    kind = "f4" if fine else "f8"
+    raw = np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()
+    return {"dtype": kind, "bdata": base64.b64encode(raw).decode("ascii")}
+
+
+def moments(time: Array, kept: Positions) -> dict[str, object]:
+    """Times of some samples: their numbers if the samples are evenly spaced, which is small.
+
+    The largest number stands for a gap; the page's script turns numbers into times.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Of all samples.
+    kept : array of int
+        Positions; negative where the line is interrupted.
+    """
+    step = (time[-1] - time[0]) / max(len(time) - 1, 1)
+    even = np.abs(time - (time[0] + step * np.arange(len(time)))).max() <= 0.01 * step
+    if not even or not step > 0:
+        at = np.where(kept < 0, np.nan, time[kept])
+        raw = np.ascontiguousarray(at, dtype="<f8").tobytes()
+        return {"dtype": "f8", "bdata": base64.b64encode(raw).decode("ascii")}
+    kind = "u2" if len(time) < 2**16 - 1 else "u4"
+    largest = np.iinfo(kind).max
+    raw = np.where(kept < 0, largest, kept).astype(f"<{kind}").tobytes()
+    places = {"dtype": kind, "bdata": base64.b64encode(raw).decode("ascii")}
+    return {"start": float(time[0]), "step": float(step), "places": places}
 
 
 def literal_text(text: str) -> str:
@@ -46,7 +79,7 @@ def line_trace(
         "type": "scatter",
         "mode": "lines" if len(kept) > _DOTTED else "lines+markers",
         "name": literal_text(name),
-        "x": encoded(time[kept]),
+        "x": moments(time, kept),
         "y": encoded(values[kept]),
         "yaxis": axis,
         "legendgroup": group,
@@ -81,13 +114,13 @@ def band_trace(time: Array, lower: Array, upper: Array, *, colour: str, group: s
     kept, low, high = envelope(lower, upper)
     there = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
     pieces = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1)
-    gap = np.array([np.nan])
-    x = [np.concatenate([time[kept[p]], time[kept[p]][::-1], gap]) for p in pieces]
+    gap, nowhere = np.array([np.nan]), np.array([-1])
+    x = [np.concatenate([kept[p], kept[p][::-1], nowhere]) for p in pieces]
     y = [np.concatenate([high[p], low[p][::-1], gap]) for p in pieces]
     return {
         "type": "scatter",
         "mode": "lines",
-        "x": encoded(np.concatenate(x)),
+        "x": moments(time, np.concatenate(x)),
         "y": encoded(np.concatenate(y)),
         "legendgroup": group,
         "line": {"width": 0},
@@ -104,55 +137,9 @@ def limits(time: Array, bound: Array, *, group: str = "") -> Trace:
     return {
         "type": "scatter",
         "mode": "lines",
-        "x": encoded(np.concatenate([time[kept], gap, time[kept]])),
+        "x": moments(time, np.concatenate([kept, [-1], kept])),
         "y": encoded(np.concatenate([bound[kept], gap, -bound[kept]])),
         "legendgroup": group,
         "line": {"color": "--ink", "width": 1},
         "hoverinfo": "skip",
     }
-
-
-def view(lines: list[Array], bands: list[Array]) -> list[float] | None:
-    """Vertical range that shows the lines whole and does not let a wide initial band squash them.
-
-    Parameters
-    ----------
-    lines : list of array
-        Signals and reference values. Of one that starts far away from where it is later, the first
-        2 % of the samples do not count; a later peak always does.
-    bands : list of array
-        Limits of bands: the outermost 5 % of their samples do not count.
-
-    Returns
-    -------
-    list of float, or None
-        Lower and upper end; None if nothing is finite.
-    """
-    ranges = [r for v in lines if (r := _line_range(v))]
-    ranges += [(q[0], q[1]) for v in bands if (q := _quantiles(v, 0.05))]
-    if not ranges:
-        return None
-    low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
-    margin = 0.06 * (high - low) or 0.1 * abs(high) or 1.0
-    return [low - margin, high + margin]
-
-
-def bulk(values: Array) -> Array:
-    """Range of the finite values without the outermost 0.5 % on either side: (2,), or empty."""
-    return np.array(_quantiles(values, 0.005) or [])
-
-
-def _line_range(values: Array) -> tuple[float, float] | None:
-    whole, later = (_quantiles(v, 0.0) for v in (values, values[len(values) // 50 :]))
-    if whole is None or later is None:
-        return whole
-    far = later[1] > later[0] and whole[1] - whole[0] > 5.0 * (later[1] - later[0])
-    return later if far else whole
-
-
-def _quantiles(values: Array, tail: float) -> tuple[float, float] | None:
-    finite = values[np.isfinite(values)]
-    if not finite.size:
-        return None
-    low, high = np.quantile(finite, [tail, 1.0 - tail])
-    return float(low), float(high)

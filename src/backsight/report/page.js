@@ -1,6 +1,26 @@
 "use strict";
-(() => {
-  const { template, span, figures } = JSON.parse(document.getElementById("figures").textContent);
+(async () => {
+  const unpacked = async (id) => {
+    const bytes = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Response(stream).text();
+  };
+  const library = document.createElement("script");
+  library.textContent = await unpacked("plotly");
+  document.head.append(library);
+  const { template, span, figures } = JSON.parse(await unpacked("figures"));
+
+  // Numbers of samples become times; the largest number is a gap.
+  const kinds = { u2: Uint16Array, u4: Uint32Array };
+  const times = ({ start, step, places }) => {
+    const Kind = kinds[places.dtype];
+    const raw = Uint8Array.from(atob(places.bdata), (c) => c.charCodeAt(0));
+    const gap = 2 ** (8 * Kind.BYTES_PER_ELEMENT) - 1;
+    return Float64Array.from(new Kind(raw.buffer), (k) => (k === gap ? NaN : start + step * k));
+  };
+  for (const { traces } of figures)
+    for (const trace of traces) if (trace.x?.places) trace.x = times(trace.x);
+
   const places = [...document.querySelectorAll("figure")];
   const drawn = new Set();
   const hidden = new Set();
@@ -19,8 +39,9 @@
   let linking = false;
 
   // Colours are names of CSS variables; everything else passes through.
-  const css = getComputedStyle(document.documentElement);
+  const css = getComputedStyle(document.documentElement); // of the medium: paper is light
   const coloured = (value, key = "") => {
+    if (ArrayBuffer.isView(value)) return value;
     if (Array.isArray(value)) return value.map((v) => coloured(v, key));
     if (value && typeof value === "object")
       return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, coloured(v, k)]));
@@ -87,7 +108,48 @@
   });
 
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  addEventListener("beforeprint", () => places.forEach((place) => drawn.has(place) || draw(place)));
+
+  // Paper has its own width and is always light: every plot is drawn again for it.
+  const paper = 660; // pixels between the margins of A4 and of letter
+  const closed = [];
+  addEventListener("beforeprint", () => {
+    document.querySelectorAll("details.section:not([open])").forEach((part) => {
+      closed.push(part);
+      part.open = true;
+    });
+    places.forEach((place) => {
+      place.style.width = `${paper}px`;
+      draw(place);
+    });
+  });
+  addEventListener("afterprint", () => {
+    closed.splice(0).forEach((part) => (part.open = false));
+    places.forEach((place) => (place.style.width = ""));
+    redraw();
+  });
+
+  // On a phone the page begins with its answers; a touch opens the rest, section by section.
+  if (matchMedia("(max-width: 40rem)").matches)
+    document.querySelectorAll("details.section").forEach((part) => (part.open = false));
+  document.querySelectorAll("nav a").forEach((link) =>
+    link.addEventListener("click", () => {
+      document.querySelector(link.hash).open = true;
+    }),
+  );
+
+  document.querySelectorAll(".scroll").forEach((box) => {
+    const button = document.createElement("button");
+    button.className = "copy";
+    button.type = "button";
+    button.textContent = "copy";
+    button.addEventListener("click", () => {
+      const rows = [...box.querySelectorAll("tr")].map((row) =>
+        [...row.cells].map((cell) => cell.innerText.replace(/\s+/g, " ").trim()).join("\t"),
+      );
+      navigator.clipboard.writeText(rows.join("\n")).then(() => (button.textContent = "copied"));
+    });
+    box.before(button);
+  });
 
   // Plotly notices a resized window, but not a figure that became narrower within it.
   const fitter = new ResizeObserver((entries) =>

@@ -1,5 +1,8 @@
 """The report: one HTML page that needs nothing but itself."""
 
+import base64
+import dataclasses
+import gzip
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -10,10 +13,11 @@ from string import Template
 
 import xarray as xr
 
-from backsight.analysis.comparison import Row, ranked_table, verdicts
+from backsight.analysis.comparison import Row, ranked_table
 from backsight.errors import DataError
 from backsight.output import write_whole
 from backsight.report import _html_tables as tables
+from backsight.report._answers import answers, asked, judgements
 from backsight.report._hit_maps import NOTE, force_maps, hit_tables
 from backsight.report._plots import (
     innovation_plots,
@@ -43,56 +47,72 @@ def write_page(
         raise DataError("there are no results to report: give at least one")
     rows = ranked_table(results, reference)
     every = series(results)
-    sections = _sections(rows, every, reference or {}, problem)
-    plots = [plot for _, group in sections for plot in group]
+    sections = _sections(rows, every, reference or {})
+    plots = [plot for section in sections for plot in section.plots]
     heading = title or str(every[0].result.attrs.get("model", "Estimates"))
     page = Template(_resource("page.html")).substitute(
         title=escape(heading),
         style=_style(),
         facts=escape(_facts(every[0].result)),
-        verdicts="".join(f"<li>{escape(v)}</li>" for v in verdicts(rows)),
+        judgements=judgements(rows, every),
+        answers=answers(rows, every, reference or {}),
+        contents=_contents(sections),
         legend=_legend(every, bool(reference)),
-        sections="".join(text for text, _ in sections),
+        sections="".join(map(str, sections)) + _problem(problem),
         notes=_notes(every),
-        plotly=_plotly_js(),
-        figures=_data(plots, every),
+        plotly=_packed(_plotly_js()),
+        figures=_packed(_data(plots, every)),
         script=_resource("page.js"),
     )
     return write_whole(path, page.encode("utf-8"))
 
 
-Section = tuple[str, Sequence[Plot]]
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """A part of the page: a heading, text, plots, and what stands below them."""
+
+    name: str
+    text: str = ""
+    plots: Sequence[Plot] = ()
+    below: str = ""
+
+    @property
+    def anchor(self) -> str:
+        """Where links lead to."""
+        return self.name.lower().replace(" ", "-")
+
+    def __str__(self) -> str:
+        grid = f'<div class="plots">{"".join(map(_place, self.plots))}</div>' if self.plots else ""
+        return (
+            f'<details open class="section" id="{self.anchor}"><summary><h2>{self.name}</h2>'
+            f"</summary>{self.text}{grid}{self.below}</details>"
+        )
 
 
 def _sections(
-    rows: Sequence[Row],
-    every: Sequence[Series],
-    reference: Mapping[str, float],
-    problem: str | Mapping[str, object] | None,
+    rows: Sequence[Row], every: Sequence[Series], reference: Mapping[str, float]
 ) -> list[Section]:
+    """Return pictures first, what was asked for before what moves, and statistics behind."""
     states, outputs = signal_units(every, "state"), signal_units(every, "output")
-    compared = tables.comparison(rows, every, outputs) + tables.final_values_table(
-        rows, every, states
-    )
-    happened = tables.status_list(rows)
     maps = force_maps(rows, every)
+    first = [name for name in asked(every) if len(asked(every)) < len(states)]
+    moving = [name for name in states if name not in first]
+    happened = status_plots(every)
+    bands = "<p>Lines are estimates, bands three standard deviations either way.</p>"
     found = [
-        _section("Comparison", compared, []),
-        _section("Unknown forces", NOTE if maps else "", maps, below=hit_tables(rows, every)),
-        _section("Measured and estimated", "", output_plots(every)),
-        _section("Inputs", "", input_plots(every)),
-        _section(
-            "States and parameters",
-            "<p>Lines are estimates, bands three standard deviations either way.</p>",
-            state_plots(every, reference),
-        ),
-        _section(
+        Section("Unknown forces", NOTE if maps else "", maps, hit_tables(rows, every)),
+        Section("Unknowns", bands, state_plots(every, reference, first)),
+        Section("States", "" if first else bands, state_plots(every, reference, moving)),
+        Section("Measured and estimated", "", output_plots(every)),
+        Section("Inputs", "", input_plots(every)),
+        Section("Values", tables.final_values_table(rows, every, states)),
+        Section(
             "Innovations",
             "<p>Measurement minus its one-step prediction. Of a consistent estimator, 99.7 % lie "
             "between the lines at three standard deviations, without a pattern.</p>",
             innovation_plots(every),
         ),
-        _section(
+        Section(
             "Consistency",
             "<p>Innovations measured with their own covariance. Of a consistent estimator, 95 % "
             "lie in the band; above it the estimator is over-confident, below it too cautious. "
@@ -100,18 +120,14 @@ def _sections(
             + tables.consistency_table(rows, every),
             [nis_plot(every)],
         ),
+        Section("Comparison", tables.comparison(rows, every, outputs)),
+        Section("Status", tables.status_list(rows) if happened else "", happened),
     ]
-    if status := status_plots(every):
-        found.append(_section("Status", happened, status))
-    found = [(text, plots) for text, plots in found if text]
-    return [*found, (_problem(problem), [])]
+    return [s for s in found if s.plots or s.below or (s.text and s.text != bands)]
 
 
-def _section(name: str, text: str, plots: Sequence[Plot], *, below: str = "") -> Section:
-    if not (plots or text or below):
-        return "", []
-    grid = f'<div class="plots">{"".join(map(_place, plots))}</div>' if plots else ""
-    return f"<section><h2>{name}</h2>{text}{grid}{below}</section>", plots
+def _contents(sections: Sequence[Section]) -> str:
+    return "".join(f'<a href="#{s.anchor}">{s.name}</a>' for s in sections)
 
 
 def _place(plot: Plot) -> str:
@@ -189,9 +205,7 @@ def _data(plots: Sequence[Plot], every: Sequence[Series]) -> str:
         "span": [min(s.time[0] for s in every), max(s.time[-1] for s in every)],
         "figures": [{"traces": p.traces, "layout": p.layout} for p in plots],
     }
-    text = json.dumps(data, separators=(",", ":"))
-    # Inside a script element only "<" could end the data early.
-    return text.replace("<", "\\u003c")
+    return json.dumps(data, separators=(",", ":"))
 
 
 def _style() -> str:
@@ -200,9 +214,14 @@ def _style() -> str:
     )
 
 
+def _packed(text: str) -> str:
+    """Return text as base64 of its gzip, which the page's script unpacks: nothing in it is HTML."""
+    return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
+
+
 def _plotly_js() -> str:
-    """The drawing library that plotly ships; plotly itself is slow to import and not needed."""
-    return (files("plotly") / "package_data" / "plotly.min.js").read_text("utf-8")
+    """The part of plotly.js that draws over two axes: a third of the whole."""
+    return _resource("plotly-cartesian.min.js")
 
 
 def _resource(name: str) -> str:

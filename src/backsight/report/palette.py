@@ -2,6 +2,8 @@
 
 Source: Okabe, Ito, "Color Universal Design", 2008, https://jfly.uni-koeln.de/color/. The order
 differs between light and dark: on each ground the colours with the strongest contrast come first.
+Orange, sky and purple are too pale for lines on white (contrast below 3:1, WCAG 2.2, 1.4.11);
+plum, brown and indigo take their places there.
 """
 
 BLACK = "#000000"
@@ -12,8 +14,11 @@ YELLOW = "#F0E442"
 BLUE = "#0072B2"
 VERMILLION = "#D55E00"
 PURPLE = "#CC79A7"
+PLUM = "#B04A8C"
+BROWN = "#7A5200"
+INDIGO = "#4A2A7A"
 
-ON_LIGHT = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
+ON_LIGHT = (BLUE, VERMILLION, GREEN, PLUM, BROWN, INDIGO)
 ON_DARK = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION)
 DASHES = ("solid", "dash", "dot")
 """Line styles that tell series apart when the colours are used up."""

@@ -12,4 +12,8 @@ from backsight.analysis.comparison.error_measures import rmse as rmse
 from backsight.analysis.comparison.error_measures import rse as rse
 from backsight.analysis.comparison.row import Final as Final
 from backsight.analysis.comparison.row import Row as Row
+from backsight.analysis.comparison.verdict import Light as Light
+from backsight.analysis.comparison.verdict import light as light
+from backsight.analysis.comparison.verdict import ranking_sentence as ranking_sentence
+from backsight.analysis.comparison.verdict import sentence as sentence
 from backsight.analysis.comparison.verdict import verdicts as verdicts

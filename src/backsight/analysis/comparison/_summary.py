@@ -23,7 +23,7 @@ from backsight.analysis.consistency import (
 from backsight.analysis.forces import FoundHits, force_remarks, hits
 from backsight.analysis.outliers import outliers
 from backsight.errors import DataError, nearest
-from backsight.schema import COARSE, FAILURES, Status, check_result
+from backsight.schema import COARSE, FAILURES, Status, check_estimates
 
 ALIGNMENT, ALIGNED = "alignment", "aligned"
 """Attributes of a result: what was found out about its recording, a line per sentence; and 1 if
@@ -61,7 +61,7 @@ def assess(
     DataError
         If the dataset is not a result, or `burn_in` leaves no sample.
     """
-    check_result(result)
+    check_estimates(result, "the dataset")
     time = result["time"].values
     settled = result.isel(time=time >= time[:1] + burn_in)
     if settled.sizes["time"] == 0:

@@ -2,11 +2,15 @@
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 from backsight.analysis.comparison.row import Row
 from backsight.analysis.consistency import cause, pattern
 from backsight.analysis.outliers import sentences
 from backsight.rounding import significant
+
+Light = Literal["good", "fair", "bad"]
+"""Believe it; believe it with the reservation that is said; do not believe it."""
 
 _CLOSE = 0.10
 """Innovations that are so much larger or smaller than predicted do no harm in practice."""
@@ -26,7 +30,7 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
     rows : sequence of Row
         As `ranked_table` gives them, best first.
     """
-    ranking = [_ranking(rows)] if len(rows) > 1 else []
+    ranking = [ranking_sentence(rows)] if len(rows) > 1 else []
     recording = list(rows[0].alignment) if rows else []
     return recording + ranking + [f"{row.estimator}: {sentence(row)}." for row in rows]
 
@@ -48,6 +52,21 @@ def agreement(row: Row) -> str:
     clauses = [_size(row) or "inconsistent, although its innovations are as large as it predicts"]
     clauses += [text for text in (pattern(found), cause(found, row.aligned)) if text]
     return "; ".join(clauses)
+
+
+def light(row: Row) -> Light:
+    """Return whether an estimate may be believed: a traffic light for `sentence`."""
+    if row.failed or row.coarse:
+        return "bad"
+    if math.isnan(row.mean_nis) or row.doubts:
+        return "fair"
+    if row.hits is not None:
+        text = _beside_forces(row)
+        return "bad" if text.startswith("over-confident") else "good" if text == _FINE else "fair"
+    if row.consistency.consistent:
+        return "good"
+    over = math.sqrt(row.mean_nis / row.nis_expected) - 1.0
+    return "bad" if over > _CLOSE and not row.consistency.sized else "fair"
 
 
 def _beside_forces(row: Row) -> str:
@@ -113,7 +132,8 @@ def _against_reference(row: Row) -> str:
     return "within 3σ of every reference" if known else ""
 
 
-def _ranking(rows: Sequence[Row]) -> str:
+def ranking_sentence(rows: Sequence[Row]) -> str:
+    """Return who explains the recording best, or that several do it equally well."""
     best, others = rows[0], rows[1:]
     if best.failed:
         return "All estimators diverged."

@@ -18,7 +18,7 @@ from backsight.analysis.consistency.whiteness import Colour, colours
 from backsight.description import Printed, checked
 from backsight.errors import DataError
 from backsight.rounding import significant
-from backsight.schema import INNOVATIONS, Innovations, check_result
+from backsight.schema import INNOVATIONS, Innovations, check_estimates
 
 LEVEL = 0.01
 """A sound result is doubted so often at most."""
@@ -162,7 +162,7 @@ def check_consistency(result: xr.Dataset) -> Consistency:
     DataError
         If the dataset is not a result, or has no sample.
     """
-    check_result(result)
+    check_estimates(result, "the dataset")
     if result.sizes["time"] == 0:
         raise DataError("the result has no sample")
     valid = np.isfinite(nis(result))

@@ -70,6 +70,7 @@ def load(path: str | os.PathLike[str]) -> Problem:
         reference=table.reference,
         tune=table.tune,
         report=table.output.report,
+        covariance=table.output.covariance,
     )
 
 

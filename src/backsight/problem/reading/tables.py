@@ -116,6 +116,7 @@ class OutputTable(StrictTable):
     """``[output]``: what is written."""
 
     report: bool = True
+    covariance: bool = False
 
 
 class FreeTable(StrictTable):

@@ -18,8 +18,10 @@ from backsight.schema import (
     AGO,
     INNOVATIONS,
     RESULT_VARIABLES,
+    ROLE,
     SCHEMA_VERSION,
     SIGMA_FACTOR,
+    UNKNOWN,
     WEIGHT,
     Status,
 )
@@ -90,6 +92,7 @@ def _dataset(
     names = [s.name for s in model.states]
     outputs = [s.name for s in model.outputs]
     inputs = [s.name for s in model.inputs]
+    resting = model.resting
     measured = recording["y"].sel(output=outputs).values
     measured = np.where(output_mask(model, recording) > 0, measured, np.nan)
     values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
@@ -113,6 +116,7 @@ def _dataset(
             "output_": outputs,
             "input": inputs,
             "state_unit": ("state", [s.unit for s in model.states]),
+            ROLE: ("state", [UNKNOWN if n in resting else "motion" for n in names]),
             "output_unit": ("output", [s.unit for s in model.outputs]),
             "input_unit": ("input", [s.unit for s in model.inputs]),
         },
