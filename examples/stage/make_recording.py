@@ -17,8 +17,8 @@ FORCE = 2e4
 TRUTH = ("q", "v", "k", "b", "c")
 HEADER = f"""\
 Simulated recording of a nanopositioning stage at {1 / DT:g} Hz, by make_recording.py (seed {SEED}).
-A pseudo-random binary voltage excites the stage. From {BEGIN:g} s to {END:g} s its payload trickles off:
-its natural frequency goes from 423 Hz to 483 Hz, and an unknown force comes up.
+A pseudo-random binary voltage excites the stage. From {BEGIN:g} s to {END:g} s its payload trickles
+off: its natural frequency goes from 423 Hz to 483 Hz, and an unknown force comes up.
 u_V: voltage; y_um: measured displacement, noise 0.001 um.
 The truth, only for comparison: q_um displacement, v_um_s speed, and per unit of mass
 k stiffness [1/s2], b damping [1/s], c gain of the actuator [um/s2/V].

@@ -25,7 +25,7 @@ app.add_typer(study, name="study")
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
 Force = Annotated[
-    bool, typer.Option("--force", help="Replace files in the folder that are not from here.")
+    bool, typer.Option("--force", help="Replace files that are there, also if not from here.")
 ]
 Outside = Annotated[
     list[str] | None,
@@ -153,19 +153,15 @@ def tune(
         str | None, typer.Option("--estimator", "-e", help="Its name in the file.")
     ] = None,
     page: Annotated[Path | None, typer.Option(help="Page with before and after (HTML).")] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace the files if they are there.")
-    ] = False,
+    force: Force = False,
     outside: Outside = None,
 ) -> None:
     """Find noise, prior, parameters and settings from the recording alone.
 
-    The table [tune] of the problem file says what is free and how it is
-    judged; without it all standard deviations of the noise are. The new
-    file is the old one, comments included, with other values. The exit
-    code is 0 if all was found, 1 if something could not be, which the
-    lines with an exclamation mark say, and 2 if the problem, the
-    recording or the file is at fault and nothing is written.
+    The table [tune] of the file says what is free; without it all noise
+    is. The new file is the old one, comments included, with other values.
+    The exit code is 0 if all was found, 1 if something could not be (the
+    lines with "!"), and 2 if something is at fault and nothing is written.
     """
     with told():
         from backsight.problem import load, tune_problem

@@ -76,12 +76,31 @@ def assemble(name: str, s: Setting, halves: Halves) -> Recursion:
         name, now.data, next=now.next, outputs=now.outputs, channels=ESTIMATE_CHANNELS, dt=s.dt
     )
     behind = plain.carry0[s.model.nx + len(halves.spread_of(s.P0)) :]
+    return dataclasses.replace(plain, start=Start(halves.spread_of, s.sx, behind))
 
-    def start(x0: Array, P0: Array) -> Array:
-        spread = halves.spread_of(P0 / np.outer(s.sx, s.sx))
-        return np.concatenate([x0 / s.sx, spread, behind])
 
-    return dataclasses.replace(plain, start=start)
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """The memory before the first sample for a prior, see `Recursion.start`.
+
+    Parameters
+    ----------
+    spread_of : callable
+        See `Halves`.
+    sx : (nx,) array
+        Scales of the states.
+    behind : array
+        What lies behind state and spread.
+    """
+
+    spread_of: Callable[[Array], Array]
+    sx: Array
+    behind: Array
+
+    def __call__(self, x0: Array, P0: Array) -> Array:
+        """Of a mean (nx,) and a covariance (nx, nx), physical."""
+        spread = self.spread_of(P0 / np.outer(self.sx, self.sx))
+        return np.concatenate([x0 / self.sx, spread, self.behind])
 
 
 def sample(s: Setting, halves: Halves) -> Sample:
