@@ -76,11 +76,11 @@ def assemble(name: str, s: Setting, halves: Halves) -> Recursion:
         name, now.data, next=now.next, outputs=now.outputs, channels=ESTIMATE_CHANNELS, dt=s.dt
     )
     behind = plain.carry0[s.model.nx + len(halves.spread_of(s.P0)) :]
-    return dataclasses.replace(plain, start=Start(halves.spread_of, s.sx, behind))
+    return dataclasses.replace(plain, start=PriorMemory(halves.spread_of, s.sx, behind))
 
 
 @dataclasses.dataclass(frozen=True)
-class Start:
+class PriorMemory:
     """The memory before the first sample for a prior, see `Recursion.start`.
 
     Parameters

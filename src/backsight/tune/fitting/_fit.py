@@ -113,6 +113,7 @@ def fit(
     search = Search(passes, lambda done: progress(min(done / passes, 1.0)), samples)
     tuning = Tuning(estimator, model, tuple(data), tuple(periods), criterion, search)
     objective = tuning.objective(unknowns)
+    before = objective.cost_at([np.zeros(len(objective.coordinates))])[0]
     place: Array = np.zeros(0)
     worse: list[float] = []
     if unknowns:
@@ -127,7 +128,7 @@ def fit(
         tuning = dataclasses.replace(tuning, estimator=chosen.estimator)
         objective = tuning.objective(unknowns)
     found = tuning.tuned(unknowns, objective, place, worse, check=check)
-    return dataclasses.replace(found, chosen=options, choices=table)
+    return dataclasses.replace(found, before=before, chosen=options, choices=table)
 
 
 def _check_groups(unknowns: Sequence[Unknown], recordings: int) -> None:

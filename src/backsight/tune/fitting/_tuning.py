@@ -106,7 +106,6 @@ class Tuning:
             [c.unknown.scale.slope(float(t)) for c, t in zip(coordinates, best.place, strict=True)]
         )
         size = np.sqrt(np.diag(covariance)) * np.abs(slopes)
-        before = objective.cost_at([np.zeros(len(names))])[0]
         profiles = profiles_of(objective, best, covariance) if check and names else None
         halves = self._halves(objective, best) if check and names and objective.fast else None
         doubts = doubts_of(objective, best, covariance, ratio, profiles)
@@ -129,7 +128,7 @@ class Tuning:
             correlation=correlation_of(names, covariance),
             chosen={},
             cost=best.evaluation.data.cost,
-            before=before,
+            before=best.evaluation.data.cost,
             measured=int(sum((d[4] > 0).sum() for d in self.data)),
             doubts=tuple(doubts),
             held_out=halves,
