@@ -54,7 +54,11 @@ def test_what_unknowns_say_of_themselves_is_changed_there(backsight, tmp_path):
     assert found["recording"]["path"] == "../spring.csv"
     assert bs.read(out.parent / found["recording"]["path"], time="t", inputs={"u": "force"},
                    outputs={"y": "place"}).sizes["time"] == 200  # fmt: skip
-    assert "before and after tuning" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "before and after tuning" in page
+    drawn = page.split('id="tuning"')[1]
+    assert drawn.count("<polyline") == 4
+    assert 'aria-label="rise of the criterion over sigma_w.k"' in drawn
 
 
 def test_says_what_could_not_be_found(backsight, tmp_path):

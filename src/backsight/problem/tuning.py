@@ -119,7 +119,13 @@ def tune_problem(
     }
     write_whole(out, text.encode("utf-8"))
     if page is not None:
-        report(results, page, problem=text, title=f"{problem.title}: before and after tuning")
+        report(
+            results,
+            page,
+            problem=text,
+            title=f"{problem.title}: before and after tuning",
+            profiles=tuned.profiles,
+        )
     return TunedProblem(tuned, by, text, results)
 
 

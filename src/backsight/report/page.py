@@ -27,6 +27,7 @@ from backsight.report._plots import (
     state_plots,
     status_plots,
 )
+from backsight.report._profiles import profile_drawings
 from backsight.report._series import Plot, Series, series, signal_units
 from backsight.report._theme import TEMPLATE
 from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
@@ -41,6 +42,7 @@ def write_page(
     problem: str | Mapping[str, object] | None,
     title: str | None,
     reference: Mapping[str, float] | None,
+    profiles: xr.Dataset | None,
 ) -> Path:
     """Write the page, see `backsight.report.report`."""
     if not results:
@@ -48,6 +50,8 @@ def write_page(
     rows = ranked_table(results, reference)
     every = series(results)
     sections = _sections(rows, every, reference or {})
+    if profiles is not None:
+        sections.append(Section("Tuning", profile_drawings(profiles)))
     plots = [plot for section in sections for plot in section.plots]
     heading = title or str(every[0].result.attrs.get("model", "Estimates"))
     page = Template(_resource("page.html")).substitute(
