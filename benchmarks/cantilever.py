@@ -14,6 +14,7 @@ import xarray as xr
 
 from backsight.discrete.exact import zoh
 from backsight.estimators import Noise, Prior
+from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.cs_mhe import Carryover, CompressiveSensingMHE
 from backsight.models.lti import state_space
 from backsight.models.model import Model
@@ -131,7 +132,7 @@ def estimator(mismatch: float) -> CompressiveSensingMHE:
         lam=weights.lam,
         N=N,
         sigma_force=math.sqrt(weights.eps_Q),
-        arrival="smoothed",
+        arrival=SmoothedArrival(naive=True),
         carryover=Carryover((100.0, 1000.0), "separate"),
         threshold=1.0,
         bias="kept",

@@ -5,7 +5,7 @@ import os
 from functools import partial
 
 from backsight.solvers.box import GaussNewton
-from benchmarks import beam_contests, noise_contests, ours, problems
+from benchmarks import beam_contests, every, noise_contests, ours, problems
 from benchmarks.contest import Contender, Contest, Entry, peer
 from benchmarks.problems import Problem
 
@@ -46,6 +46,7 @@ def contests() -> tuple[Contest, ...]:
         _extended(problems.free_stage_filter()),
         _unscented(problems.punch_filter()),
         _filters(),
+        every.contest(),
         _limited(),
         *noise_contests.contests(),
         *beam_contests.contests(),

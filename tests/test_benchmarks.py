@@ -5,11 +5,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import accuracy, bars, contest, page, problems, process_noise, scaling
+from benchmarks import (
+    accuracy,
+    bars,
+    contest,
+    contests,
+    every,
+    page,
+    problems,
+    process_noise,
+    scaling,
+)
 from benchmarks.peers import numpy_ekf, shooting_nlp
 
 from backsight.engine import vm
+from backsight.estimators import ESTIMATORS
 from backsight.solvers.box import GaussNewton
+from backsight.testing import CASES
 
 
 @pytest.mark.parametrize(
@@ -40,6 +52,28 @@ def test_a_contender_that_fails_is_told_and_not_dropped():
     assert rows[0].rounds == 3
     assert rows[0].difference == 0
     assert page.rows_of(table, rows)[1][:2] == ("peer", "not installed: peer")
+
+
+def test_every_estimator_is_timed_and_on_the_page():
+    """A new estimator needs a case; `make bench` then writes its row, in page and results."""
+    table = every.contest()
+    assert [entry.name for entry in table.entries] == [every.row(key) for key in ESTIMATORS]
+    assert table.title in [each.title for each in contests.contests()]
+    root = Path(page.__file__).parent.parent
+    for name in ("docs/benchmarks.md", "benchmarks/results/times.csv"):
+        text = (root / name).read_text(encoding="utf-8")
+        missing = [key for key in ESTIMATORS if every.row(key) not in text]
+        assert not missing, f"{name} has no row of {missing}: run `make bench`"
+
+
+@pytest.mark.parametrize("key", ["ekf", "csmhe"])
+def test_what_is_timed_of_an_estimator_can_be_run(key):
+    problem = every.problem(CASES[key])
+    _, outputs = vm.run(
+        problem.recursion, [rows[:50] for rows in problem.data], carry=problem.recursion.carry0
+    )
+    assert np.isfinite(outputs[0]).all()
+    assert problem.data[1].shape == (every.SAMPLES, problem.model.ny)
 
 
 def test_what_was_not_measured_is_not_reached():

@@ -109,6 +109,34 @@ def test_modules_that_only_their_folder_uses_are_private():
     assert not wrong
 
 
+def is_door(tree: ast.Module) -> bool:
+    """Whether a module only hands on names, under the same names."""
+    return all(isinstance(node, ast.ImportFrom) for node in tree.body[1:])
+
+
+def test_nobody_outside_knows_a_method():
+    """What the rest of the package needs of an estimator is a property or an abstract class.
+
+    A method is the folder in which an estimator of the table is. Modules that hand on names may
+    import from it, and the cases of the contract.
+    """
+    methods = {".".join(kind.__module__.split(".")[:3]) for kind in ESTIMATORS.values()}
+    classes = {kind.__name__ for kind in ESTIMATORS.values()}
+    home, cases = ROOT / "src" / "backsight" / "estimators", "backsight.testing._own"
+    wrong = []
+    for file in SOURCES:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        if home in file.parents or module_of(file) == cases or is_door(tree):
+            continue
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("backsight"):
+                named = {f"{node.module}.{a.name}" for a in node.names}
+                inside = {n for n in named for m in methods if f"{n}.".startswith(f"{m}.")}
+                classy = {n for n in named if n.rpartition(".")[2] in classes}
+                wrong += [(module_of(file), name) for name in sorted(inside | classy)]
+    assert not wrong
+
+
 def test_no_name_means_two_things():
     """Classes and public functions of modules: one name, one thing; engines answer alike."""
     alike = {f"backsight.engine.{engine}" for engine in words(Engine)}

@@ -18,7 +18,14 @@ from backsight.data import from_arrays
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import DataError, TuningError
 from backsight.estimators import EKF, MHE, MHO, UKF, KalmanFilter, Limit, LinearMHE, Noise, Prior
-from backsight.estimators.mhe import EKFArrival, NoArrival, SmoothedArrival, UKFArrival
+from backsight.estimators.arrival import (
+    ConstantArrival,
+    EKFArrival,
+    NoArrival,
+    SmoothedArrival,
+    UKFArrival,
+)
+from backsight.estimators.outliers import Gate
 from backsight.models.augment import augment
 from backsight.models.builtin import duffing
 from backsight.models.lti import lti
@@ -143,6 +150,49 @@ def test_limits_and_bounds_are_no_part_of_the_claim(oscillator):
     narrow = dataclasses.replace(model, states=tuple(bounded))
     limit = Limit("push", {"v": 1.0}, upper=1e-6, of="noise")
     assert certify(MHE(NOISY, UNSURE, N=3, limits=(limit,)), narrow, recording).holds
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"outliers": Gate()}, "the rule for outliers"),
+        ({"sigma_u": 0.1}, "noise of the inputs (sigma_u)"),
+        ({"cross": np.zeros((3, 1))}, "noise that process and sensors have in common (cross)"),
+    ],
+)
+def test_what_is_left_out_is_said(oscillator, settings, said):
+    model, recording = oscillator
+    noise = dataclasses.replace(NOISY, **settings)
+    certificate = certify(EKF(noise, UNSURE), model, recording, at=0.1)
+    assert certificate.left_out == (said, "the bounds of k1")
+    assert f"Left out of the comparison, and of the claim: {said}, the" in str(certificate)
+    assert certificate.holds
+
+
+def test_limits_are_said_to_be_left_out(oscillator):
+    model, recording = oscillator
+    bounded = (dataclasses.replace(model.states[0], lower=-0.5), *model.states[1:])
+    narrow = dataclasses.replace(model, states=bounded)
+    limit = Limit("push", {"v": 1.0}, upper=1e-6, of="noise")
+    estimator = MHE(NOISY, UNSURE, N=3, limits=(limit,), soft={"push": 1.0})
+    left_out = certify(estimator, narrow, recording, at=0.1).left_out
+    assert left_out == ("limits", "soft", "the bounds of q, k1")
+
+
+def test_a_constant_covariance_is_compared_with_the_others(oscillator):
+    arrival = ConstantArrival(np.eye(3))
+    certificate = certify(MHE(NOISY, UNSURE, N=3, arrival=arrival), *oscillator, at=0.1)
+    assert len(certificate.claims) == 7
+    assert not certificate.holds
+
+
+def test_nothing_is_said_where_nothing_is_left_out(oscillator):
+    model, recording = oscillator
+    free = [dataclasses.replace(s, lower=-np.inf, upper=np.inf) for s in model.states]
+    model = dataclasses.replace(model, states=tuple(free))
+    certificate = certify(EKF(NOISY, UNSURE), model, recording, at=0.1)
+    assert certificate.left_out == ()
+    assert "Left out" not in str(certificate)
 
 
 def test_what_weighs_data_twice_is_not_certified(oscillator):

@@ -10,6 +10,7 @@ import backsight as bs
 from backsight.analysis.observability import flat_directions
 from backsight.models.signals import Signal
 from backsight.run.diagnosis._free_forces import constants_and_forces
+from backsight.run.diagnosis._judges import Judges
 from backsight.run.diagnosis._walks import tried
 
 SAMPLES, WALK, SIGMA = 400, 0.02, 0.1
@@ -66,8 +67,13 @@ def test_expected_bands_are_those_of_the_normal_density_of_all_samples():
     assert c.wider == pytest.approx(dense(3 * WALK)[1], rel=1e-9)
 
 
+def trials(*walk):
+    judge, *rest = judged(*walk)
+    return tried(judge, Judges(*rest, {}, {}))
+
+
 def test_trials_are_those_of_the_normal_density_of_all_samples():
-    found = tried(*judged())
+    found = trials()
     assert found.parameters == ("c",)
     assert found.forces == ("D",)
     assert {t.factor for t in found.others} == {1 / 3, 3}
@@ -79,7 +85,7 @@ def test_trials_are_those_of_the_normal_density_of_all_samples():
 
 
 def test_likelihood_is_followed_to_the_walk_that_made_the_drift():
-    found = tried(*judged(WALK / 30))
+    found = trials(WALK / 30)
     best = found.possible[0]
     assert 9 <= best.factor <= 81
     assert best.log_likelihood == pytest.approx(dense(WALK / 30 * best.factor)[2], rel=1e-9)

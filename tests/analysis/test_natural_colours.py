@@ -28,11 +28,12 @@ from backsight.estimators import (
     Prior,
     RecursiveMHE,
 )
+from backsight.estimators.arrival import ConstantArrival, NoArrival, SmoothedArrival
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.mhe import ConstantArrival, NoArrival, SmoothedArrival
 from backsight.models.lti import lti
 from backsight.run.diagnosis._factors_of_results import with_factors
-from backsight.run.diagnosis.audit import noise_found
+from backsight.run.diagnosis._judges import Judges
+from backsight.run.diagnosis.audit import doubts_found, noise_found
 from backsight.run.estimation import estimate, estimate_many
 from backsight.schema import Status
 
@@ -75,7 +76,8 @@ def judged(estimator: AbstractEstimator, data: list[xr.Dataset]) -> list[xr.Data
     """Results with what is found out about their noise."""
     results = estimate_many(estimator, MODEL, data, threads=1)
     found = [
-        noise_found({"": r}, {"": estimator}, MODEL, d) for r, d in zip(results, data, strict=True)
+        noise_found({"": r}, {"": estimator}, Judges(MODEL, d, {"": r}, {"": estimator}))
+        for r, d in zip(results, data, strict=True)
     ]
     return [with_factors(r, f[""]) for r, f in zip(results, found, strict=True)]
 
@@ -240,3 +242,22 @@ def test_noise_wrong_by_four_is_named_in_nine_of_ten(name, wrong, says):
     estimator = {**ESTIMATORS, "Kalman filter": KalmanFilter(NOISE, PRIOR)}[name]
     results = judged(estimator, recordings(100, n=1500, **wrong))
     assert sum(bool(re.search(says, sentence(assess(r)))) for r in results) >= 90
+
+
+@pytest.mark.parametrize("with_filter", [False, True])
+def test_the_filter_that_judges_runs_once_for_all(with_filter, monkeypatch):
+    """For estimators of the same belief, R as a matrix; not at all if it is one of them."""
+    recording = recordings(1, n=600)[0]
+    estimators = {
+        f"MHE {N}": MHE(Noise(R=R.copy(), Q=Q), PRIOR, N=N, arrival=NoArrival()) for N in (2, 3)
+    }
+    if with_filter:
+        estimators["KF"] = KalmanFilter(Noise(R=R.copy(), Q=Q), PRIOR)
+    results = {k: estimate(e, MODEL, recording, engine="vm") for k, e in estimators.items()}
+    judges = Judges(MODEL, recording, results, estimators)
+    ran = []
+    trial = judges.trial
+    monkeypatch.setattr(judges, "trial", lambda judge: ran.append(judge) or trial(judge))
+    noise_found(results, estimators, judges)
+    doubts_found(results, estimators, judges)
+    assert len(ran) == (not with_filter)

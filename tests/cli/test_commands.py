@@ -6,7 +6,9 @@ import sys
 
 import backsight as bs
 import small_problem
+from backsight.description import meanings_of
 from backsight.output import MARKER
+from backsight.problem.reading.settings import fields_of
 from backsight_studies import STUDIES
 from backsight_studies.study import Study, Written
 
@@ -153,3 +155,23 @@ def test_check_tells_the_integration_step_and_whether_it_is_too_coarse(backsight
     _, printed, told = backsight("run", path, "--out", tmp_path / "out")
     assert "MHO: the integration step, euler" in " ".join(told.split())
     assert "MHO: the integration step, euler" in " ".join(printed.split())
+
+
+def test_every_setting_of_a_kind_is_explained(backsight):
+    for key, kind in bs.extend.ESTIMATORS.items():
+        code, printed, _ = backsight("methods", key)
+        assert code == 0
+        assert f'kind = "{key}"' in printed
+        meanings = meanings_of(kind)
+        for field in fields_of(kind):
+            assert field.name in meanings, f"{kind.__name__} does not say what {field.name} is"
+            if field.name not in ("noise", "prior"):
+                assert f"{field.name} = " in printed
+    assert backsight("methods", "MHE") == backsight("methods", "mhe")
+    code, _, told = backsight("methods", "efk")
+    assert code == 2
+    assert "did you mean 'ekf'" in told
+
+
+def test_help_is_whole(backsight):
+    assert "[from the estimator's name]" in backsight("export", "-h")[1]

@@ -3,8 +3,7 @@
 import pytest
 
 from backsight.estimators import ESTIMATORS
-from backsight.testing import CHECKS, ENGINES, Subject
-from contract.cases import CASES
+from backsight.testing import CASES, CHECKS, ENGINES, Subject
 
 
 def test_every_estimator_has_a_case():

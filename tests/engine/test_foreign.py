@@ -24,8 +24,8 @@ from backsight.errors import EngineError
 from backsight.estimators.base import AbstractEstimator
 from backsight.export import export_c
 from backsight.kernels import library, sources
+from backsight.testing import TrialProblem
 from closeness import assert_close
-from contract.cases import TrialProblem
 from engine.examples import data_for, recursion
 
 COMPILER = shutil.which("cc")

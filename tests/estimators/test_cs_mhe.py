@@ -10,9 +10,10 @@ import backsight as bs
 from backsight import schema
 from backsight.engine import native, vm
 from backsight.errors import ModelError, TuningError
-from backsight.estimators import CompressiveSensingMHE
+from backsight.estimators.arrival import arrival_name
 from backsight.estimators.cs_mhe import Atoms, Carryover, HalfSines
 from backsight.run.compare import compare
+from backsight.settings import ConstantArrival, EKFArrival, NoArrival, SmoothedArrival
 from backsight.tune import lambda_max
 from closeness import assert_close
 from estimators import struck
@@ -31,10 +32,10 @@ def run(made, model, u, y, engine=vm):
 
 def estimator(of, **settings):
     given = {"forces": struck.FORCES, "lam": LAM, "N": N, "sigma_force": struck.SIGMA_FORCE}
-    return CompressiveSensingMHE(**struck.gaussians(of), **({"bias": "kept"} | given | settings))
+    return bs.CompressiveSensingMHE(**struck.gaussians(of), **({"bias": "kept"} | given | settings))
 
 
-def setup(made: CompressiveSensingMHE) -> Setup:
+def setup(made: bs.CompressiveSensingMHE) -> Setup:
     carry = made.carryover
     return Setup(
         lam=made.lam,
@@ -42,7 +43,7 @@ def setup(made: CompressiveSensingMHE) -> Setup:
         shapes=made.dictionary.shapes(len(made.forces)),
         x0=struck.X0,
         P0=struck.P0,
-        arrival=made.arrival,
+        arrival=arrival_name(made.arrival),
         threshold=made.threshold,
         sign=1 if made.nonnegative else -1 if made.nonpositive else 0,
         **({} if carry is None else dataclasses.asdict(carry)),
@@ -57,15 +58,15 @@ def recording(u, y):
 
 
 CASES = {
-    "filtered": {},
-    "smoothed": {"arrival": "smoothed"},
-    "constant": {"arrival": "constant"},
+    "smoothed": {},
+    "naive": {"arrival": SmoothedArrival(naive=True)},
+    "constant": {"arrival": ConstantArrival()},
     "known sign": {"nonnegative": struck.FORCES},
     "other sign": {"nonpositive": struck.FORCES},
     "pulses": {"dictionary": HalfSines((1, 3)), "lam": 1.0},
     "groups": {"dictionary": Atoms(np.array([[1.0, 0], [1, 0], [0, 1], [0, 2]]))},
     "separate": {"carryover": Carryover((2.0, 30.0)), "threshold": 0.5},
-    "prior": {"carryover": Carryover((0.1, 4.0), "prior"), "arrival": "smoothed"},
+    "prior": {"carryover": Carryover((0.1, 4.0), "prior"), "arrival": SmoothedArrival(naive=True)},
     "release": {"carryover": Carryover((0.5, 5.0), "release", age=3), "threshold": 0.2},
 }
 
@@ -79,7 +80,7 @@ def test_every_window_is_solved_exactly(case, accelerations):
     u, y = struck.record(of, SAMPLES, seed=3, missing=0.15)
     expected = windows(of, setup(made), y, u)
     assert any(np.abs(w.alpha).max(initial=0) > 1 for _, w in expected)
-    for lag in (0, 2, N) if case == "filtered" else (1,):
+    for lag in (0, 2, N) if case == "smoothed" else (1,):
         found = run(dataclasses.replace(made, lag=lag), model, u, y)
         assert not found["status"].any()
         assert found["kkt"].max() < 1e-8
@@ -196,7 +197,9 @@ def test_known_at_rest_and_dependent_places():
         ({"lam": 0.0}, "lam is 0.0; it must be positive"),
         ({"lam": math.nan}, "lam is nan"),
         ({"threshold": -1.0}, "threshold is -1.0"),
-        ({"arrival": "smothed"}, "did you mean 'smoothed'"),
+        ({"arrival": EKFArrival()}, "the arrival cost is .*; it must be a SmoothedArrival"),
+        ({"arrival": NoArrival(width=10.0)}, "does not need: the first state is free"),
+        ({"lag": None}, "the lag is None; it must be"),
         ({"correction": "energie"}, "did you mean 'energy'"),
     ],
 )
@@ -274,7 +277,7 @@ def test_the_bias_is_removed():
     u, y = struck.record(of, 24, seed=5)
     runs = {
         (lam, bias): run(
-            estimator(of, lam=lam, bias=bias, arrival="none", lag=4), struck.model(of), u, y
+            estimator(of, lam=lam, bias=bias, arrival=NoArrival(), lag=4), struck.model(of), u, y
         )
         for lam, bias in ((0.101, "kept"), (0.1, "kept"), (0.1, "removed"))
     }

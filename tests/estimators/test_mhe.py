@@ -11,7 +11,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.errors import EstimationError, TuningError
 from backsight.estimators import MHE, Limit, Noise, Prior
-from backsight.estimators.mhe import NoArrival
+from backsight.estimators.arrival import NoArrival
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.run.estimation import solve_window

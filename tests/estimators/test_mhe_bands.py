@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from backsight.errors import TuningError
-from backsight.estimators import MHE, Limit, LinearMHE, Noise, Prior, mhe
+from backsight.estimators import MHE, Limit, LinearMHE, Noise, Prior
+from backsight.estimators.arrival import EKFArrival, SmoothedArrival, UKFArrival
 from backsight.models.lti import lti
 from backsight.models.signals import Signal
 from backsight.schema import Status
@@ -82,7 +83,7 @@ def test_soft_bound_is_soft_in_the_result():
     plant = lti([[1.0]], np.zeros((1, 0)), [[1.0]], states={"x": Signal(upper=0.5)}, inputs={},
                 outputs={"y": ""}, dt=1.0)  # fmt: skip
     estimator = MHE(Noise(R=[[0.25]], Q=[[0.04]]), Prior(P0=[[1.0]]), N=1, soft={"x": 3.0})
-    for arrival in (mhe.SmoothedArrival(), mhe.EKFArrival(), mhe.UKFArrival()):
+    for arrival in (SmoothedArrival(), EKFArrival(), UKFArrival()):
         given = MHE(estimator.noise, estimator.prior, 1, arrival, soft=estimator.soft)
         result = Run(given, plant, 1.0)(np.zeros((2, 0)), np.array([[2.0], [np.nan]]))
         np.testing.assert_allclose(result["x_hat"][0, 0], 1.1875, rtol=1e-12)

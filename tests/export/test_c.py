@@ -16,7 +16,7 @@ from backsight.estimators import EKF, MHO
 from backsight.estimators.outliers import StudentT
 from backsight.export import export_c
 from backsight.solvers.box import GaussNewton
-from contract.cases import CASES, TrialProblem
+from backsight.testing import CASES, TrialProblem
 
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1"]
 COMPILER = shutil.which("cc")

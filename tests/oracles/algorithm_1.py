@@ -16,7 +16,7 @@ class Setup:
     shapes: Array
     x0: Array
     P0: Array
-    arrival: str = "filtered"
+    arrival: str = "SmoothedArrival"
     drift: tuple[float, float] | None = None
     reading: str = "separate"
     age: int = 1
@@ -58,9 +58,9 @@ def _tail(past: Array, shapes: Array, samples: int) -> Array:
 def _arrival(
     s: System, setup: Setup, y: Array, u: Array, x: Array, P: Array, w: Window
 ) -> tuple[Array, Array]:
-    if setup.arrival == "smoothed":
+    if setup.arrival == "SmoothedArrival(naive)":
         return w.x[1], w.P[1]
-    if setup.arrival == "constant":
+    if setup.arrival == "ConstantArrival":
         return w.x[1], setup.P0
     m, d = np.isfinite(y), w.forces[0]
     C, D, F, R = s.C[m], s.D[m], s.F[m], s.R[np.ix_(m, m)]

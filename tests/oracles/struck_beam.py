@@ -4,6 +4,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from backsight.estimators import CompressiveSensingMHE, Noise, Prior
+from backsight.estimators.arrival import SmoothedArrival
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.structures.beam import beam
@@ -63,7 +64,7 @@ def estimator(thickness: float, *, eps_Q: float, eps_R: float, lam: float) -> Co
         lam=lam,
         N=N,
         sigma_force=eps_Q**0.5,
-        arrival="smoothed",
+        arrival=SmoothedArrival(naive=True),
         threshold=1.0,
         bias="kept",
     )

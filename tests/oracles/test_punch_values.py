@@ -12,9 +12,10 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
 from backsight.estimators import EKF, UKF, Noise, Prior
 from backsight.estimators.observers import AdaptiveGain
-from backsight.estimators.observers.formulas import ObserverGains, gain_vector, observer_rhs
+from backsight.estimators.observers._formulas import ObserverGains, observer_rhs
 from backsight.models.augment import augment
 from backsight.models.canonical.affine import affine_form
+from backsight.models.canonical.observer_form import gain_vector
 from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal

@@ -120,3 +120,32 @@ def test_the_recording_of_the_beam_is_that_of_its_script():
         for text in (kept, "\n".join(again))
     ]
     np.testing.assert_allclose(rows[0], rows[1], atol=1e-11)
+
+
+@pytest.mark.parametrize("folder", ["motor", "quarter_car"])
+def test_examples_that_end_well(folder, tmp_path):
+    """They find what their recording was made with, and may be believed."""
+    ran = CliRunner().invoke(
+        app, ["run", str(EXAMPLES / folder / "problem.toml"), "-o", str(tmp_path)]
+    )
+    assert ran.exit_code == 0, ran.output
+    for entry in json.loads((tmp_path / "summary.json").read_text("utf-8"))["estimators"].values():
+        known = [f for f in entry["final"].values() if f.get("reference") is not None]
+        assert len(known) == 2
+        assert all(abs(f["value"] - f["reference"]) < 3 * f["std"] for f in known)
+    assert ran.output.count(": consistent, its innovations are as large as it predicts") == 2
+
+
+def test_the_motor_in_python_reads_the_german_file(tmp_path):
+    found = runpy.run_path(str(EXAMPLES / "motor" / "run.py"))["estimated"]()
+    final = found["EKF"].isel(time=-1).sel(state="J")
+    assert abs(float(final.x_hat) - 2.4e-3) < 3 * float(final.x_std)
+
+
+@pytest.mark.parametrize("folder", ["motor", "quarter_car"])
+def test_recordings_are_what_their_programs_make(folder):
+    made = runpy.run_path(str(EXAMPLES / folder / "make_recording.py"))
+    files = made["texts"]() if "texts" in made else {"ride.csv": made["recording_text"]()}
+    for name, text in files.items():
+        there = (EXAMPLES / folder / name).read_text(encoding="utf-8")
+        assert text.splitlines()[:50] == there.splitlines()[:50]

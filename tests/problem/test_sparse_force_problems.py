@@ -6,6 +6,7 @@ import xarray as xr
 
 from backsight.errors import BacksightError
 from backsight.problem import load, run_problem
+from backsight.settings import NoArrival, SmoothedArrival
 from oracles import struck_beam
 
 FORCES = ", ".join(f'"{name}"' for name in struck_beam.FORCES)
@@ -67,11 +68,26 @@ def test_hits_are_found(problem, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("line", "arrival"),
+    [
+        ("", SmoothedArrival()),
+        ('arrival = { kind = "SmoothedArrival", naive = true }', SmoothedArrival(naive=True)),
+        ('arrival = { kind = "NoArrival" }\nlag = "N"', NoArrival()),
+    ],
+)
+def test_arrival_cost_and_lag_are_written_as_for_the_mhe(problem, line, arrival):
+    made = problem(PROBLEM.replace("lam = 0.3\n", f"lam = 0.3\n{line}\n")).estimators["CS"]
+    assert (made.arrival, made.lag, made.delay) == (arrival, "N", made.N)
+
+
+@pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ('"HalfSines", widths', '"HalfSine", widths', "dictionary.kind: unknown kind 'HalfSine'"),
         ("widths = [1, 2]", "widths = [1, 12]", "atoms of 12 steps"),
         ("age = 4", "age = 0", "carryover: age is 0"),
+        ("lam = 0.3\n", 'lam = 0.3\nlag = "M"\n', "unknown lag 'M'"),
+        ("lam = 0.3\n", 'lam = 0.3\narrival = "smoothed"\n', "arrival"),
         ("lam = 0.3\n", "", "estimators.CS.lam: is missing"),
         ("lam = 0.3", "lam = -0.3", "estimators.CS: lam is -0.3"),
         ("F4 = 0.05 }\nthr", "F9 = 0.05 }\nthr", "sigma_force names 'F9'"),

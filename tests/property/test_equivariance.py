@@ -13,8 +13,8 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import EKF, MHO, Noise, Prior
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
+from backsight.testing import DT, WALK, R, TrialProblem, simulated
 from closeness import assert_close
-from contract.cases import DT, WALK, R, TrialProblem, simulated
 from relations.linear import Run
 
 HELD = Integrator("rk4", 1, "zoh")

@@ -8,8 +8,8 @@ import pytest
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import EKF, MHO
 from backsight.schema import Status
-from contract.cases import DT as PERIOD
-from contract.cases import TrialProblem, simulated
+from backsight.testing import DT as PERIOD
+from backsight.testing import TrialProblem, simulated
 from oracles.stage import DT as STAGE_DT
 from oracles.stage import HEUN, NOISE, PRIOR, joint, recording
 from relations.linear import DT, GAUSSIANS, Run, model, record

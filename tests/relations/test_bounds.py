@@ -5,9 +5,9 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from backsight.estimators import MHO
+from backsight.testing import DT as PERIOD
+from backsight.testing import TrialProblem, simulated
 from closeness import assert_close
-from contract.cases import DT as PERIOD
-from contract.cases import TrialProblem, simulated
 from relations.linear import DT, GAUSSIANS, P0, SYSTEM, X0, R, Run, model, record
 
 N = 5

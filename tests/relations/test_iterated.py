@@ -10,8 +10,8 @@ from backsight.estimators import EKF, IEKF, Noise, Prior
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.schema import Status
+from backsight.testing import DT, TrialProblem
 from closeness import assert_close
-from contract.cases import DT, TrialProblem
 from oracles.kalman import kalman_filter
 from relations.linear import DT as PERIOD
 from relations.linear import GAUSSIANS, P0, SYSTEM, X0, Q, R, Run, model, record

@@ -7,8 +7,8 @@ import pytest
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import EKF, MHO, Prior
+from backsight.testing import DT, TrialProblem, simulated
 from closeness import assert_close
-from contract.cases import DT, TrialProblem, simulated
 from relations.linear import Run
 
 METHODS = {"ekf": EKF, "mho": MHO}

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from backsight.estimators import (
+    MHE,
     CompressiveSensingMHE,
     KalmanFilter,
     LinearMHE,
     Noise,
     Prior,
 )
+from backsight.estimators.arrival import ConstantArrival, NoArrival, SmoothedArrival
 from backsight.models.lti import lti
 from backsight.models.model import Model
 from closeness import assert_close
@@ -44,6 +46,32 @@ def test_no_sparse_force_allowed_is_the_kalman_filter(missing, accelerations):
     assert not found["d_raw"].any()
 
 
+@pytest.mark.parametrize("lag", [0, 2, "N"])
+@pytest.mark.parametrize(
+    "arrival",
+    [
+        SmoothedArrival(),
+        SmoothedArrival(naive=True),
+        ConstantArrival(),
+        ConstantArrival(0.3 * struck.P0),
+        NoArrival(),
+    ],
+    ids=lambda a: type(a).__name__,
+)
+def test_arrival_cost_and_lag_mean_what_they_mean_in_the_mhe(arrival, lag):
+    """Where no force is allowed, both are the same window; while it fills, and full, with gaps."""
+    of = struck.system()
+    u, y = struck.record(of, 30, seed=3, missing=0.1)
+    shared = {"N": N, "arrival": arrival, "lag": lag}
+    found = run(sparse(of, **shared), of, u, y)
+    expected = run(MHE(**struck.gaussians(of), **shared), of, u, y)
+    # Without arrival cost the MHE keeps the prior as long as its sample is in the window.
+    names = ("x_hat",) if arrival == NoArrival() else ("x_hat", "P", "y_hat")
+    start, accuracy = (N + 1, 1e-6) if arrival == NoArrival() else (0, 1e-8)
+    for name in names:
+        assert_close(found[name][start:], expected[name][start:], accuracy)
+
+
 def test_background_forces_are_process_noise():
     of = struck.system()
     u, y = struck.record(of, 40, seed=2)
@@ -58,7 +86,7 @@ def test_background_forces_are_process_noise():
 def test_without_arrival_cost_it_is_the_least_squares_mhe():
     of = struck.system()
     u, y = struck.record(of, 40, seed=3)
-    found = run(sparse(of, arrival="none"), of, u, y)
+    found = run(sparse(of, arrival=NoArrival()), of, u, y)
     expected = run(LinearMHE(**struck.gaussians(of), N=N), of, u, y)
     for name in ("x_hat", "P"):
         assert_close(found[name][N:], expected[name][N:], 1e-7)
@@ -68,7 +96,7 @@ def test_without_arrival_cost_too_few_measurements_are_told():
     of = struck.system()
     u, y = struck.record(of, 30, seed=3)
     y[10:24] = np.nan
-    found = run(sparse(of, arrival="none"), of, u, y)
+    found = run(sparse(of, arrival=NoArrival()), of, u, y)
     unobserved = (found["status"].astype(int) & 128) != 0
     assert unobserved[16:24].all()
     assert not unobserved[:14].any()
@@ -81,7 +109,7 @@ def test_a_window_later_is_the_same_window():
     u, y = struck.record(of, 30, seed=4)
     made = CompressiveSensingMHE(
         Noise(R=of.R), Prior(P0=np.zeros((4, 4))), forces=struck.FORCES, lam=0.5, N=N,
-        sigma_force=0.3, arrival="constant",
+        sigma_force=0.3, arrival=ConstantArrival(),
     )  # fmt: skip
     early, late = (
         run(made, of, np.vstack([np.zeros((n, 1)), u]), np.vstack([np.zeros((n, 2)), y]))

@@ -7,7 +7,7 @@ from backsight.errors import DataError
 from backsight.estimators import EKF, MHE
 from backsight.run.compare import compare
 from backsight.run.estimation import estimate
-from contract.cases import TrialProblem
+from backsight.testing import TrialProblem
 
 PROBLEM = TrialProblem()
 SAMPLES = 60

@@ -6,7 +6,7 @@ import pytest
 from backsight.errors import DataError, EstimationError
 from backsight.estimators import EKF, MHO
 from backsight.run.estimation import estimate, estimate_many
-from contract.cases import TrialProblem
+from backsight.testing import TrialProblem
 
 PROBLEM = TrialProblem()
 
@@ -52,6 +52,20 @@ def test_one_that_diverges_leaves_the_others_alone():
     for k in (0, 2):
         assert np.all(np.isfinite(kept[k]["x_hat"]))
         assert kept[k].identical(told.value.results[k].assign_attrs(kept[k].attrs))
+
+
+def test_each_restarts_as_a_run_of_its_own():
+    """After a value that no estimate survives: what follows, and the others, are as alone."""
+    three = recordings(3)
+    three[1]["u"][10] = 1e308
+    estimator = EKF(PROBLEM.noise, PROBLEM.prior)
+    together = estimate_many(estimator, PROBLEM.model, three, restart=True)
+    for recording, result in zip(three, together, strict=True):
+        alone = estimate(estimator, PROBLEM.model, recording, engine="native", restart=True)
+        np.testing.assert_array_equal(result["status"], alone["status"])
+        np.testing.assert_allclose(result["x_hat"], alone["x_hat"], rtol=1e-9, atol=1e-12)
+    assert together[1]["status"].any()
+    assert np.isfinite(together[1]["x_hat"][-1]).all()
 
 
 def test_wrong_recordings_are_named():

@@ -7,6 +7,7 @@ import xarray as xr
 
 from backsight import schema
 from backsight.estimators import CompressiveSensingMHE
+from backsight.estimators.arrival import SmoothedArrival
 from oracles import struck_beam
 
 
@@ -27,4 +28,4 @@ def recording(
 
 def estimator(thickness: float = 0.003, lam: float = 15.0) -> CompressiveSensingMHE:
     made = struck_beam.estimator(thickness, eps_Q=0.0739, eps_R=1e-10, lam=lam)
-    return dataclasses.replace(made, threshold=0.0, arrival="filtered")
+    return dataclasses.replace(made, threshold=0.0, arrival=SmoothedArrival())

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+import backsight as bs
 from backsight.errors import DataError, TuningError
 from backsight.run.estimation import estimate
 from backsight.tune import propose_threshold
@@ -76,3 +77,9 @@ def test_the_threshold_of_the_punch():
 def test_wrong_settings(recording, settings, error, message):
     with pytest.raises(error, match=message):
         propose_threshold(converged(), joint(SOFT), recording, **settings)
+
+
+def test_an_observer_without_such_a_gain_is_refused(recording):
+    kalman = bs.EKF(bs.Noise(sigma_y=1.0), bs.Prior(1.0))
+    with pytest.raises(TuningError, match=r"observer is .*EKF"):
+        propose_threshold(kalman, joint(SOFT), recording)

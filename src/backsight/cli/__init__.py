@@ -14,23 +14,30 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 import typer
 
 from backsight.cli._console import bar, say, tell, told, warn, width
+from backsight.cli._options import Force, Outside
+from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
 
 if TYPE_CHECKING:
     from backsight.estimators.base import AbstractEstimator
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-study = typer.Typer(no_args_is_help=True, help="Reproduce a paper or work on a real system.")
+SHORT = {"help_option_names": ["-h", "--help"]}
+# Markup would take the brackets of "[from the estimator's name]" for a style.
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings=SHORT,
+)
+study = typer.Typer(
+    no_args_is_help=True,
+    help="Reproduce a paper or work on a real system.",
+    rich_markup_mode=None,
+    context_settings=SHORT,
+)
 app.add_typer(study, name="study")
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
-Force = Annotated[
-    bool, typer.Option("--force", help="Replace files that are there, also if not from here.")
-]
-Outside = Annotated[
-    list[str] | None,
-    typer.Option(help="Another file that an HDF5, NetCDF or MAT recording may read from."),
-]
 
 
 @app.callback(invoke_without_command=True)
@@ -145,42 +152,7 @@ def check(
         raise typer.Exit(1)
 
 
-@app.command()
-def tune(
-    problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Problem file with what was found.")],
-    estimator: Annotated[
-        str | None, typer.Option("--estimator", "-e", help="Its name in the file.")
-    ] = None,
-    page: Annotated[Path | None, typer.Option(help="Page with before and after (HTML).")] = None,
-    force: Force = False,
-    outside: Outside = None,
-) -> None:
-    """Find noise, prior, parameters and settings from the recording alone.
-
-    The table "tune" of the file says what is free; without it all noise
-    is. The new file is the old one, comments included, with other values.
-    The exit code is 0 if all was found, 1 if something could not be (the
-    lines with "!"), and 2 if something is at fault and nothing is written.
-    """
-    with told():
-        from backsight.problem import load, tune_problem
-
-        read = load(problem)
-        with bar() as advance:
-            found = tune_problem(
-                read,
-                out,
-                estimator=estimator,
-                page=page,
-                force=force,
-                outside=outside or (),
-                progress=lambda share: advance("passes", share),
-            )
-        say(f"{read.title}\n\n{found.tuned}\n")
-        say(f"Tuned by: {found.by}\nProblem: {out}" + (f"\nPage: {page}" if page else ""))
-    if found.tuned.doubts:
-        raise typer.Exit(1)
+app.command()(tune)
 
 
 @app.command()
@@ -238,11 +210,16 @@ def report_again(
 
 
 @app.command("methods")
-def list_methods() -> None:
+def list_methods(
+    name: Annotated[
+        str | None, typer.Argument(help="A kind, such as ekf: what every setting means.")
+    ] = None,
+) -> None:
     """List the estimators with the settings that a problem file may give them."""
-    from backsight.problem.methods import methods as listed
+    with told():
+        from backsight.problem.methods import method, methods
 
-    say(listed(tell=warn))
+        say(methods(tell=warn) if name is None else method(name))
 
 
 @study.command("list")

@@ -5,8 +5,10 @@ numbers; `Description` checks every field against it and tells all that is wrong
 `checked` does the same for the arguments of a function.
 """
 
+from backsight.description._alike import alike
 from backsight.description._arguments import checked
 from backsight.description._base import Description, Sound
+from backsight.description._docstring import first_sentence, meanings_of, without_marks
 from backsight.description._fits import fault
 from backsight.description._html import equations_of, page_of, preformatted
 from backsight.description._ranges import (
@@ -14,6 +16,7 @@ from backsight.description._ranges import (
     Count,
     Distinct,
     Horizon,
+    Lag,
     Level,
     NonNegative,
     Positive,
@@ -32,6 +35,7 @@ __all__ = [
     "Description",
     "Distinct",
     "Horizon",
+    "Lag",
     "Level",
     "NonNegative",
     "Positive",
@@ -42,14 +46,18 @@ __all__ = [
     "Sound",
     "Unlimited",
     "Whole",
+    "alike",
     "checked",
     "described",
     "equations_of",
     "fault",
+    "first_sentence",
+    "meanings_of",
     "page_of",
     "plain",
     "preformatted",
     "short",
     "tree",
+    "without_marks",
     "words",
 ]

@@ -127,7 +127,7 @@ def _word(known: Sequence[Any], value: object, called: Called) -> Fault | None:
         return None
     hint = nearest(value, known)
     allowed = "" if hint.startswith("known") else f" It must be {either(map(repr, known))}"
-    return Fault(f"unknown {called.name} '{value}': {hint}{allowed}")
+    return Fault(f"unknown {called.name.removeprefix('the ')} '{value}': {hint}{allowed}")
 
 
 def _number(hint: Any, value: object, called: Called, within: Range | None) -> Fault | None:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,3 +78,6 @@ Horizon: TypeAlias = Annotated[
     int, Range("be a whole number from 1 on", 1), Called("the horizon N")
 ]
 """Sampling periods that a window spans."""
+
+Lag: TypeAlias = Annotated[Whole | Literal["N"], Called("the lag")]
+"""Samples from the newest one back to that of the estimate; "N" is all of the window."""

@@ -63,11 +63,11 @@ class Stepper:
 
     def __init__(self, recursion: Recursion) -> None:
         self._step = recursion.step
-        self.carry = recursion.carry0
+        self.carry = np.array(recursion.carry0, dtype=float)
         """The memory (nc,) before the coming sample."""
 
     def step(self, data: Sequence[Array]) -> list[Array]:
         """Apply the step to the data (m_i,) of one sample and return its outputs (l_j,)."""
         carry, *outputs = self._step.call([self.carry, *data])
-        self.carry = np.asarray(carry)[:, 0]
+        self.carry = np.array(carry, dtype=float)[:, 0]
         return [np.asarray(output)[:, 0] for output in outputs]

@@ -4,6 +4,11 @@ import inspect
 
 from backsight.errors import TuningError
 from backsight.estimators._yardstick import yardstick as yardstick
+from backsight.estimators.arrival import ConstantArrival as ConstantArrival
+from backsight.estimators.arrival import EKFArrival as EKFArrival
+from backsight.estimators.arrival import NoArrival as NoArrival
+from backsight.estimators.arrival import SmoothedArrival as SmoothedArrival
+from backsight.estimators.arrival import UKFArrival as UKFArrival
 from backsight.estimators.base import AbstractEstimator as AbstractEstimator
 from backsight.estimators.cs_mhe import CompressiveSensingMHE as CompressiveSensingMHE
 from backsight.estimators.joint_input import JointInput as JointInput
@@ -15,11 +20,6 @@ from backsight.estimators.kalman import Luenberger as Luenberger
 from backsight.estimators.linear_windows import LinearMHE as LinearMHE
 from backsight.estimators.linear_windows import RecursiveMHE as RecursiveMHE
 from backsight.estimators.mhe import MHE as MHE
-from backsight.estimators.mhe import ConstantArrival as ConstantArrival
-from backsight.estimators.mhe import EKFArrival as EKFArrival
-from backsight.estimators.mhe import NoArrival as NoArrival
-from backsight.estimators.mhe import SmoothedArrival as SmoothedArrival
-from backsight.estimators.mhe import UKFArrival as UKFArrival
 from backsight.estimators.mho import MHO as MHO
 from backsight.estimators.observers import AHG as AHG
 from backsight.estimators.observers import HGO as HGO

@@ -58,8 +58,22 @@ class AbstractEstimator(Compilable, abc.ABC):
 
     @property
     def delay(self) -> int:
-        """Samples from the newest one back to that of the output: the field ``lag``, or 0."""
-        return int(getattr(self, "lag", 0))
+        """Samples from the newest one back to that of the output: the field ``lag``, or 0.
+
+        A lag of "N" is the horizon.
+        """
+        lag = getattr(self, "lag", 0)
+        return self.horizon if lag == "N" else int(lag)
+
+    def varied(self, *, parameters: bool) -> AbstractEstimator:  # noqa: ARG002 - itself mostly
+        """Return the method that finds the same while values of noise and model are inputs.
+
+        Parameters
+        ----------
+        parameters : bool
+            Whether parameters of the model are among them: a linear model is then none any more.
+        """
+        return self
 
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """The estimator itself, first, and with other arrival costs; by their names."""
@@ -96,7 +110,7 @@ class AbstractEstimator(Compilable, abc.ABC):
         raise TuningError(
             f"{self.title} has no smoother over a whole recording; with the same noise and prior "
             "smooth by KalmanFilter if the model is linear, else by EKF, IEKF or UKF, and unknown "
-            "forces by JointInput (an MHE looks back over N samples with lag = N)"
+            'forces by JointInput (an MHE looks back over N samples with lag = "N")'
         )
 
 

@@ -1,12 +1,13 @@
 """The estimators and their settings, as a problem file gives them."""
 
 import dataclasses
+import textwrap
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from backsight.data.formats.loading import READERS
-from backsight.description import words
-from backsight.errors import PluginError
+from backsight.description import first_sentence, meanings_of, without_marks, words
+from backsight.errors import PluginError, ProblemError, nearest
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.kernels import library
 from backsight.problem.reading.kinds import ALL_KINDS
@@ -53,6 +54,36 @@ def methods(*, tell: Callable[[str], None] = lambda _: None) -> str:
     return "\n\n".join([*blocks, "\n".join(brought)] if brought else blocks)
 
 
+def method(key: str) -> str:
+    """Return what every setting of a kind of estimator means, with the words that it may be.
+
+    Parameters
+    ----------
+    key : str
+        A kind, such as ``ekf``, or the name of its class.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such kind.
+    """
+    by_class = {ALL_ESTIMATORS[k].__name__.lower(): k for k in ALL_ESTIMATORS}
+    found = by_class.get(key.lower(), key.lower())
+    if found not in ALL_ESTIMATORS:
+        raise ProblemError(f"there is no estimator '{key}', {nearest(key, ALL_ESTIMATORS)}")
+    kind = ALL_ESTIMATORS[found]
+    meanings = meanings_of(kind)
+    settings = [f for f in fields_of(kind) if f.name not in _TABLES]
+    lines = [f"# {kind.title}: {without_marks(first_sentence(kind))}", f'kind = "{found}"']
+    for field in settings:
+        lines += ["", *_comment(meanings.get(field.name, "")), _line(field)]
+    return "\n".join(lines)
+
+
+def _comment(text: str) -> list[str]:
+    return textwrap.wrap(text, 96, initial_indent="# ", subsequent_indent="# ")
+
+
 def refusals() -> list[str]:
     """Sentences about what extensions bring under a name that is taken."""
     return [s for table in (ALL_ESTIMATORS, ALL_KINDS, READERS) for s in table.refusals()]
@@ -66,7 +97,14 @@ def _line(field: dataclasses.Field[Any]) -> str:
     if required(field):
         return f"{field.name} = ...  # must be given"
     if field.default_factory is not dataclasses.MISSING:
-        return f"{field.name} = {_toml(field.default_factory())}"
+        value = field.default_factory()
+        parts = dataclasses_in(field.type)
+        if len(parts) < 2:
+            return f"{field.name} = {_toml(value)}"
+        given = {n: v for n, v in _fields(value).items() if v is not None}
+        named = _toml({"kind": type(value).__name__, **given})
+        others = ", ".join(part.__name__ for part in parts if not isinstance(value, part))
+        return f"{field.name} = {named}  # or the kinds {others}"
     if field.default is None:
         example = "".join(
             _toml(part()) for part in dataclasses_in(field.type)[:1] if _complete(part)
@@ -92,6 +130,9 @@ def _toml(value: object) -> str:
         case Mapping():
             return f"{{ {', '.join(f'{k} = {_toml(v)}' for k, v in value.items())} }}"
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: getattr(value, f.name) for f in fields_of(value)}
-        return _toml({name: entry for name, entry in fields.items() if entry is not None})
+        return _toml({name: entry for name, entry in _fields(value).items() if entry is not None})
     return str(value)
+
+
+def _fields(value: Any) -> dict[str, object]:
+    return {f.name: getattr(value, f.name) for f in fields_of(type(value))}

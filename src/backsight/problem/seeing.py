@@ -2,6 +2,7 @@
 
 import functools
 
+import numpy as np
 import xarray as xr
 
 from backsight.analysis.observability import (
@@ -37,18 +38,32 @@ def examine(problem: Problem, data: xr.Dataset) -> Observability:
         x0 = first.assumed[1].mean(problem.model)
     except TuningError:
         x0 = None
+    along = functools.partial(
+        check_observability_along,
+        problem.model,
+        dt=float(data.attrs["dt"]),
+        x0=x0,
+        integrator=first.integration,
+    )
     samples = FIRST_SAMPLES
     while True:
-        found = check_observability_along(
-            problem.model,
-            u[:samples],
-            dt=float(data.attrs["dt"]),
-            x0=x0,
-            integrator=first.integration,
-        )
+        try:
+            found = along(u[:samples], walks=_walks(problem))
+        except ModelError:  # noise may drive a parameter to where the model is none
+            found = along(u[:samples])
         if found.observable or samples >= min(len(u), MOST_SAMPLES):
             return found
         samples *= 4
+
+
+def _walks(problem: Problem) -> dict[str, float]:
+    """What moves every state from sample to sample, in the opinion of the first estimator."""
+    model = problem.model
+    noise = next(iter(problem.estimators.values())).assumed[0]
+    if noise.Q is not None or noise.Qc is not None or noise.sigma_w is None:
+        return {}
+    sigma = np.sqrt(np.diag(noise.process(model)))
+    return {s.name: float(v) for s, v in zip(model.states, sigma, strict=True) if v > 0}
 
 
 def doubts(problem: Problem, data: xr.Dataset) -> list[str]:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import textwrap
 from collections.abc import Callable, Iterator, Mapping
 
 import xarray as xr
@@ -46,7 +47,8 @@ class Comparison(Printed, Mapping[str, xr.Dataset]):
         return len(self.results)
 
     def __str__(self) -> str:
-        return self.table()
+        said = (textwrap.fill(s, 80, subsequent_indent="  ") for s in self.verdicts())
+        return "\n".join([self.table(), "", *said])
 
     def __repr__(self) -> str:
         return f"Comparison of {', '.join(map(repr, self.results))}"

@@ -3,6 +3,7 @@
 `check_estimator` is what every estimator of the package has to pass. Needs no test framework.
 """
 
+from backsight.testing._own import CASES as CASES
 from backsight.testing.case import ENGINES as ENGINES
 from backsight.testing.case import Build as Build
 from backsight.testing.case import Case as Case

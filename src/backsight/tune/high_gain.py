@@ -12,9 +12,8 @@ from scipy.signal import dlsim
 from backsight.description import Positive, checked
 from backsight.discrete.runge_kutta import Hold
 from backsight.errors import DataError, TuningError
-from backsight.estimators.observers import gain_vector
 from backsight.models.canonical.affine import AffineForm
-from backsight.models.canonical.observer_form import moving_first, observer_form
+from backsight.models.canonical.observer_form import gain_vector, moving_first, observer_form
 from backsight.models.model import Model
 from backsight.run.estimation import matched_inputs
 from backsight.types import Array

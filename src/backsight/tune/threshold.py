@@ -1,15 +1,11 @@
 """Threshold of the adaptive gain: what noise alone does to the innovation."""
 
-import dataclasses
-
-import casadi as ca
 import numpy as np
 import xarray as xr
 
-from backsight.engine.loops import scan
+from backsight.description import checked
 from backsight.errors import DataError, TuningError
-from backsight.estimators.observers import AHG, prediction_error
-from backsight.models.canonical.observer_form import moving_first, observer_form
+from backsight.estimators.adaptive_observer import AbstractAdaptiveObserver
 from backsight.models.model import Model
 from backsight.run.estimation import estimate, match
 from backsight.types import Array
@@ -18,8 +14,9 @@ MOST_WINDOWS = 2000
 """Windows that are evaluated, evenly spread."""
 
 
+@checked(only=("observer",))
 def propose_threshold(
-    observer: AHG,
+    observer: AbstractAdaptiveObserver,
     model: Model,
     recording: xr.Dataset,
     *,
@@ -37,8 +34,8 @@ def propose_threshold(
 
     Parameters
     ----------
-    observer : AHG
-        At lambda_max; its adaptive gain is not used.
+    observer : AbstractAdaptiveObserver
+        An `AHG` at lambda_max; its adaptive gain is not used.
     model : Model
     recording : xarray.Dataset
         Of the converged observer, apart from the beginning.
@@ -73,7 +70,7 @@ def propose_threshold(
 
 
 def innovations(
-    observer: AHG,
+    observer: AbstractAdaptiveObserver,
     model: Model,
     recording: xr.Dataset,
     *,
@@ -89,25 +86,10 @@ def innovations(
             f"the window is {window:g} s; ten of them must fit behind the first {first * dt:g} s, "
             f"but the recording ends at {(n - 1) * dt:g} s"
         )
-    fixed = dataclasses.replace(observer, adaptive=None)
-    result = estimate(fixed, model, recording)
-    first_moving, order = moving_first(model)
-    form = observer_form(first_moving)
+    result = estimate(observer.fixed(), model, recording)
     count = min(MOST_WINDOWS, n - first - length)
     starts = np.unique(np.linspace(first, n - 1 - length, count).astype(int))
-    u, y, mask = match(model, recording)
-    estimates = result["x_hat"].values[starts][:, order]
-    theta = form.theta.map(len(starts))(estimates[:, form.n :].T)
-    chains = form.chain(estimates[:, : form.n]).T
-
-    x, t = ca.MX.sym("x", form.n), ca.MX.sym("theta", form.p)
-    U, Y, M = (ca.MX.sym(k, m, length + 1) for k, m in (("U", form.nu), ("Y", 1), ("M", 1)))
-    (_, area), _ = scan(
-        prediction_error(form, observer.chosen(model, dt), dt),
-        length,
-        carry=[x, ca.MX(0)],
-        xs=[ca.repmat(t, 1, length), *(part for d in (U, Y, M) for part in (d[:, :-1], d[:, 1:]))],
-    )
-    measure = ca.Function("innovations", [x, t, U, Y, M], [area]).map(len(starts))
-    cut = [np.hstack([d[k : k + length + 1].T for k in starts]) for d in (u, y, mask)]
-    return np.asarray(measure(chains, theta, *cut))[0]
+    measure = observer.window_innovation(model, dt, length).map(len(starts))
+    data = match(model, recording)
+    windows = [np.hstack([d[k : k + length + 1].T for k in starts]) for d in data]
+    return np.asarray(measure(result["x_hat"].values[starts].T, *windows))[0]

@@ -2,16 +2,16 @@
 
 import dataclasses
 
-from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.kalman import EKF, UKF, KalmanFilter
-from backsight.estimators.mhe import (
-    MHE,
+from backsight.estimators.arrival import (
     ConstantArrival,
     EKFArrival,
     NoArrival,
     SmoothedArrival,
     UKFArrival,
 )
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.kalman import EKF, UKF, KalmanFilter
+from backsight.estimators.mhe import MHE
 from backsight.models.model import Model
 from backsight_studies.arrival.plants import HORIZONS, INTEGRATOR, REACTOR, SPRING, Plant, unbounded
 

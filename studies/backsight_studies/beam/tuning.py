@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.cs_mhe import Carryover, CompressiveSensingMHE
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight_studies.beam.plant import FORCES, THICKNESS, N, sampled
@@ -74,7 +75,7 @@ def estimator(
         lam=setting.lam,
         N=N,
         sigma_force=math.sqrt(setting.eps_Q),
-        arrival="smoothed",
+        arrival=SmoothedArrival(naive=True),
         carryover=carryover,
         threshold=THRESHOLD,
         bias="kept",

@@ -183,7 +183,10 @@ class Alignment(Printed):
     def _sizes(self) -> str:
         known = [r for r in self.ratios if r.known]
         if not known:
-            return "Size of y: cannot be compared with the model's response, the two are unlike."
+            return (
+                "Units and signs cannot be compared, since the model without measurements moves "
+                "differently (its start or its parameters are not known well enough for that)."
+            )
         listed = ", ".join(f"'{r.output}' {significant(r.size, 2)}" for r in known)
         return (
             f"Units and signs look right: {listed} times the model's response to the input "

@@ -75,6 +75,8 @@ class Certificate(Printed):
         State to the value at which the model is linearised.
     tolerance : float
         Largest difference that counts as none, of estimates; `LOST` times as much of covariances.
+    left_out : tuple of str
+        What of the estimator and its model the comparison does without.
     """
 
     estimator: str
@@ -86,6 +88,7 @@ class Certificate(Printed):
     lag: int
     at: dict[str, float]
     tolerance: float
+    left_out: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -127,7 +130,8 @@ class Certificate(Printed):
                 f"estimate cannot be told: on the linearised model these two differ by "
                 f"{self.references:.1e} standard deviations, by rounding alone, and the estimator "
                 f"from them by {own.estimates:.1e}. A mode that grows or is much faster than the "
-                "sampling, or scales far apart, are the usual reasons."
+                "sampling, or scales far apart, are the usual reasons.",
+                *self._without(),
             ]
         verb = "equals" if self.holds else "does NOT equal"
         found = [
@@ -143,7 +147,15 @@ class Certificate(Printed):
             found.append(f"It would also do so with {', '.join(alike)}.")
         if unlike:
             found.append(f"It would not with {', '.join(unlike)}.")
-        return found
+        return [*found, *self._without()]
+
+    def _without(self) -> list[str]:
+        if not self.left_out:
+            return []
+        return [
+            f"Left out of the comparison, and of the claim: {', '.join(self.left_out)}. On the "
+            "linearised model with additive Gaussian noise there is nothing to hold them against."
+        ]
 
     def __str__(self) -> str:
         return "\n".join([self.table(), "", *self.lines()])

@@ -163,6 +163,7 @@ def check_observability_along(
     dt: float,
     x0: Array | None = None,
     integrator: Integrator | None = None,
+    walks: Mapping[str, float] | None = None,
     candidates: Mapping[str, Sensor] | None = None,
     tolerance: float = WINDOW_TOLERANCE,
 ) -> Observability:
@@ -181,6 +182,10 @@ def check_observability_along(
         Sampling period [s].
     x0 : (nx,) array, optional
         First state; the values in the model if not given.
+    walks : dict, optional
+        Standard deviation of what is added to states from sample to sample [their units], such as
+        the walk of an unknown force: it moves a machine that has no recorded input. Drawn from a
+        fixed seed.
     integrator, candidates, tolerance
         As elsewhere; see `check_observability`.
 
@@ -194,8 +199,9 @@ def check_observability_along(
 
     def rows(m: Model) -> tuple[Array, Array]:
         method = settle_steps(given, m, lambda: modes_over(m, start, np.zeros(m.nx)), dt=dt)
-        return sensitivities(m, u, dt=dt, x0=start, integrator=method)
+        return sensitivities(m, u, dt=dt, x0=start, integrator=method, pushes=pushes)
 
+    pushes = _pushes(model, walks or {}, len(u))
     stack, size = rows(model)
     basis, weakest = _null(stack.reshape(-1, model.nx), tolerance)
     rank = model.nx - basis.shape[1]
@@ -214,6 +220,16 @@ def check_observability_along(
         repairs=mending,
         window=len(u),
     )
+
+
+def _pushes(model: Model, walks: Mapping[str, float], samples: int) -> Array | None:
+    """Random steps of the states that walk, (samples, nx)."""
+    if not walks:
+        return None
+    sigma = np.zeros(model.nx)
+    for name, value in walks.items():
+        sigma[model.index(name)] = value
+    return sigma * np.random.default_rng(0).standard_normal((samples, model.nx))
 
 
 def _unseen(A: Array, C: Array, tolerance: float) -> tuple[Array, int, float]:

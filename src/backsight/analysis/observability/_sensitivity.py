@@ -12,13 +12,20 @@ from backsight.types import Array
 
 
 def sensitivities(
-    model: Model, u: Array, *, dt: float, x0: Array, integrator: Integrator
+    model: Model,
+    u: Array,
+    *,
+    dt: float,
+    x0: Array,
+    integrator: Integrator,
+    pushes: Array | None = None,
 ) -> tuple[Array, Array]:
     """Rows (n, ny, nx) of all samples, and the sizes of the states (nx,).
 
     Rows are divided by the sizes of the outputs and multiplied by those of the states: their
     `Signal.scale`, else the largest value of the motion. A state that is zero throughout, such as
-    an unknown force, has the size that moves the outputs by their own.
+    an unknown force, has the size that moves the outputs by their own. `pushes` (n, nx) are added
+    to the state after every sample: what walks do to it.
 
     Raises
     ------
@@ -36,7 +43,7 @@ def sensitivities(
         outputs.append(y[:, 0])
         rows.append(H @ Phi)
         with np.errstate(over="ignore", invalid="ignore"):
-            x, Phi = moved[:, 0], F @ Phi
+            x, Phi = moved[:, 0] + (0.0 if pushes is None else pushes[k]), F @ Phi
         if not (np.isfinite(x).all() and np.isfinite(Phi).all()):
             raise ModelError(
                 f"the motion of model '{model.name}' is not finite from sample {k + 1} on; give "

@@ -6,6 +6,7 @@ import numpy as np
 from backsight.algebra.symmetric import vech
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
+from backsight.estimators.cs_mhe._arrival import next_covariance
 from backsight.estimators.cs_mhe._window import (
     ROUNDING,
     Solver,
@@ -17,15 +18,12 @@ from backsight.estimators.cs_mhe.carryover import Carryover, slide
 from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.filtering import choose, physical
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.leaf import Results, leaf, named_results
+from backsight.estimators.parts.leaf import Results, leaf, named_results, notation
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.window import empty_queue, moved_on, queued
 
 NUMBERS = ("nonzeros", "steps", "kkt", "lam_max")
 """Outputs about the active set."""
-
-CONSTANT = 1
-"""Arrival cost with a covariance that stays."""
 
 
 def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recursion:
@@ -69,7 +67,7 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
 
     # 4. arrival cost, eq. 12, and what the next window expects (Algorithm 1)
     second = ca.horzcat(states[:, 1:], last)[:, 0] + found.x[0]
-    P_second = ca.MX(s.P0) if solver.arrival == CONSTANT else found.P[0]
+    P_second = next_covariance(solver.arrival, s, found.P[0])
     x_start, P_start = choose(slid, [second, P_second], [m.x_start, m.P_start])
     tail = m.tail
     if tail.numel():
@@ -133,8 +131,11 @@ def _channels(names: tuple[str, ...]) -> tuple[Channel, ...]:
 def _enter(forced: Forced) -> ca.Function:
     """Physical to scaled data: (u, y, mask) -> (u, y, mask)."""
     s, nu = forced.system.s, forced.nu
-    u, y, mask = ca.SX.sym("u", nu), ca.SX.sym("y", len(s.sy)), ca.SX.sym("m", len(s.sy))
-    return ca.Function("enter", [u, y, mask], [u / s.su[:nu], y / s.sy, mask])
+
+    def formula(u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
+        return {"u": u / s.su[:nu], "y": y / s.sy, "mask": mask}
+
+    return leaf("enter", {**notation(s), "u": nu}, formula)
 
 
 def _innovation(forced: Forced, samples: int) -> ca.Function:
@@ -144,25 +145,27 @@ def _innovation(forced: Forced, samples: int) -> ca.Function:
     at its end.
     """
     system, nu = forced.system, forced.nu
-    nx, ny = len(system.A), len(system.C)
-    x, P, absent = ca.SX.sym("x", nx), ca.SX.sym("P", nx, nx), ca.SX.sym("absent")
-    u, y, mask = ca.SX.sym("u", nu), ca.SX.sym("y", ny), ca.SX.sym("m", ny)
     C, R = ca.sparsify(ca.DM(system.C)), system.s.R + (forced.F * forced.sigma**2) @ forced.F.T
-    ramp = ca.mtimes(ca.sparsify(ca.DM(system.B_next[:, :nu])), u)
-    x_prior = x + ca.if_else(absent < samples, ca.densify(ramp), 0)
-    D = ca.sparsify(ca.DM(system.D[:, :nu]))
-    e = mask * (y - ca.mtimes(C, x_prior) - ca.mtimes(D, u))
-    S = ca.mtimes([C, P, C.T]) + ca.DM(R)
-    return ca.Function(
-        "innovation", [x, P, absent, u, y, mask], [ca.densify(e), vech(ca.densify(S))]
-    )
+    D, B_next = (ca.sparsify(ca.DM(k[:, :nu])) for k in (system.D, system.B_next))
+
+    def formula(x: ca.SX, whole: ca.SX, absent: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
+        x_prior = x + ca.if_else(absent < samples, ca.densify(ca.mtimes(B_next, u)), 0)
+        e = mask * (y - ca.mtimes(C, x_prior) - ca.mtimes(D, u))
+        return {"e": e, "S": ca.densify(ca.mtimes([C, whole, C.T]) + ca.DM(R))}
+
+    nx = len(system.A)
+    sizes = {**notation(system.s), "u": nu, "whole": (nx, nx), "absent": 1}
+    return leaf("innovation", sizes, formula)
 
 
 def _counted() -> ca.Function:
     """Absent samples after one more has come, and 1 if none is absent."""
-    absent = ca.SX.sym("absent")
-    left = ca.fmax(absent - 1, 0)
-    return ca.Function("counted", [absent], [left, ca.if_else(left > 0, 0, 1)])
+
+    def formula(absent: ca.SX) -> Results:
+        left = ca.fmax(absent - 1, 0)
+        return {"absent": left, "full": ca.if_else(left > 0, 0, 1)}
+
+    return leaf("counted", {"absent": 1}, formula)
 
 
 def _weights(

@@ -7,6 +7,7 @@ import numpy as np
 
 from backsight.engine import foreign
 from backsight.engine.loops import scan
+from backsight.estimators.cs_mhe._arrival import LinearArrival, counted
 from backsight.estimators.cs_mhe._tables import Tables
 from backsight.estimators.force_estimator import Forced
 from backsight.types import Array
@@ -66,8 +67,9 @@ class Solver:
     side : (atoms,) array
         1 or -1 where a factor must not be negative or positive, else 0.
     threshold : float
-    arrival, correction : int
-        As the kernel counts them.
+    arrival : LinearArrival
+    correction : int
+        As the kernel counts it.
     carries : bool
         Whether the next window expects what was found: then variances are needed, and extra states,
         or priors, may keep atoms active beyond the independent ones.
@@ -85,7 +87,7 @@ class Solver:
     lam: float
     side: Array
     threshold: float
-    arrival: int
+    arrival: LinearArrival
     correction: int
     carries: bool
     limit: int
@@ -103,7 +105,7 @@ class Solver:
         t, system = self.tables, self.forced.system
         nx, ny = len(system.A), len(system.C)
         most = (2 if self.carries else 1) * min(atoms, t.modal) * t.steps + MARGIN
-        options = self.limit, self.arrival, self.correction, int(self.carries)
+        options = self.limit, counted(self.arrival), self.correction, int(self.carries)
         return nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
 
     def solve(

@@ -8,18 +8,21 @@ from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 
 from backsight.description import (
+    Called,
     Distinct,
     Horizon,
+    Lag,
     NonNegative,
     PositiveOrInfinite,
     Range,
     Sound,
-    Whole,
 )
 from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import ModelError, TuningError, nearest
+from backsight.estimators.arrival import SmoothedArrival, arrival_name
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.cs_mhe._arrival import LinearArrival, arrival_faults
 from backsight.estimators.cs_mhe._step import cs_recursion
 from backsight.estimators.cs_mhe._tables import check_forces, tables
 from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
@@ -27,6 +30,7 @@ from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.parts.linear import linear
+from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
@@ -35,9 +39,8 @@ from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import Innovations
 from backsight.types import Array, ByName
 
-Arrival: TypeAlias = Literal["none", "constant", "filtered", "smoothed"]
 Correction: TypeAlias = Literal["none", "amplitude", "energy"]
-ARRIVALS, CORRECTIONS = get_args(Arrival), get_args(Correction)
+CORRECTIONS = get_args(Correction)
 
 STEPS_PER_ATOM = 4
 """The active set may take so many steps for every atom that can be active, and some more."""
@@ -71,16 +74,17 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     N : int
         Horizon in sampling periods; the window holds N + 1 samples.
     sigma_force : dict or number
-        Standard deviation of independent forces that act at all places all the time and are not
-        looked for: :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
+        Standard deviation per sample, as white noise, of the part of the forces that is not looked
+        for: :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
     dictionary : Impulses, HalfSines or Atoms
     nonnegative, nonpositive : tuple of str
         Forces with a known sign.
-    arrival : {"filtered", "smoothed", "constant", "none"}
-        What :math:`\bar x, \bar P` are once the window is full: the prediction from the sample
-        that leaves, by a Kalman filter that knows the forces found; the window's own estimate,
-        which counts its measurements twice (the paper's); the same with the covariance of the
-        prior; or nothing, so that only the samples of the window count.
+    arrival : SmoothedArrival, ConstantArrival or NoArrival
+        What :math:`\bar x, \bar P` are once the window is full, as for `MHE`: the Kalman filter's
+        prediction from the sample that leaves, which takes from the whole window only the forces
+        found; with `SmoothedArrival(naive=True)` the window's own estimate, which counts its
+        measurements twice (the paper's); the same with a constant covariance; or nothing, so that
+        only the samples of the window count.
     carryover : Carryover, optional
         Expect the forces of a window in the next one, too (Algorithm 1); not if not given.
     threshold : float
@@ -95,9 +99,9 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         taken away, and the atoms that could nearly as well have been chosen (whose optimality
         condition is used up to a half). ``kept`` shows the optimum of the cost itself, as in the
         paper, with a deviation that knows nothing of both. States are the same.
-    lag : int, optional
-        The output is about the sample that is `lag` older than the newest one; N if not given,
-        the first of the window. The newest forces cannot be told apart yet.
+    lag : int or "N"
+        The estimate of a sample is made when `lag` more have been measured, as for `MHE`; with "N"
+        from the start of the window. The newest forces cannot be told apart yet.
     hold : {"zoh", "foh"}
         Known inputs between the samples of a continuous model: held, or interpolated. The unknown
         forces are held.
@@ -112,7 +116,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     The solution is exact: a warm-started active set. Covariances of the states are those of the
     least-squares problem in which the forces that are zero stay zero and the others are free. With
-    ``arrival="smoothed"`` they are too small, since its measurements count several times.
+    ``SmoothedArrival(naive=True)`` they are too small, since its measurements count several times.
 
     A window that is not full yet, or has gaps, is one with samples that were not measured.
 
@@ -144,18 +148,22 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     dictionary: Impulses | HalfSines | Atoms = dataclasses.field(default_factory=Impulses)
     nonnegative: Annotated[tuple[str, ...], Distinct()] = ()
     nonpositive: Annotated[tuple[str, ...], Distinct()] = ()
-    arrival: Arrival = "filtered"
+    arrival: Annotated[LinearArrival, Called("the arrival cost")] = dataclasses.field(
+        default_factory=SmoothedArrival
+    )
     carryover: Carryover | None = None
     threshold: NonNegative = 0.0
     correction: Correction = "none"
     bias: Literal["removed", "kept"] = "removed"
-    lag: Whole | None = None
+    lag: Lag = "N"
     hold: Hold = "zoh"
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
-        if sound("lag", "N") and self.lag is not None and self.lag > self.N:
-            yield f"lag is {self.lag}; it must be a whole number from 0 to N = {self.N}"
+        if sound("lag", "N"):
+            yield from lag_faults(self.lag, self.N)
+        if sound("arrival"):
+            yield from arrival_faults(self.arrival)
         if not sound("forces", "nonnegative", "nonpositive"):
             return
         if not self.forces:
@@ -167,18 +175,13 @@ class CompressiveSensingMHE(AbstractForceEstimator):
                 yield f"the force '{name}' is nonnegative and nonpositive: it is zero"
 
     @property
-    def delay(self) -> int:
-        """Samples from the newest one back to that of the output."""
-        return self.N if self.lag is None else self.lag
-
-    @property
     def innovations(self) -> Innovations:
         """See `AbstractEstimator.innovations`."""
         return "forced"
 
     def variants(self) -> Mapping[str, AbstractEstimator]:
-        """See `AbstractEstimator.variants`: only itself, by the word for its arrival cost."""
-        return {self.arrival: self}
+        """See `AbstractEstimator.variants`: only itself, by its arrival cost."""
+        return {arrival_name(self.arrival): self}
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
@@ -223,7 +226,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             lam=min(self.lam, NO_LIMIT),
             side=self.sides(),
             threshold=self.threshold,
-            arrival=ARRIVALS.index(self.arrival),
+            arrival=self.arrival,
             correction=CORRECTIONS.index(self.correction),
             carries=self.carryover is not None,
             limit=STEPS_PER_ATOM * found.modal * found.steps + 100,

@@ -64,8 +64,9 @@ class JointInput(AbstractEstimator):
         Known inputs between the samples of a continuous model: held, or interpolated. The unknown
         forces are held.
     sigma_force : dict or number, optional
-        Standard deviation given to the forces at samples whose measurements do not determine them
-        [their unit]; by default 1e4 times what the noise of the sensors alone would make of it.
+        Standard deviation per sample, as white noise, of the forces at samples whose measurements
+        do not determine them [their unit]; by default 1e4 times what the noise of the sensors alone
+        would make of it.
 
     Notes
     -----

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import scipy
 
-from backsight.discrete.runge_kutta import Hold
+from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
@@ -77,6 +77,12 @@ class KalmanFilter(AbstractEstimator):
     def constant_gain(self) -> bool:
         """See `AbstractEstimator.constant_gain`."""
         return self.steady_state
+
+    def varied(self, *, parameters: bool) -> AbstractEstimator:
+        """See `AbstractEstimator.varied`: never with the gain of one steady state."""
+        if parameters:
+            return ekf.EKF(self.noise, self.prior, Integrator(hold=self.hold))
+        return dataclasses.replace(self, steady_state=False)
 
     @property
     def innovations(self) -> Innovations:

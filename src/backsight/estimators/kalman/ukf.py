@@ -23,8 +23,8 @@ from backsight.estimators.parts.factors import (
     cholesky_factor,
     deviation_factor,
     each_column,
+    joint_factor,
     minus,
-    on_top,
     sigma_columns,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
@@ -204,8 +204,7 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
         dY, e, noise = weigh(y, dY, y_mean, mask)
         # The outputs see points inside the bounds, the spread is that of the state: or else every
         # sample would make it smaller next to a bound, whatever was measured.
-        both = on_top([dY, minus(points - off, x)])
-        joint, definite = deviation_factor(both, w, on_top([noise, type(noise).zeros(nx, ny)]))
+        joint, definite = joint_factor(dY, kept.opened(spread), w, noise)
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
         x_post, flags = settle(x, KSy, Sy, e, held, definite, spread[-1])
         L_next = ca.if_else(definite, kept.closed(L_post), spread[:-1])

@@ -22,7 +22,7 @@ DEFICIENT = 2
 def least_squares(
     system: Linear,
     N: int,
-    arrival: float,
+    arrival_weight: float,
     start: Sequence[ca.MX],
     window: Window,
     *,
@@ -35,10 +35,10 @@ def least_squares(
     """
     U, Y, M, present = window
     through = window_filter(system, N)
-    go, diffuse, P_lead = start_of(system.s, arrival)(_all(M), present[0], start[1])
+    go, diffuse, P_lead = start_of(system.s, arrival_weight)(_all(M), present[0], start[1])
     results = [through.size_out(i) for i in range(through.n_out()) if i != DEFICIENT]
     found = [ca.MX.zeros(*size) for size in results[: 2 * len(samples)]]
-    if arrival == 0:
+    if arrival_weight == 0:
         fixed = [gains(system, N, at=at) for at in samples]
         found = [
             k
@@ -65,14 +65,14 @@ def _all(M: ca.MX) -> ca.MX:
     return scan(body, n, carry=[ca.MX(1)], xs=[M])[0][0]
 
 
-def start_of(s: Setting, arrival: float) -> ca.Function:
+def start_of(s: Setting, arrival_weight: float) -> ca.Function:
     """Whether to go through the window, whether its start is unknown, and its covariance."""
     measured, full = ca.SX.sym("measured"), ca.SX.sym("full")
     P = ca.SX.sym("P", len(packed(s.P0)))
-    if arrival == 0:
+    if arrival_weight == 0:
         plan = [1 - full * measured, full, P]
     else:
-        plan = [ca.SX(1), ca.SX(0), P / ca.if_else(full, arrival, 1)]
+        plan = [ca.SX(1), ca.SX(0), P / ca.if_else(full, arrival_weight, 1)]
     return ca.Function("plan", [measured, full, P], plan)
 
 

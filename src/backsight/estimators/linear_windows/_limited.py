@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.engine.loops import iterate, scan
+from backsight.estimators.parts.leaf import Results, leaf
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.linear import Linear
 from backsight.estimators.parts.stages import (
@@ -129,14 +130,16 @@ def _stages(system: Linear, limits: Limits, chain: Chain) -> ca.Function:
 
 def _transition(system: Linear, chain: Chain) -> ca.Function:
     """Transition matrix and driven part that lead to a sample; nothing moves before the data."""
-    nx, nu = system.B.shape
-    count, before = ca.SX.sym("k"), ca.SX.sym("before")
-    u, u_next = ca.SX.sym("u", nu), ca.SX.sym("u_next", nu)
-    moved, still = (entries(ca.SX(ca.DM(k)), chain.F) for k in (system.A, np.eye(nx)))
+    moved, still = (entries(ca.SX(ca.DM(k)), chain.F) for k in (system.A, np.eye(len(system.A))))
     B, B_next = (ca.sparsify(ca.DM(k)) for k in (system.B, system.B_next))
-    driven = ca.densify(ca.mtimes(B, u) + ca.mtimes(B_next, u_next))
-    return ca.Function(
-        "linear_transition",
-        [count, u, u_next, before],
-        [count + 1, ca.if_else(before, moved, still), ca.if_else(before, driven, 0)],
-    )
+
+    def formula(count: ca.SX, u: ca.SX, u_next: ca.SX, before: ca.SX) -> Results:
+        driven = ca.densify(ca.mtimes(B, u) + ca.mtimes(B_next, u_next))
+        return {
+            "count": count + 1,
+            "F": ca.if_else(before, moved, still),
+            "c": ca.if_else(before, driven, 0),
+        }
+
+    sizes = {"count": 1, "u": system.B.shape[1], "before": 1}
+    return leaf("linear_transition", sizes, formula)

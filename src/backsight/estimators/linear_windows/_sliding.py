@@ -128,11 +128,12 @@ def _forced(w: Sliding, U: ca.MX) -> ca.MX:
 
 def _leaving(w: Sliding) -> ca.Function:
     """Residual of the sample that leaves, 0 if it was not measured."""
-    nx, ny, nu = len(w.L), *w.system.D.shape
-    x, forced = ca.SX.sym("x", nx), ca.SX.sym("forced", nx)
-    y, u, mask = ca.SX.sym("y", ny), ca.SX.sym("u", nu), ca.SX.sym("mask", ny)
-    e = y - ca.mtimes(ca.DM(w.back), x - forced) - ca.mtimes(ca.DM(w.system.D), u)
-    return ca.Function("leaving", [x, forced, y, u, mask], [mask * e])
+    back, D = ca.DM(w.back), ca.DM(w.system.D)
+
+    def formula(x: ca.SX, forced: ca.SX, y: ca.SX, u: ca.SX, mask: ca.SX) -> Results:
+        return {"e": mask * (y - ca.mtimes(back, x - forced) - ca.mtimes(D, u))}
+
+    return leaf("leaving", {**notation(w.system.s), "forced": len(w.L)}, formula)
 
 
 def _recur(w: Sliding) -> ca.Function:
@@ -204,11 +205,13 @@ def _decide(w: Sliding) -> ca.Function:
 
     The age counts measured samples from 1 on; 0 means that the recursion has not started.
     """
-    M, age = ca.SX.sym("M", len(w.system.C), w.N + 1), ca.SX.sym("age")
-    complete = ca.mmin(M[:, :: w.every])
-    due = age == 0
-    if w.reinitialise:
-        due = ca.logic_or(due, age >= w.reinitialise)
-    start = ca.logic_and(complete > 0, due)
-    older = age + ca.if_else(age > 0, ca.mmax(M[:, w.N]), 0)
-    return ca.Function("decide", [M, age], [start, age > 0, ca.if_else(start, 1, older)])
+
+    def formula(M: ca.SX, age: ca.SX) -> Results:
+        complete, due = ca.mmin(M[:, :: w.every]), age == 0
+        if w.reinitialise:
+            due = ca.logic_or(due, age >= w.reinitialise)
+        start = ca.logic_and(complete > 0, due)
+        older = age + ca.if_else(age > 0, ca.mmax(M[:, w.N]), 0)
+        return {"start": start, "runs": age > 0, "age": ca.if_else(start, 1, older)}
+
+    return leaf("decide", {"M": (len(w.system.C), w.N + 1), "age": 1}, formula)

@@ -10,10 +10,10 @@ doi:10.1214/aos/1176348139.
 import casadi as ca
 
 from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.triangular import compress, forward
 from backsight.algebra.update import gain, joseph, masked
 from backsight.engine.loops import scan
+from backsight.estimators.parts.leaf import Results, Size, Symmetric, leaf, notation
 from backsight.estimators.parts.linear import Linear
 from backsight.types import Array
 
@@ -34,119 +34,119 @@ def window_filter(system: Linear, N: int) -> ca.Function:
     diffuse = ca.MX.sym("diffuse")
     U, Y, M = (ca.MX.sym(n, k, N + 1) for n, k in (("U", nu), ("Y", ny), ("M", ny)))
     present = ca.MX.sym("present", 1, N + 1)
-    absorbed = _absorb(system)(x, *_begin(nx)(vP, diffuse), U[:, 0], Y[:, 0], M[:, 0], present[0])
+    absorbed = _absorb(system)(
+        x, *_begin(system)(vP, diffuse), U[:, 0], Y[:, 0], M[:, 0], present[0]
+    )
     carry, _ = scan(
         _next(system),
         N,
         carry=list(absorbed),
         xs=[U[:, :-1], U[:, 1:], Y[:, 1:], M[:, 1:], present[:, :-1], present[:, 1:]],
     )
-    results = _solve_start(nx)(*carry, diffuse, x)
+    results = _solve_start(system)(*carry, diffuse, x)
     return ca.Function("window_filter", [x, vP, diffuse, U, Y, M, present], list(results))
 
 
-def _symbols(nx: int) -> list[ca.SX]:
-    """State, covariance, derivative by the first state, equations for the first state."""
-    return [
-        ca.SX.sym("x", nx),
-        ca.SX.sym("P", nx * (nx + 1) // 2),
-        ca.SX.sym("X", nx, nx),
-        ca.SX.sym("L", (nx + 1) * (nx + 2) // 2),
-    ]
+def _sizes(system: Linear) -> dict[str, Size]:
+    """Those of the notation; X, derivative of the state by the first one; L, equations for it."""
+    nx = len(system.A)
+    return {**notation(system.s), "X": (nx, nx), "L": Symmetric(nx + 1), "diffuse": 1, "here": 1}
 
 
-def _begin(nx: int) -> ca.Function:
+def _begin(system: Linear) -> ca.Function:
     """``(P, diffuse) -> (P, X, L)`` at the start of the window."""
-    vP, diffuse = ca.SX.sym("P", nx * (nx + 1) // 2), ca.SX.sym("diffuse")
-    identity = ca.densify(diffuse * ca.SX.eye(nx))
-    equations = ca.SX.zeros((nx + 1) * (nx + 2) // 2)
-    return ca.Function("begin", [vP, diffuse], [(1 - diffuse) * vP, identity, equations])
+    nx = len(system.A)
+
+    def formula(P: ca.SX, diffuse: ca.SX) -> Results:
+        X, L = diffuse * ca.SX.eye(nx), ca.SX.zeros(nx + 1, nx + 1)
+        return {"P": (1 - diffuse) * P, "X": ca.densify(X), "L": L}
+
+    return leaf("begin", _sizes(system), formula)
 
 
 def _absorb(system: Linear) -> ca.Function:
     """Take in the measurements of one sample."""
-    nx, nu, ny = (len(system.A), *system.D.T.shape)
-    x, vP, X, vL = _symbols(nx)
-    u, y = ca.SX.sym("u", nu), ca.SX.sym("y", ny)
-    mask, here = ca.SX.sym("m", ny), ca.SX.sym("here")
-    C, D = _sparse(system.C), _sparse(system.D)
-    e = y - ca.mtimes(C, x) - ca.mtimes(D, u)
-    H, e, R = masked(ca.SX(C), e, ca.SX(_sparse(system.s.R)), here * mask)
-    P = unvech(vP)
-    K, S = gain(P, H, R)
-    HX = H @ X
-    factor = cholesky_semidefinite(S)
-    white = [forward(factor, c) for c in ca.horzsplit(ca.densify(ca.horzcat(HX, e)))]
-    rows = ca.horzcat(*white)
-    equations = compress(ca.horzcat(ca.tril(unvech(vL)), rows.T))
-    return ca.Function(
-        "absorb",
-        [x, vP, X, vL, u, y, mask, here],
-        [x + K @ e, vech(joseph(P, K, H, R)), ca.densify(X - K @ HX), vech(ca.densify(equations))],
-    )
+    C, D, R_all = _sparse(system.C), _sparse(system.D), ca.SX(_sparse(system.s.R))
+
+    def formula(
+        x: ca.SX, P: ca.SX, X: ca.SX, L: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX, here: ca.SX
+    ) -> Results:
+        # The Kalman filter, as if the first state were known.
+        e = y - ca.mtimes(C, x) - ca.mtimes(D, u)
+        H, e, R = masked(ca.SX(C), e, R_all, here * mask)
+        K, S = gain(P, H, R)
+        # Its innovations, white, are equations for the first state.
+        HX = H @ X
+        factor = cholesky_semidefinite(S)
+        white = [forward(factor, c) for c in ca.horzsplit(ca.densify(ca.horzcat(HX, e)))]
+        equations = compress(ca.horzcat(ca.tril(L), ca.horzcat(*white).T))
+        return {
+            "x": x + K @ e,
+            "P": joseph(P, K, H, R),
+            "X": ca.densify(X - K @ HX),
+            "L": ca.densify(equations),
+        }
+
+    return leaf("absorb", _sizes(system), formula)
 
 
 def _advance(system: Linear) -> ca.Function:
     """Go on to the next sample; before the first sample nothing moves."""
-    nx, nu = system.B.shape
-    x, vP, X, vL = _symbols(nx)
-    u, u_next, before = ca.SX.sym("u", nu), ca.SX.sym("u_next", nu), ca.SX.sym("before")
-    A = _sparse(system.A)
-    driven = ca.mtimes(_sparse(system.B), u) + ca.mtimes(_sparse(system.B_next), u_next)
-    moved = [
-        ca.mtimes(A, x) + driven,
-        vech(ca.densify(A @ unvech(vP) @ A.T + _sparse(system.s.Q))),
-        ca.mtimes(A, X),
-        vL,
-    ]
-    kept = [
-        ca.densify(ca.if_else(before, m, o)) for m, o in zip(moved, (x, vP, X, vL), strict=True)
-    ]
-    return ca.Function("advance", [x, vP, X, vL, u, u_next, before], kept)
+    A, B, B_next = _sparse(system.A), _sparse(system.B), _sparse(system.B_next)
+    Q = _sparse(system.s.Q)
+
+    def formula(
+        x: ca.SX, P: ca.SX, X: ca.SX, L: ca.SX, u: ca.SX, u_next: ca.SX, before: ca.SX
+    ) -> Results:
+        ahead = ca.mtimes(A, x) + ca.mtimes(B, u) + ca.mtimes(B_next, u_next)
+        return {
+            "x": ca.if_else(before, ahead, x),
+            "P": ca.if_else(before, ca.densify(A @ P @ A.T + Q), P),
+            "X": ca.densify(ca.if_else(before, ca.mtimes(A, X), X)),
+            "L": L,
+        }
+
+    return leaf("advance", {**_sizes(system), "before": 1}, formula)
 
 
 def _next(system: Linear) -> ca.Function:
     """Go on to the next sample and take it in."""
-    nx, nu, ny = (len(system.A), *system.D.T.shape)
-    carry = [ca.MX.sym(n, *s.shape) for n, s in zip("xPXL", _symbols(nx), strict=True)]
-    data = [
-        ca.MX.sym(n, k)
-        for n, k in (("u", nu), ("v", nu), ("y", ny), ("m", ny), ("before", 1), ("here", 1))
-    ]
-    u, v, y, m, before, here = data
-    ahead = _advance(system)(*carry, u, v, before)
-    return ca.Function("next", [*carry, *data], list(_absorb(system)(*ahead, v, y, m, here)))
+    absorb, advance = _absorb(system), _advance(system)
+    names = ("x", "P", "X", "L", "u", "v", "y", "m", "before", "here")
+    sizes = [absorb.size_in(k) for k in (0, 1, 2, 3, 4, 4, 5, 6, 7, 7)]
+    every = [ca.MX.sym(n, *size) for n, size in zip(names, sizes, strict=True)]
+    *carry, u, v, y, m, before, here = every
+    ahead = advance(*carry, u, v, before)
+    return ca.Function("next", every, list(absorb(*ahead, v, y, m, here)))
 
 
-def _solve_start(nx: int) -> ca.Function:
+def _solve_start(system: Linear) -> ca.Function:
     """Solve for the first state, and put it into the last one.
 
     ``(x, P, X, L, diffuse, x_start) -> (x, P, deficient, x_first, P_first)``.
     """
-    x, vP, X, vL = _symbols(nx)
-    diffuse, x_start = ca.SX.sym("diffuse"), ca.SX.sym("x_start", nx)
-    L = ca.tril(unvech(vL))
-    found = ca.SX(ca.densify(ca.horzcat(L[nx, :nx].T, ca.SX.eye(nx))))
-    deficient = ca.SX(0)
-    for i in reversed(range(nx)):
-        for j in range(i + 1, nx):
-            found[i, :] -= L[j, i] * found[j, :]
-        small = L[i, i] <= NEGLIGIBLE * ca.norm_2(L[i, : i + 1])
-        deficient = ca.if_else(small, 1, deficient)
-        found[i, :] = ca.if_else(small, 0, found[i, :] / ca.if_else(small, 1, L[i, i]))
-    first, inverse = found[:, 0], found[:, 1:]
-    spread = X @ inverse
-    return ca.Function(
-        "solve_start",
-        [x, vP, X, vL, diffuse, x_start],
-        [
-            x + X @ first,
-            vech(unvech(vP) + spread @ spread.T),
-            diffuse * deficient,
-            x_start + first,
-            vech(ca.densify(inverse @ inverse.T)),
-        ],
-    )
+    nx = len(system.A)
+
+    def formula(x: ca.SX, P: ca.SX, X: ca.SX, L: ca.SX, diffuse: ca.SX, x_start: ca.SX) -> Results:
+        found = ca.SX(ca.densify(ca.horzcat(L[nx, :nx].T, ca.SX.eye(nx))))
+        deficient = ca.SX(0)
+        for i in reversed(range(nx)):
+            for j in range(i + 1, nx):
+                found[i, :] -= L[j, i] * found[j, :]
+            small = L[i, i] <= NEGLIGIBLE * ca.norm_2(L[i, : i + 1])
+            deficient = ca.if_else(small, 1, deficient)
+            found[i, :] = ca.if_else(small, 0, found[i, :] / ca.if_else(small, 1, L[i, i]))
+        first, inverse = found[:, 0], found[:, 1:]
+        spread = X @ inverse
+        return {
+            "x": x + X @ first,
+            "P": P + spread @ spread.T,
+            "deficient": diffuse * deficient,
+            "x_first": x_start + first,
+            "P_first": ca.densify(inverse @ inverse.T),
+        }
+
+    return leaf("solve_start", _sizes(system), formula)
 
 
 def _sparse(matrix: Array) -> ca.DM:

@@ -19,6 +19,7 @@ from backsight.estimators.linear_windows.stacked import Gains, gains, in_units
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
 from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.limits import Limit, Limits, limits_of, names_used_twice
 from backsight.estimators.parts.linear import Linear, linear, require_observable, without_bounds
 from backsight.estimators.parts.memory import Memory
@@ -178,12 +179,12 @@ class LinearMHE(AbstractEstimator):
         return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
 
 
-Results = dict[str, ca.MX]
+Estimate = dict[str, ca.MX]
 
 
 def _without_limits(
     system: Linear, e: LinearMHE, start: Sequence[ca.MX], window: Window
-) -> Results:
+) -> Estimate:
     """x, P and flags of the last sample of a window."""
     lacking, x, P = least_squares(system, e.N, e.arrival_weight, start, window, samples=(-1,))
     return {"x": x, "P": P, "flags": Flags(unobserved=lacking).vector()}
@@ -196,7 +197,7 @@ def _with_limits(
     start: Sequence[ca.MX],
     window: Window,
     tried: ca.MX,
-) -> Results:
+) -> Estimate:
     """The same, active limits, and limits that contradict each other; `tried` are a guess of them.
 
     Without arrival cost the window is first solved without limits, which gives the prior that
@@ -221,8 +222,11 @@ def _with_limits(
 
 
 def _wide() -> ca.Function:
-    full, lacking = ca.SX.sym("full"), ca.SX.sym("lacking")
-    return ca.Function("wide", [full, lacking], [full * (1 - lacking)])
+
+    def formula(full: ca.SX, lacking: ca.SX) -> Results:
+        return {"wide": full * (1 - lacking)}
+
+    return leaf("wide", {"full": 1, "lacking": 1}, formula)
 
 
 def _verdict(s: Setting, n: int, m: int) -> ca.Function:
@@ -232,23 +236,25 @@ def _verdict(s: Setting, n: int, m: int) -> ca.Function:
     the prior is wide and no limit is active, the estimate is the one without limits, exactly; where
     they hold, the state is within its bounds to the last digit.
     """
-    nx = s.model.nx
-    x_free, x = ca.SX.sym("x_free", nx), ca.SX.sym("x", nx)
-    vP_free, vP = (ca.SX.sym(k, nx * (nx + 1) // 2) for k in ("P_free", "P"))
-    side, conflict = ca.SX.sym("side", n, m), ca.SX.sym("conflict", n, m)
-    wide, held, unfinished = (ca.SX.sym(k) for k in ("wide", "held", "open"))
-    named = ca.vertcat(*(ca.mmax(conflict[r, :]) for r in range(n)))
-    infeasible = ca.mmax(named)
-    unmoved = ca.logic_and(wide, ca.mmax(ca.vec(ca.fabs(side))) == 0)
-    found = ca.if_else(unmoved, x_free, ca.if_else(infeasible, x, within_bounds(s, x)))
-    known = ca.if_else(ca.logic_and(wide, ca.logic_not(held)), vP_free, vP)
-    flags = Flags(
-        clipped=ca.mmax(ca.fabs(side[:, m - 1])),
-        infeasible=infeasible,
-        iteration_limit=unfinished,
-    )
-    return ca.Function(
-        "verdict",
-        [x_free, vP_free, wide, x, vP, side, held, conflict, unfinished],
-        [found, known, named, flags.vector()],
-    )
+
+    def formula(
+        x_free: ca.SX, P_free: ca.SX, wide: ca.SX, x: ca.SX, P: ca.SX,
+        side: ca.SX, held: ca.SX, conflict: ca.SX, unfinished: ca.SX,
+    ) -> Results:  # fmt: skip
+        names = ca.vertcat(*(ca.mmax(conflict[r, :]) for r in range(n)))
+        infeasible = ca.mmax(names)
+        unmoved = ca.logic_and(wide, ca.mmax(ca.vec(ca.fabs(side))) == 0)
+        flags = Flags(
+            clipped=ca.mmax(ca.fabs(side[:, m - 1])),
+            infeasible=infeasible,
+            iteration_limit=unfinished,
+        )
+        return {
+            "x": ca.if_else(unmoved, x_free, ca.if_else(infeasible, x, within_bounds(s, x))),
+            "P": ca.if_else(ca.logic_and(wide, ca.logic_not(held)), P_free, P),
+            "conflicting": names,
+            "flags": flags.vector(),
+        }
+
+    limits = {"side": (n, m), "conflict": (n, m), "wide": 1, "held": 1, "unfinished": 1}
+    return leaf("verdict", {**notation(s), **limits}, formula)

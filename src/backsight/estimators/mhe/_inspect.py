@@ -6,6 +6,7 @@ import numpy as np
 from backsight.algebra.symmetric import vech
 from backsight.engine.loops import scan
 from backsight.estimators.mhe._sample import Parts, solved
+from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.solvers.trajectory import smoothed_all
 
 
@@ -39,17 +40,19 @@ def inspection(parts: Parts) -> ca.Function:
 def _physical(parts: Parts) -> ca.Function:
     """One sample of the window in physical units."""
     s, chain = parts.s, parts.chain
-    m = s.model
-    sizes = {
-        "k": 1, "x": m.nx, "P": chain.size_P, "eta": m.nx, "nu": chain.n,
-        "u": m.nu, "y": m.ny, "before": 1,
-    }  # fmt: skip
-    k, x, vP, eta, nu, u, y, before = symbols = [ca.SX.sym(n, i) for n, i in sizes.items()]
-    results = [
-        ca.SX(s.sx) * x,
-        vech(chain.matrix(vP) * ca.SX(np.outer(s.sx, s.sx))),
-        ca.SX(s.sx) * (before * (ca.SX(ca.DM(chain.Q)) @ eta)),
-        ca.SX(s.sy) * (y - m.output(x, u)),
-        nu / ca.SX(parts.limits.unit),
-    ]
-    return ca.Function("physical_sample", symbols, [k + 1, *map(ca.densify, results)])
+    units = np.outer(s.sx, s.sx)
+
+    def formula(
+        k: ca.SX, x: ca.SX, P: ca.SX, eta: ca.SX, nu: ca.SX, u: ca.SX, y: ca.SX, before: ca.SX
+    ) -> Results:
+        return {
+            "k": k + 1,
+            "x": ca.SX(s.sx) * x,
+            "triangle": ca.densify(vech(chain.matrix(P) * ca.SX(units))),
+            "w": ca.densify(ca.SX(s.sx) * (before * (ca.SX(ca.DM(chain.Q)) @ eta))),
+            "v": ca.densify(ca.SX(s.sy) * (y - s.model.output(x, u))),
+            "multiplier": ca.densify(nu / ca.SX(parts.limits.unit)),
+        }
+
+    window = {"k": 1, "P": chain.size_P, "eta": s.model.nx, "nu": chain.n, "before": 1}
+    return leaf("physical_sample", {**notation(s), **window}, formula)

@@ -9,13 +9,14 @@ from backsight.algebra.symmetric import vech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import Channel, Recursion
+from backsight.estimators.arrival import Arrival, Leaving
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._window import linearise
-from backsight.estimators.mhe.arrival import Arrival, Leaving
 from backsight.estimators.parts.filtering import choose, data_inputs, physical, physical_innovation
 from backsight.estimators.parts.flags import Flags
+from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.stages import covariance_of, equations_among
@@ -247,8 +248,11 @@ def _leaving(w: Solved, chain: Chain) -> Leaving:
 
 def within(s: Setting) -> ca.Function:
     """``(x, not) -> x`` set to its hard bounds; with 1 it stays as it is."""
-    x, stays = ca.SX.sym("x", s.model.nx), ca.SX.sym("stays")
-    return ca.Function("within", [x, stays], [ca.if_else(stays, x, within_bounds(s, x))])
+
+    def formula(x: ca.SX, stays: ca.SX) -> Results:
+        return {"x": ca.if_else(stays, x, within_bounds(s, x))}
+
+    return leaf("within", {**notation(s), "stays": 1}, formula)
 
 
 def _unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:
@@ -268,22 +272,26 @@ def _verdict(chain: Chain) -> ca.Function:
     P is then its lower triangle, without variances that are below zero by rounding.
     """
     n = chain.n
-    side, conflict = ca.SX.sym("side", n), ca.SX.sym("conflict", n, chain.N + 1)
-    limit, unfinished, rejected = (ca.SX.sym(k) for k in ("limit", "unfinished", "rejected"))
-    vP, vprior = (ca.SX.sym(k, chain.size_P) for k in ("P", "P_prior"))
-    P, prior = chain.matrix(vP), chain.matrix(vprior)
-    named = ca.vertcat(ca.SX(0, 1), *(ca.mmax(conflict[r, :]) for r in range(n)))
-    infeasible = ca.mmax(named) if n else ca.SX(0)
-    flags = Flags(
-        clipped=ca.mmax(ca.fabs(side)) if n else 0,
-        iteration_limit=ca.fmax(limit, unfinished),
-        step_rejected=rejected,
-        not_positive_definite=ca.mmax(NEGATIVE * ca.fabs(ca.diag(prior)) - ca.diag(P)) > 0,
-        infeasible=infeasible,
-    )
-    clean = P + ca.diag(ca.fmax(-ca.diag(P), 0))
-    return ca.Function(
-        "verdict",
-        [side, conflict, limit, unfinished, rejected, vP, vprior],
-        [named, infeasible, flags.vector(), vech(ca.densify(clean))],
-    )
+
+    def formula(
+        side: ca.SX, conflict: ca.SX, limit: ca.SX, unfinished: ca.SX, rejected: ca.SX,
+        P: ca.SX, P_prior: ca.SX,
+    ) -> Results:  # fmt: skip
+        found, prior = chain.matrix(P), chain.matrix(P_prior)
+        names = ca.vertcat(ca.SX(0, 1), *(ca.mmax(conflict[r, :]) for r in range(n)))
+        infeasible = ca.mmax(names) if n else ca.SX(0)
+        flags = Flags(
+            clipped=ca.mmax(ca.fabs(side)) if n else 0,
+            iteration_limit=ca.fmax(limit, unfinished),
+            step_rejected=rejected,
+            not_positive_definite=ca.mmax(NEGATIVE * ca.fabs(ca.diag(prior)) - ca.diag(found)) > 0,
+            infeasible=infeasible,
+        )
+        clean = found + ca.diag(ca.fmax(-ca.diag(found), 0))
+        triangle = vech(ca.densify(clean))
+        said = {"names": names, "infeasible": infeasible, "flags": flags.vector()}
+        return {**said, "triangle": triangle}
+
+    course = {"limit": 1, "unfinished": 1, "rejected": 1}
+    sizes = {"side": n, "conflict": (n, chain.N + 1), "P": chain.size_P, **course}
+    return leaf("verdict", sizes, formula)

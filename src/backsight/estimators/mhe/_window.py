@@ -7,6 +7,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import add_product, transpose
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
+from backsight.estimators.parts.leaf import Results, leaf
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.stages import entries, outputs_and_limits
 from backsight.estimators.parts.substeps import flow, substep_inputs
@@ -104,12 +105,16 @@ def _variation_dense(s: Setting, integrator: Integrator) -> ca.Function:
 
 def _gather(chain: Chain, moving: list[int]) -> ca.Function:
     nx = chain.nx
-    count, here, rows = ca.SX.sym("k"), ca.SX.sym("here"), ca.SX.sym("S", len(moving), nx)
-    end, x_next = ca.SX.sym("end", nx), ca.SX.sym("x_next", nx)
-    F = ca.SX.eye(nx)
-    F[moving, :] = rows
-    F = ca.if_else(here, ca.densify(F), ca.densify(ca.SX.eye(nx)))
-    c = ca.if_else(here, end - x_next, 0)
-    return ca.Function(
-        "gather", [count, end, rows, x_next, here], [count + 1, entries(F, chain.F), c]
-    )
+
+    def formula(count: ca.SX, end: ca.SX, rows: ca.SX, x_next: ca.SX, here: ca.SX) -> Results:
+        F = ca.SX.eye(nx)
+        F[moving, :] = rows
+        F = ca.if_else(here, ca.densify(F), ca.densify(ca.SX.eye(nx)))
+        return {
+            "count": count + 1,
+            "F": entries(F, chain.F),
+            "c": ca.if_else(here, end - x_next, 0),
+        }
+
+    sizes = {"count": 1, "end": nx, "x": nx, "rows": (len(moving), nx), "here": 1}
+    return leaf("gather", sizes, formula)

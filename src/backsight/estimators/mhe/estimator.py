@@ -7,38 +7,31 @@ from typing import Annotated, ClassVar
 import casadi as ca
 import numpy as np
 
-from backsight.description import Called, Distinct, Horizon, Positive, Sound, Whole
+from backsight.description import Called, Distinct, Horizon, Lag, Positive, Sound, alike
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError, nearest
-from backsight.estimators.base import AbstractEstimator, setting
-from backsight.estimators.mhe._inspect import inspection
-from backsight.estimators.mhe._sample import Parts, recursion
-from backsight.estimators.mhe._window import transition_pattern
-from backsight.estimators.mhe.arrival import (
+from backsight.estimators.arrival import (
+    ARRIVALS,
     ConstantArrival,
     EKFArrival,
     Fitting,
     NoArrival,
     SmoothedArrival,
     UKFArrival,
+    arrival_name,
 )
+from backsight.estimators.base import AbstractEstimator, setting
+from backsight.estimators.mhe._inspect import inspection
+from backsight.estimators.mhe._sample import Parts, recursion
+from backsight.estimators.mhe._window import transition_pattern
 from backsight.estimators.parts.limits import Limit, hard_bounds, limits_of, names_used_twice
 from backsight.estimators.parts.stages import chain_of
+from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations
 from backsight.solvers.box import GaussNewton
-
-ARRIVALS = {
-    "NoArrival": NoArrival(),
-    "ConstantArrival": ConstantArrival(),
-    "EKFArrival": EKFArrival(),
-    "UKFArrival": UKFArrival(),
-    "SmoothedArrival": SmoothedArrival(),
-    "SmoothedArrival(naive)": SmoothedArrival(naive=True),
-}
-"""What is tried in the place of an arrival cost, by its name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +60,7 @@ class MHE(AbstractEstimator):
     N : int
         Horizon in sampling periods; the window holds N + 1 samples.
     arrival : AbstractArrival
-        What is known from before the window, see `backsight.estimators.mhe.arrival`. With
+        What is known from before the window, see `backsight.estimators.arrival`. With
         `SmoothedArrival`, `EKFArrival` and `UKFArrival` the estimate of a linear model is the
         Kalman filter's.
     integrator : Integrator
@@ -84,9 +77,9 @@ class MHE(AbstractEstimator):
     constant : tuple of str
         States without process noise inside the window; their random walk is added when the window
         moves. For parameters: one value per window. P counts the walk inside the window, too.
-    lag : int
+    lag : int or "N"
         The estimate of a sample is made when `lag` more have been measured: a fixed-lag smoother;
-        with ``lag = N`` from the start of the window. Results are put to the sample that they are
+        with ``lag = "N"`` from the start of the window. Results are put to the sample that they are
         about; a stream gives at every step the estimate of the sample `lag` steps ago, and at
         first that of the first sample.
 
@@ -127,12 +120,12 @@ class MHE(AbstractEstimator):
         default_factory=dict
     )
     constant: Annotated[tuple[str, ...], Distinct()] = ()
-    lag: Annotated[Whole, Called("the lag")] = 0
+    lag: Lag = 0
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
-        if sound("lag", "N") and self.lag > self.N:
-            yield f"the lag is {self.lag}; it must be a whole number from 0 to N = {self.N}"
+        if sound("lag", "N"):
+            yield from lag_faults(self.lag, self.N)
         if sound("limits"):
             yield from names_used_twice(self.limits)
 
@@ -147,9 +140,8 @@ class MHE(AbstractEstimator):
 
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: the arrival costs in `ARRIVALS`."""
-        own = next((n for n, part in ARRIVALS.items() if part == self.arrival), str(self.arrival))
-        others = {n: part for n, part in ARRIVALS.items() if part != self.arrival}
-        return {own: self} | {
+        others = {n: part for n, part in ARRIVALS.items() if not alike(part, self.arrival)}
+        return {arrival_name(self.arrival): self} | {
             n: dataclasses.replace(self, arrival=part) for n, part in others.items()
         }
 
@@ -179,5 +171,5 @@ class MHE(AbstractEstimator):
             arrival=self.arrival.build(Fitting(s, s.integrator, s.Q, chain)),
             integrator=s.integrator,
             optimiser=self.optimiser,
-            lag=self.lag,
+            lag=self.delay,
         )

@@ -5,8 +5,9 @@ import functools
 from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.observers.formulas import gain_vector, observer_modes, observer_steps
+from backsight.estimators.observers._formulas import observer_modes, observer_steps
 from backsight.models.canonical.affine import moving_states
+from backsight.models.canonical.observer_form import gain_vector
 from backsight.models.model import Model
 from backsight.types import Array
 

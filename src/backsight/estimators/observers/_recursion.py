@@ -5,25 +5,25 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.observers._excitation import Excitation, excitation, excitation_start
-from backsight.estimators.observers._states import States
-from backsight.estimators.observers.adaptive_gain import AdaptiveGain, adapt, gain_start
-from backsight.estimators.observers.formulas import (
+from backsight.estimators.observers._formulas import (
     Interpolation,
     ObserverGains,
     Spread,
     free_step,
+    observer_sizes,
     observer_step,
 )
+from backsight.estimators.observers._states import States
+from backsight.estimators.observers.adaptive_gain import AdaptiveGain, adapt, gain_start
 from backsight.estimators.parts.covariance import packed
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.leaf import named_results
+from backsight.estimators.parts.leaf import Results, Size, Symmetric, leaf, named_results
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import ramp
 from backsight.types import Array
@@ -183,7 +183,7 @@ class _Between:
         """
         plan, B = self.plan, state["B"]
         ya, yb, wa, wb, on = measured
-        leaf = observer_step(
+        step = observer_step(
             plan.states.form,
             plan.gains,
             plan.integrator,
@@ -195,7 +195,7 @@ class _Between:
         both = ca.horzcat(B, ca.MX.zeros(B.numel()))
         start = {**state, "B": both, "x_free": state["x"]}
         last, _ = scan(
-            leaf, self.n, carry=list(start.values()), xs=xs, constants=[lam, on, state["theta"]]
+            step, self.n, carry=list(start.values()), xs=xs, constants=[lam, on, state["theta"]]
         )
         end = dict(zip(start, last, strict=True))
         P, both = _with_noise(plan)(end["P"], end["B"][:, 0]), end["B"][:, 1]
@@ -203,48 +203,61 @@ class _Between:
         return {**moved, "P": _walked(plan)(moved["x"], P), "B": both}
 
 
+def _sizes(plan: Plan) -> dict[str, Size]:
+    form, size = plan.states.form, plan.spread.size
+    return {**observer_sizes(form), "P": Symmetric(size), "S": Symmetric(1), "B": form.n + form.p}
+
+
 def _walked(plan: Plan) -> ca.Function:
     """Covariance with the random walks of one sample: ``(x, P) -> P``."""
-    size = plan.spread.size
-    x, P = ca.SX.sym("x", plan.states.form.n), ca.SX.sym("P", size * (size + 1) // 2)
-    T = plan.spread.slope(x)
-    noise = T @ ca.SX(ca.sparsify(ca.DM(plan.spread.Q))) @ T.T
-    return ca.Function("walked", [x, P], [P + vech(ca.densify(noise))])
+    Q = ca.SX(ca.sparsify(ca.DM(plan.spread.Q)))
+
+    def formula(x: ca.SX, P: ca.SX) -> Results:
+        T = plan.spread.slope(x)
+        return {"P": P + ca.densify(T @ Q @ T.T)}
+
+    return leaf("walked", _sizes(plan), formula)
 
 
 def _measured(plan: Plan) -> ca.Function:
-    """Interpolation of the measurement: ``(x, x_free, y_last, y, m_last, m) -> (...)``.
+    """Interpolation of the measurement: ``(x, x_free, y_last, y, mask_last, mask) -> (...)``.
 
     The results are what `observer_step` takes at both ends, the weights of the noise of both
     measurements there, and whether anything is measured. After a gap the innovation at its end
     stands for the whole sampling period.
     """
-    x, x_free = ca.SX.sym("x", plan.states.form.n), ca.SX.sym("x_free", plan.states.form.n)
-    last, y, m_last, m = (ca.SX.sym(k) for k in ("y_last", "y", "m_last", "m"))
-    if plan.interpolation == "hold":
-        ends = [last, last, ca.SX([1, 0]), ca.SX([1, 0]), m_last]
-    else:
+
+    def formula(
+        x: ca.SX, x_free: ca.SX, y_last: ca.SX, y: ca.SX, mask_last: ca.SX, mask: ca.SX
+    ) -> Results:
+        if plan.interpolation == "hold":
+            only_last = ca.SX([1, 0])
+            return {"ya": y_last, "yb": y_last, "wa": only_last, "wb": only_last, "on": mask_last}
         e = y - x_free[0]
-        begin = ca.if_else(m_last, last - x[0], e)
-        weights = [ca.vertcat(m_last, 1 - m_last), ca.SX([0, 1])]
+        begin = ca.if_else(mask_last, y_last - x[0], e)
+        weights = {"wa": ca.vertcat(mask_last, 1 - mask_last), "wb": ca.SX([0, 1])}
         if plan.interpolation == "model":
-            ends = [begin, e, *weights, m]
-        else:
-            ends = [x[0] + begin, y, *weights, m]
-    return ca.Function("measured", [x, x_free, last, y, m_last, m], ends)
+            return {"ya": begin, "yb": e, **weights, "on": mask}
+        return {"ya": x[0] + begin, "yb": y, **weights, "on": mask}
+
+    return leaf("measured", _sizes(plan), formula)
 
 
 def _with_noise(plan: Plan) -> ca.Function:
     """Covariance with the noise of the last measurement: ``(P, B) -> P``."""
-    m, size = plan.states.form.n + plan.states.form.p, plan.spread.size
-    vP, B = ca.SX.sym("P", size * (size + 1) // 2), ca.SX.sym("B", m)
-    column = ca.vertcat(B, ca.SX.zeros(size - m))
-    return ca.Function("with_noise", [vP, B], [vech(unvech(vP) + plan.R * column @ column.T)])
+    form, size = plan.states.form, plan.spread.size
+
+    def formula(P: ca.SX, B: ca.SX) -> Results:
+        column = ca.vertcat(B, ca.SX.zeros(size - form.n - form.p))
+        return {"P": P + plan.R * column @ column.T}
+
+    return leaf("with_noise", _sizes(plan), formula)
 
 
 def _innovation(plan: Plan) -> ca.Function:
     """``(x, P, y, mask) -> (e, S)`` from the model's prediction."""
-    size = plan.spread.size
-    x, vP = ca.SX.sym("x", plan.states.form.n), ca.SX.sym("P", size * (size + 1) // 2)
-    y, mask = ca.SX.sym("y"), ca.SX.sym("mask")
-    return ca.Function("innovation", [x, vP, y, mask], [mask * (y - x[0]), vP[0] + plan.R])
+
+    def formula(x: ca.SX, P: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
+        return {"e": mask * (y - x[0]), "S": P[0, 0] + plan.R}
+
+    return leaf("innovation", _sizes(plan), formula)

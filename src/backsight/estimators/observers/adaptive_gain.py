@@ -15,6 +15,8 @@ import numpy as np
 from backsight.description import Description, Positive, Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import iterate, scan
+from backsight.estimators.observers._formulas import observer_sizes
+from backsight.estimators.parts.leaf import Results, leaf
 from backsight.models.canonical.affine import AffineForm
 from backsight.types import Array
 
@@ -96,11 +98,14 @@ class AdaptiveGain(Description):
 
 def gain_step(gain: AdaptiveGain, upper: float, dt: float) -> ca.Function:
     """Exact solution of eq. 17 over one sample for constant S: ``(lam, S) -> lam``."""
-    lam, S = ca.SX.sym("lam"), ca.SX.sym("S")
-    rise, fall = gain.up * S, gain.down * (1 - S)
-    rate = rise + fall
-    rest = (rise * upper + fall * gain.lower) / rate
-    return ca.Function("gain_step", [lam, S], [rest + (lam - rest) * ca.exp(-rate * dt)])
+
+    def formula(lam: ca.SX, S: ca.SX) -> Results:
+        rise, fall = gain.up * S, gain.down * (1 - S)
+        rate = rise + fall
+        rest = (rise * upper + fall * gain.lower) / rate
+        return {"lam": rest + (lam - rest) * ca.exp(-rate * dt)}
+
+    return leaf("gain_step", {"lam": 1, "S": 1}, formula)
 
 
 def adapt(
@@ -163,21 +168,34 @@ def _turn(form: AffineForm, gain: AdaptiveGain, count: int) -> ca.Function:
     before the first window is full.
     """
     n, p = form.n, form.p
-    due, S, evaluated = ca.SX.sym("due"), ca.SX.sym("S"), ca.SX.sym("evaluated")
-    X, T, areas = (ca.SX.sym(k, m * count) for k, m in (("X", n), ("T", p), ("areas", 1)))
-    x, theta = ca.SX.sym("x", n), ca.SX.sym("theta", p)
-    S_new = ca.if_else(evaluated >= count, gain.sigmoid(areas[0]), S)
-    moved = [ca.vertcat(X[n:], x), ca.vertcat(T[p:], theta), ca.vertcat(areas[1:], 0)]
-    return ca.Function(
-        "turn", [due, S, evaluated, X, T, areas, x, theta], [0, S_new, evaluated + 1, *moved]
-    )
+
+    def formula(  # `due` only says that there is a turn
+        due: ca.SX,  # noqa: ARG001
+        S: ca.SX, evaluated: ca.SX, X: ca.SX, T: ca.SX, areas: ca.SX,
+        x: ca.SX, theta: ca.SX,
+    ) -> Results:  # fmt: skip
+        return {
+            "due": ca.SX(0),
+            "S": ca.if_else(evaluated >= count, gain.sigmoid(areas[0]), S),
+            "evaluated": evaluated + 1,
+            "X": ca.vertcat(X[n:], x),
+            "T": ca.vertcat(T[p:], theta),
+            "areas": ca.vertcat(areas[1:], 0),
+        }
+
+    columns = {"X": n * count, "T": p * count, "areas": count}
+    sizes = {**observer_sizes(form), **columns, "due": 1, "S": 1, "evaluated": 1}
+    return leaf("turn", sizes, formula)
 
 
 def _clock(stride: int) -> ca.Function:
     """``elapsed -> (due, elapsed)``: due at the first sample and every `stride` samples."""
-    elapsed = ca.SX.sym("elapsed")
-    following = ca.if_else(elapsed + 1 >= stride, 0, elapsed + 1)
-    return ca.Function("clock", [elapsed], [ca.if_else(elapsed > 0, 0, 1), following])
+
+    def formula(elapsed: ca.SX) -> Results:
+        following = ca.if_else(elapsed + 1 >= stride, 0, elapsed + 1)
+        return {"due": ca.if_else(elapsed > 0, 0, 1), "elapsed": following}
+
+    return leaf("clock", {"elapsed": 1}, formula)
 
 
 def prediction_error(form: AffineForm, integrator: Integrator, dt: float) -> ca.Function:
@@ -185,14 +203,47 @@ def prediction_error(form: AffineForm, integrator: Integrator, dt: float) -> ca.
 
     ``(x, area, theta, ua, ub, ya, yb, ma, mb) -> (x, area)``.
     """
-    x, area = ca.SX.sym("x", form.n), ca.SX.sym("area")
-    theta, ua, ub = (ca.SX.sym(k, m) for k, m in (("t", form.p), ("ua", form.nu), ("ub", form.nu)))
-    ya, yb, ma, mb = (ca.SX.sym(k) for k in ("ya", "yb", "ma", "mb"))
-    x_next = integrator.substep(lambda v, w: form.rhs(v, theta, w), x, ua=ua, ub=ub, h=dt)
-    added = dt / 2 * (ma * ca.fabs(ya - x[0]) + mb * ca.fabs(yb - x_next[0]))
-    return ca.Function(
-        "prediction_error", [x, area, theta, ua, ub, ya, yb, ma, mb], [x_next, area + added]
+
+    def formula(
+        x: ca.SX, area: ca.SX, theta: ca.SX, ua: ca.SX, ub: ca.SX,
+        ya: ca.SX, yb: ca.SX, ma: ca.SX, mb: ca.SX,
+    ) -> Results:  # fmt: skip
+        x_next = integrator.substep(lambda v, w: form.rhs(v, theta, w), x, ua=ua, ub=ub, h=dt)
+        added = dt / 2 * (ma * ca.fabs(ya - x[0]) + mb * ca.fabs(yb - x_next[0]))
+        return {"x": x_next, "area": area + added}
+
+    return leaf("prediction_error", observer_sizes(form), formula)
+
+
+def window_innovation(
+    form: AffineForm, integrator: Integrator, order: list[int], *, dt: float, length: int
+) -> ca.Function:
+    """Innovation of eq. 19, see `AbstractAdaptiveObserver.window_innovation`.
+
+    Parameters
+    ----------
+    form, integrator
+        As for `prediction_error`.
+    order : list of int
+        Which of the model's states are those of the form, and then its parameters.
+    dt : float
+    length : int
+        Sampling periods of the window.
+    """
+    x_hat = ca.MX.sym("x_hat", len(order))
+    U, Y, M = (ca.MX.sym(k, m, length + 1) for k, m in (("U", form.nu), ("Y", 1), ("M", 1)))
+    ordered = x_hat[order]
+    x, theta = ordered[: form.n], form.theta(ordered[form.n :])
+    if form.coordinates is not None:
+        x = form.coordinates.chain(x)
+    ends = (part for d in (U, Y, M) for part in (d[:, :-1], d[:, 1:]))
+    (_, area), _ = scan(
+        prediction_error(form, integrator, dt),
+        length,
+        carry=[x, ca.MX(0)],
+        xs=[ca.repmat(theta, 1, length), *ends],
     )
+    return ca.Function("window_innovation", [x_hat, U, Y, M], [area])
 
 
 def gain_start(gain: AdaptiveGain, dt: float, *, x0: Array, theta0: Array) -> dict[str, Array]:

@@ -11,26 +11,22 @@ from backsight.description import Positive, Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
+from backsight.estimators.adaptive_observer import AbstractAdaptiveObserver
 from backsight.estimators.observers._excitation import Excitation
+from backsight.estimators.observers._formulas import Interpolation, ObserverGains, Spread
 from backsight.estimators.observers._high_gain import AbstractHighGain
 from backsight.estimators.observers._recursion import Plan, assemble_observer
 from backsight.estimators.observers._states import States, chain_start, state_bounds
-from backsight.estimators.observers.adaptive_gain import AdaptiveGain
-from backsight.estimators.observers.formulas import (
-    Interpolation,
-    ObserverGains,
-    Spread,
-    gain_vector,
-)
+from backsight.estimators.observers.adaptive_gain import AdaptiveGain, window_innovation
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.canonical.affine import AffineForm
-from backsight.models.canonical.observer_form import moving_first, observer_form
+from backsight.models.canonical.observer_form import gain_vector, moving_first, observer_form
 from backsight.models.model import Model
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class AHG(AbstractHighGain):
+class AHG(AbstractHighGain, AbstractAdaptiveObserver):
     r"""Adaptive high-gain observer: states and parameters without a covariance in the loop.
 
     For models that are affine in combinations theta of their parameters, in the states or in the
@@ -66,7 +62,8 @@ class AHG(AbstractHighGain):
     integrator : Integrator
         `hold` is that of the input.
     interpolation : {"model", "linear", "hold"}
-        The measurement between samples, see `formulas.Interpolation`.
+        The measurement between samples: along the prediction of the model, by straight lines,
+        or held, which delays it by half a sampling period.
 
     Notes
     -----
@@ -101,6 +98,16 @@ class AHG(AbstractHighGain):
             yield (
                 f"adaptive gain: lower = {self.adaptive.lower:g} must be below gain = {self.gain:g}"
             )
+
+    def fixed(self) -> "AHG":
+        """See `AbstractAdaptiveObserver.fixed`."""
+        return dataclasses.replace(self, adaptive=None)
+
+    def window_innovation(self, model: Model, dt: float, length: int) -> ca.Function:
+        """See `AbstractAdaptiveObserver.window_innovation`."""
+        ordered, order = moving_first(model)
+        form, integrator = observer_form(ordered), self.chosen(model, dt)
+        return window_innovation(form, integrator, order, dt=dt, length=length)
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""

@@ -11,18 +11,17 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import ModelError
 from backsight.estimators.observers._excitation import Excitation
-from backsight.estimators.observers._high_gain import AbstractHighGain
-from backsight.estimators.observers._recursion import Plan, assemble_observer
-from backsight.estimators.observers._states import States, chain_start, state_bounds
-from backsight.estimators.observers.formulas import (
+from backsight.estimators.observers._formulas import (
     Interpolation,
     ObserverGains,
     Spread,
-    gain_vector,
 )
+from backsight.estimators.observers._high_gain import AbstractHighGain
+from backsight.estimators.observers._recursion import Plan, assemble_observer
+from backsight.estimators.observers._states import States, chain_start, state_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.canonical.affine import AffineForm, moving_states
-from backsight.models.canonical.observer_form import moving_first, observer_form
+from backsight.models.canonical.observer_form import gain_vector, moving_first, observer_form
 from backsight.models.model import Model
 from backsight.types import Array
 
@@ -56,7 +55,8 @@ class HGO(AbstractHighGain):
     integrator : Integrator
         `hold` is that of the input.
     interpolation : {"model", "linear", "hold"}
-        The measurement between samples, see `formulas.Interpolation`.
+        The measurement between samples: along the prediction of the model, by straight lines,
+        or held, which delays it by half a sampling period.
 
     References
     ----------

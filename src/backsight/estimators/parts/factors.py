@@ -19,7 +19,7 @@ from backsight.algebra.factor import (
 )
 from backsight.algebra.sigma import Weights
 from backsight.algebra.symmetric import vech
-from backsight.engine.dense import add_product, transpose
+from backsight.engine.dense import VECTOR, add_product, transpose
 from backsight.engine.loops import scan
 from backsight.estimators.parts.covariance import Covariance, Term, packed
 from backsight.types import Array
@@ -137,16 +137,17 @@ def compress_rows(A: Term) -> Term:
     if not isinstance(A, ca.MX):
         return triangular.compress(A)
     n, m = A.shape
-    left, unit, below = ca.MX.sym("rows", n, m), ca.MX.sym("unit", n), ca.MX.sym("below", n)
+    # Both ways round: a row is picked from one and multiplied by the other, nothing is turned.
+    left, turned = ca.MX.sym("rows", n, m), ca.MX.sym("turned", m, n)
+    unit, below = ca.MX.sym("unit", n), ca.MX.sym("below", n)
     row = ca.SX.sym("row", m)
     size = ca.norm_2(row)
     normed = ca.Function("direction", [row], [row / ca.if_else(size > 0, size, 1)])
-    d = normed(add_product(ca.MX.zeros(m, 1), transpose(left), unit.T))
+    d = normed(add_product(ca.MX.zeros(m, 1), turned, unit.T))
     along = add_product(ca.MX.zeros(n, 1), left, d.T)
-    body = ca.Function(
-        "gram_schmidt", [left, unit, below], [add_product(left, -along, d), below * along]
-    )
-    _, (L,) = scan(body, n, carry=[A], xs=_places(n))
+    after = [add_product(left, -along, d), add_product(turned, d, -along)]
+    body = ca.Function("gram_schmidt", [left, turned, unit, below], [*after, below * along])
+    _, (L,) = scan(body, n, carry=[A, transpose(A)], xs=_places(n))
     return L
 
 
@@ -182,6 +183,48 @@ def deviation_factor(deviations: Term, w: Weights, noise: Term) -> tuple[Term, T
     if centre >= 0:
         return compress_rows(ca.horzcat(weighted, noise)), ca.MX(1)
     return downdate_factor(compress_rows(ca.horzcat(weighted[:, 1:count], noise)), weighted[:, 0])
+
+
+def joint_factor(Y: Term, L: Term, w: Weights, noise: Term) -> tuple[Term, Term]:
+    r"""Lower factor of outputs and states together, and 1 if it is definite.
+
+    The states of a pair of sigma points are opposite. With :math:`a_j, b_j` the outputs of a pair
+    and :math:`2 w s^2 = 1` the weighted deviations turn, by :math:`(a_j \mp b_j) / \sqrt 2`, into
+
+    .. math:: \begin{bmatrix} \sqrt{w / 2} (a_j - b_j) & \sqrt{w / 2} (a_j + b_j) & \sqrt{w_0} d_0 &
+        \text{noise} \\ L & 0 & 0 & 0 \end{bmatrix}
+
+    and what only the outputs have is a factor of theirs.
+
+    Parameters
+    ----------
+    Y : (ny, 2 n + 1)
+        Outputs of the sigma points minus their mean.
+    L : (n, n)
+        Lower factor of the states, of which they are made.
+    w : Weights
+    noise : (ny, ny)
+        Factor of the covariance that is added to the outputs.
+    """
+    n, ny = L.shape[0], Y.shape[0]
+    scale, centre = np.sqrt(w.covariance[1] / 2), float(w.covariance[0])
+    a, b, middle = Y[:, 1 : n + 1], Y[:, n + 1 :], np.sqrt(abs(centre)) * Y[:, 0]
+    rest = [scale * (a + b), noise, *([middle] if centre >= 0 else [])]
+    alone = _few_rows(ca.horzcat(*rest))
+    joint = compress_rows(
+        on_top([ca.horzcat(scale * (a - b), alone), ca.horzcat(L, type(L).zeros(n, ny))])
+    )
+    if centre >= 0:
+        return joint, type(L)(1)
+    return downdate_factor(joint, ca.vertcat(middle, type(L).zeros(n, 1)))
+
+
+def _few_rows(A: Term) -> Term:
+    """`compress_rows`, straight-line for a few rows however many states there are."""
+    if not isinstance(A, ca.MX) or A.shape[0] > VECTOR:
+        return compress_rows(A)
+    rows = ca.SX.sym("rows", *A.shape)
+    return ca.Function("compress", [rows], [ca.densify(triangular.compress(rows))])(A)
 
 
 def sigma_columns(x: Term, L: Term, spread: float) -> Term:

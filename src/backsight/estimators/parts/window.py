@@ -1,6 +1,7 @@
 """The window of the last samples in the memory of an estimator."""
 
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,12 @@ def no_window(s: Setting, samples: int) -> dict[str, Array]:
 def moved_on(window: Sequence[ca.MX], sample: Sequence[ca.MX | int]) -> Iterator[ca.MX]:
     """The window one sample later: the oldest column leaves, the new one enters."""
     return (ca.horzcat(w[:, 1:], new) for w, new in zip(window, sample, strict=True))
+
+
+def lag_faults(lag: int | Literal["N"], N: int) -> Iterator[str]:
+    """Say if a lag looks back further than a window of `N` sampling periods."""
+    if lag != "N" and lag > N:
+        yield f"the lag is {lag}; it must be a whole number from 0 to N = {N}, or 'N'"
 
 
 def queued(late: ca.MX, new: Sequence[ca.MX], lag: int) -> tuple[list[ca.MX], ca.MX]:

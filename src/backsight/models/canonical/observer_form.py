@@ -5,7 +5,7 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from backsight.errors import ModelError
+from backsight.errors import ModelError, TuningError
 from backsight.models.canonical.affine import (
     AffineForm,
     Coordinates,
@@ -15,6 +15,7 @@ from backsight.models.canonical.affine import (
 )
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.types import Array
 
 SINGULAR = 1e-10
 """Smallest singular value of the scaled change of coordinates, as a share of the largest."""
@@ -103,6 +104,27 @@ def moving_first(model: Model) -> tuple[Model, list[int]]:
         states=tuple(model.states[i] for i in order),
     )
     return ordered, order
+
+
+def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
+    """k0 (n,) that places the eigenvalues of A0 - k0 c0.
+
+    Parameters
+    ----------
+    poles : number or n numbers
+        One number: n-fold. Complex ones in conjugate pairs; all with negative real part.
+    """
+    wanted = np.atleast_1d(np.asarray(poles, complex))
+    if wanted.size == 1:
+        wanted = np.repeat(wanted, n)
+    if wanted.shape != (n,):
+        raise TuningError(f"poles has {wanted.size} entries; the chain has {n} states")
+    if not np.all(np.real(wanted) < 0):
+        raise TuningError(f"poles {wanted.tolist()} must all have a negative real part")
+    polynomial = np.poly(wanted)
+    if np.any(np.abs(np.imag(polynomial)) > 1e-9):
+        raise TuningError(f"complex poles {wanted.tolist()} must come in conjugate pairs")
+    return np.real(polynomial[1:]).astype(float)
 
 
 class _Chain:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import casadi as ca
@@ -38,6 +39,14 @@ TOLERANCE = 1e-9
 MISSING = 0.1
 """Share of the measurements that is left out."""
 
+OF_NOISE = {
+    "sigma_u": "noise of the inputs (sigma_u)",
+    "sigma_p": "noise of parameters (sigma_p)",
+    "cross": "noise that process and sensors have in common (cross)",
+    "outliers": "the rule for outliers",
+}
+"""Fields of the noise that additive Gaussian noise does not have."""
+
 WINDOWS, LEAST, MOST = 4, 40, 200
 """Windows that are gone through, and samples at least and at most."""
 
@@ -57,14 +66,14 @@ def certify(
     The model is linearised and carried to discrete time; data are drawn from it with the
     estimator's own noise and prior and the recorded input, some measurements missing. On such data
     nothing is better than the Kalman filter, and an estimator over a window equals it exactly if
-    its arrival cost is right. Limits and bounds are taken off: they are no part of the claim.
+    its arrival cost is right. Limits, bounds, rules for outliers and noise that is not additive
+    are taken off: they are no part of the claim, and the certificate names them.
 
     Parameters
     ----------
     estimator : AbstractEstimator
-        With a noise and a prior. If it has a field ``arrival`` or
-        ``arrival_weight``, others are tried in
-        its place, and the certificate says for which of them the claim holds.
+        With a noise and a prior. If it has a field ``arrival`` or ``arrival_weight``, others are
+        tried in its place, and the certificate says for which of them the claim holds.
     model : Model
         As for the estimator.
     recording : xarray.Dataset
@@ -138,6 +147,7 @@ def certify(
         lag=lag,
         at={s.name: float(v) for s, v in zip(model.states, point, strict=True)},
         tolerance=tolerance,
+        left_out=tuple(_left_out(estimator, model)),
     )
 
 
@@ -178,6 +188,19 @@ def _on(estimator: AbstractEstimator, system: LinearGaussian) -> AbstractEstimat
     return dataclasses.replace(
         estimator, **changes, **{k: v for k, v in free.items() if k in fields}
     )
+
+
+def _left_out(estimator: AbstractEstimator, model: Model) -> Iterator[str]:
+    """What `_on` and `_plain` take off, by name."""
+    noise, _ = estimator.assumed
+    yield from (text for name, text in OF_NOISE.items() if getattr(noise, name) is not None)
+    fields = {f.name for f in dataclasses.fields(estimator)}
+    yield from (name for name in ("limits", "soft") if name in fields and getattr(estimator, name))
+    bounded = [s.name for s in model.states if np.isfinite([s.lower, s.upper]).any()]
+    if bounded:
+        yield f"the bounds of {', '.join(bounded)}"
+    if estimator.input_hold == "foh":
+        yield "inputs interpolated between the samples (foh)"
 
 
 def _run(estimator: AbstractEstimator, model: Model, dt: float, u: Array, y: Array) -> Estimates:

@@ -28,7 +28,8 @@ def check_identifiability(
 
     The model moves from its prior under the recorded inputs, and an extended Kalman filter with the
     estimator's noise and prior measures that very motion: its covariance is the bound for every
-    estimator along it. The same without the walks of unknown forces, and with larger ones.
+    estimator along it. The same without the walks of unknown forces, and with larger ones. Where no
+    recorded input moves the model, as on a road or in the wind, the motion is the measured one.
 
     Parameters
     ----------
@@ -61,8 +62,10 @@ def check_identifiability(
     of = [model.states[i] for i in constants]
     if not of:
         return Identifiability(len(u), (), tuple(model.states[i].name for i in forces), ())
-    # A filter that measures nothing simulates; one that measures what it simulates stays there.
-    motion = _filtered(judge, model, dt, [u, np.zeros_like(y), np.zeros_like(mask)])["y_hat"]
+    motion = y
+    if np.ptp(u, axis=0).any():
+        # A filter that measures nothing simulates; one that measures what it simulates stays there.
+        motion = _filtered(judge, model, dt, [u, np.zeros_like(y), np.zeros_like(mask)])["y_hat"]
     found = {}
     for factor in (1.0, 0.0, STEP) if len(forces) else (1.0,):
         walks = with_walks(noise, model, forces=forces, factor=factor)

@@ -13,12 +13,13 @@ from backsight.analysis.observability import (
     WalkDependence,
     flat_directions,
 )
+from backsight.description import alike
 from backsight.errors import BacksightError
 from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.diagnosis._free_forces import constants_and_forces, with_walks
-from backsight.run.estimation import estimate
+from backsight.run.diagnosis._judges import Judges
 
 MOST_STEPS = 6
 """Steps by a factor of `STEP` that follow the likelihood in one direction."""
@@ -30,13 +31,13 @@ ENTRIES = 20_000_000
 class Walks:
     """Trials with other walks, made once for all estimators that assume the same."""
 
-    def __init__(self, model: Model, recording: xr.Dataset) -> None:
-        self._model, self._recording = model, recording
+    def __init__(self, judges: Judges) -> None:
+        self._judges = judges
         self._known: list[tuple[AbstractEstimator, WalkDependence | None]] = []
 
     def doubts(self, estimator: AbstractEstimator, result: xr.Dataset) -> list[str]:
         """Say which parameters of a result are flat, and which rest on the walk of a force."""
-        model = self._model
+        model = self._judges.model
         last = result.isel(time=-1)
         try:
             judge = yardstick(estimator, model)
@@ -56,28 +57,32 @@ class Walks:
 
     def _dependence(self, judge: AbstractEstimator) -> WalkDependence | None:
         for known, found in self._known:
-            if known == judge:
+            if alike(known, judge):
                 return found
-        found = tried(judge, self._model, self._recording)
+        found = tried(judge, self._judges)
         self._known.append((judge, found))
         return found
 
 
-def tried(judge: AbstractEstimator, model: Model, recording: xr.Dataset) -> WalkDependence | None:
+def tried(judge: AbstractEstimator, judges: Judges) -> WalkDependence | None:
     """Repeat the estimation with walks that are larger and smaller, as long as that is more likely.
 
     None if there are no constants beside forces that walk, or the filter diverges as it is.
     """
     noise, _ = judge.assumed
+    model = judges.model
     constants, forces = constants_and_forces(model, noise)
-    if not (len(constants) and len(forces)) or recording.sizes["time"] * model.nx**2 > ENTRIES:
+    entries = judges.recording.sizes["time"] * model.nx**2
+    if not (len(constants) and len(forces)) or entries > ENTRIES:
         return None
 
     def trial(factor: float) -> Trial | None:
         walks = with_walks(noise, model, forces=forces, factor=factor)
-        return _trial(dataclasses.replace(judge, noise=walks), model, recording, constants, factor)
+        result = judges.trial(dataclasses.replace(judge, noise=walks))
+        return None if result is None else _trial(result, constants, factor)
 
-    assumed = trial(1.0)
+    as_it_is = judges.result(judge)
+    assumed = None if as_it_is is None else _trial(as_it_is, constants, 1.0)
     if assumed is None:
         return None
     others: list[Trial] = []
@@ -99,17 +104,8 @@ def tried(judge: AbstractEstimator, model: Model, recording: xr.Dataset) -> Walk
     )
 
 
-def _trial(
-    judge: AbstractEstimator,
-    model: Model,
-    recording: xr.Dataset,
-    constants: list[int],
-    factor: float,
-) -> Trial | None:
-    try:
-        result = estimate(judge, model, recording)
-    except BacksightError:
-        return None
+def _trial(result: xr.Dataset, constants: list[int], factor: float) -> Trial | None:
+    """What a result says at its end; None if that is not finite."""
     last = result.isel(time=-1)
     x, std = last["x_hat"].values[constants], last["x_std"].values[constants]
     likelihood = float(log_likelihood(result).sum())

@@ -15,8 +15,8 @@ from backsight.models.model import Model
 from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.diagnosis._identifiability import check_identifiability
+from backsight.run.diagnosis._judges import Judges
 from backsight.run.diagnosis._walks import Walks
-from backsight.run.estimation import estimate
 
 
 def audited(
@@ -34,8 +34,9 @@ def audited(
     about: dict[str, str | int] = {} if found is None else {ALIGNMENT: str(found)}
     if found is not None and found.aligned is not None:
         about[ALIGNED] = int(found.aligned)
-    factors = noise_found(results, estimators, model, recording)
-    doubts = doubts_found(results, estimators, model, recording)
+    judges = Judges(model, recording, results, estimators)
+    factors = noise_found(results, estimators, judges)
+    doubts = doubts_found(results, estimators, judges)
     return {
         name: with_factors(result, factors[name]).assign_attrs(
             about | ({DOUBTS: "\n".join(doubts[name])} if doubts[name] else {})
@@ -47,14 +48,13 @@ def audited(
 def doubts_found(
     results: Mapping[str, xr.Dataset],
     estimators: Mapping[str, AbstractEstimator],
-    model: Model,
-    recording: xr.Dataset,
+    judges: Judges,
 ) -> dict[str, list[str]]:
     """Say of every result which parameters the recording hardly tells, or not from a force."""
-    walks = Walks(model, recording)
+    walks, large = Walks(judges), judges.model.nx > MOST_STATES
     return {
         name: []
-        if model.nx > MOST_STATES or estimator.innovations == "forced" or failed(results[name])
+        if large or estimator.innovations == "forced" or failed(results[name])
         else walks.doubts(estimator, results[name])
         for name, estimator in estimators.items()
     }
@@ -63,8 +63,7 @@ def doubts_found(
 def noise_found(
     results: Mapping[str, xr.Dataset],
     estimators: Mapping[str, AbstractEstimator],
-    model: Model,
-    recording: xr.Dataset,
+    judges: Judges,
 ) -> dict[str, NoiseFactors | None]:
     """By how much the noise of every estimator is wrong, where that can be told.
 
@@ -72,7 +71,7 @@ def noise_found(
     are coloured whatever the noise is: its noise is judged by the Kalman filter that believes in
     the same.
     """
-    tried: list[tuple[AbstractEstimator, NoiseFactors | None]] = []
+    model = judges.model
     found: dict[str, NoiseFactors | None] = {}
     for name, estimator in estimators.items():
         if estimator.innovations == "white":
@@ -80,27 +79,18 @@ def noise_found(
         elif estimator.innovations == "forced" or model.nx > MOST_STATES:
             found[name] = None
         else:
-            found[name] = _by_yardstick(estimator, model, recording, tried)
+            found[name] = _by_yardstick(estimator, judges)
     return found
 
 
-def _by_yardstick(
-    estimator: AbstractEstimator,
-    model: Model,
-    recording: xr.Dataset,
-    tried: list[tuple[AbstractEstimator, NoiseFactors | None]],
-) -> NoiseFactors | None:
-    """Factors by the Kalman filter with the same noise and prior; `tried` remembers them."""
+def _by_yardstick(estimator: AbstractEstimator, judges: Judges) -> NoiseFactors | None:
+    """Factors by the Kalman filter with the same noise and prior."""
     try:
-        judge = yardstick(estimator, model)
-        for known, factors in tried:
-            if known == judge:
-                return factors
-        factors = factors_of(estimate(judge, model, recording), judge, model)
+        judge = yardstick(estimator, judges.model)
     except BacksightError:
         return None
-    tried.append((judge, factors))
-    return factors
+    result = judges.result(judge)
+    return None if result is None else factors_of(result, judge, judges.model)
 
 
 def aligned(

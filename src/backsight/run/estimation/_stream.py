@@ -1,13 +1,16 @@
 """Run an estimator live, one sample at a time."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from backsight.description import Positive, checked
 from backsight.engine.execute import Engine, stepper
-from backsight.errors import DataError
+from backsight.errors import DataError, nearest
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.models.signals import vector
+from backsight.models.signals import Signal, vector
 from backsight.schema import SIGMA_FACTOR, check_sigma_factor
 from backsight.types import Array, ByName
 
@@ -38,10 +41,12 @@ class Stream:
         restart: bool = False,
     ) -> None:
         self._estimator, self._model = estimator, model
+        self._made_of = (estimator, model, dt, engine, restart)
         recursion = estimator.compile(model, dt)
         recursion = recursion.restarting() if restart else recursion
         self._channels = recursion.channels
         self._stepper = stepper(recursion, engine)
+        self._fresh = self.save()
 
     def step(self, u: ByName, y: ByName, *, sigma_factor: ByName | None = None) -> dict[str, Array]:
         """Process one sample.
@@ -79,6 +84,63 @@ class Stream:
         return {
             c.name: c.unpack(v[np.newaxis])[0] for c, v in zip(self._channels, values, strict=True)
         }
+
+    def named(self, sample: Mapping[str, Array], variable: str = "x_hat") -> dict[str, float]:
+        """Return one variable of a sample by the names of its states, outputs or forces.
+
+        Parameters
+        ----------
+        sample : dict
+            From `step`.
+        variable : str
+            One with a number for each name, such as ``x_hat``, ``y_hat``, ``e`` or ``d_hat``.
+
+        Raises
+        ------
+        DataError
+            If the sample has no such variable.
+        """
+        known = {c.name: c for c in self._channels if len(c.dims) == 1}
+        if variable not in known:
+            raise DataError(f"a sample has no '{variable}' by name, {nearest(variable, known)}")
+        channel = known[variable]
+        names = channel.labels or [s.name for s in self._signals()[channel.dims[0]]]
+        return dict(zip(map(str, names), map(float, sample[variable]), strict=True))
+
+    def _signals(self) -> dict[str, tuple[Signal, ...]]:
+        return {"state": self._model.states, "output": self._model.outputs}
+
+    def save(self) -> Array:
+        """Return the memory, (nc,): all that the next sample needs of those before it."""
+        return np.array(self._stepper.carry, dtype=float)
+
+    def restore(self, memory: Array) -> None:
+        """Go on from a memory that `save` returned, of a stream of the same make.
+
+        Raises
+        ------
+        DataError
+            If the memory is that of another estimator or model.
+        """
+        kept = np.asarray(memory, dtype=float)
+        if kept.shape != self._fresh.shape:
+            raise DataError(
+                f"a memory of shape {kept.shape} is not from this stream, whose memory has "
+                f"{self._fresh.size} numbers"
+            )
+        self._stepper.carry[:] = kept
+
+    def reset(self) -> None:
+        """Begin anew from the prior."""
+        self.restore(self._fresh)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {"made_of": self._made_of, "memory": self.save()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        estimator, model, dt, engine, restart = state["made_of"]
+        self.__init__(estimator, model, dt, engine=engine, restart=restart)
+        self.restore(state["memory"])
 
     def _factors(self, given: ByName | None) -> Array:
         """Factors of the noise of all outputs, (ny,)."""

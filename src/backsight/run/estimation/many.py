@@ -29,6 +29,7 @@ def estimate_many(
     *,
     threads: Count | None = None,
     throw: bool = True,
+    restart: bool = False,
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[xr.Dataset]:
     """Estimate the states of a model from many recordings.
@@ -47,6 +48,8 @@ def estimate_many(
         One per processor core by default.
     throw : bool
         Raise at the end if the estimator failed on a recording.
+    restart : bool
+        After a sample whose estimate is not finite start anew from the prior, see `estimate`.
     progress : callable
         Told the number of samples done, of all recordings together.
 
@@ -81,6 +84,8 @@ def estimate_many(
     for rows in data:
         check_length(recursion, len(rows[0]))
     check_memory([numbers_of(recursion.channels, recursion.output_sizes)], samples)
+    if restart:
+        recursion = recursion.restarting()
     started = time.perf_counter()
     outcomes = run_many(
         recursion,
@@ -103,7 +108,7 @@ def estimate_many(
         for (_, outputs), recording, rows in zip(outcomes, recordings, data, strict=True)
     ]
     failed = [f"recording {k}: {failure(r)}" for k, r in enumerate(results) if failure(r)]
-    if throw and failed:
+    if throw and failed and not restart:
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise EstimationError(failed[0] + more, results)
     return results

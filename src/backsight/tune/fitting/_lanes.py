@@ -22,9 +22,9 @@ from backsight.algebra.symmetric import unvech
 from backsight.algebra.triangular import forward
 from backsight.discrete.steps import explicit
 from backsight.engine.recursion import Channel, Recursion
-from backsight.errors import TuningError
-from backsight.estimators import EKF, KalmanFilter
+from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.estimators.uncertainty import Noise
 from backsight.estimators.varied_noise import NoisePart, VariedNoise
 from backsight.models.model import Model
 from backsight.models.signals import Signal
@@ -102,8 +102,8 @@ def lanes_of(
 ) -> LaneRunner | None:
     """Make the recursion; None if the estimator cannot take these values as inputs."""
     kinds = {u.kind for u in unknowns}
-    constant = estimator.constant_gain
-    if "setting" in kinds or (constant and not isinstance(estimator, KalmanFilter)):
+    parameters = [u.entry for u in unknowns if u.kind == "parameter"]
+    if "setting" in kinds or estimator.varied(parameters=bool(parameters)).constant_gain:
         return None
     noise = estimator.assumed[0]
     if "walk" in kinds and (not estimator.varies_noise or noise.beyond_additive):
@@ -111,14 +111,13 @@ def lanes_of(
     if kinds & {"sigma_y", "R"} and not estimator.weighs:
         return None
     wide = _scaled(estimator, model, dt)
-    parameters = [u.entry for u in unknowns if u.kind == "parameter"]
     wide = forces_as_inputs(wide, parameters) if parameters else wide
     walks = [u for u in unknowns if u.kind == "walk"]
     wide = _with_inputs(wide, [_input(u) for u in walks])
     varied = _varied(estimator, model, dt, walks, parameters=bool(parameters))
     try:
         inner = varied.compile(wide, dt)
-    except TuningError:
+    except (TuningError, ModelError):
         return None
     if inner.lag or not {"e", "S", "y_hat"} <= {c.name for c in inner.channels}:
         return None
@@ -170,39 +169,33 @@ def _varied(
 ) -> AbstractEstimator:
     """The estimator with process noise that inputs multiply, and its integrator settled.
 
-    With parameters as inputs a linear model is not linear any more: a Kalman filter becomes the
-    extended one, with a Runge-Kutta method.
+    With parameters as inputs a linear model is not linear any more: instead of the matrix
+    exponential there is a Runge-Kutta method then.
     """
-    noise, prior = estimator.assumed
+    changes: dict[str, Any] = {}
     if walks:
-        parts, rest = [], {"Q": noise.process(model), "Qc": noise.density(model)}
-        for u in walks:
-            word, part = walk_parts(noise, model, u)
-            rest[word] = rest[word] - part
-            parts.append(NoisePart(_input(u), **{word: part}))
-        fields = {f.name: getattr(noise, f.name) for f in dataclasses.fields(noise)}
-        fields |= {"sigma_w": None, "Q": None, "Qc": None}
-        fields |= {word: left for word, left in rest.items() if left.any()}
-        noise = VariedNoise(**fields, parts=tuple(parts))
-    changes: dict[str, Any] = {"noise": noise}
-    if isinstance(estimator, KalmanFilter):
-        estimator = dataclasses.replace(estimator, steady_state=False)
-        if parameters:
-            estimator = EKF(*estimator.assumed, integrator=_integrator(estimator.hold))
-    chosen = estimator.chosen(model, dt)
+        changes["noise"] = _varied_noise(estimator.assumed[0], model, walks)
+    stand_in = estimator.varied(parameters=parameters)
+    chosen = stand_in.chosen(model, dt)
     if chosen is not None:
         if parameters and chosen.scheme == "exact":
             given = dataclasses.replace(chosen, scheme="auto", substeps="auto")
-            chosen = explicit(given, lambda: estimator.modes(model), dt=dt)
+            chosen = explicit(given, lambda: stand_in.modes(model), dt=dt)
         changes["integrator"] = chosen
-    del prior
-    return dataclasses.replace(estimator, **changes)
+    return dataclasses.replace(stand_in, **changes)
 
 
-def _integrator(hold: Any) -> Any:
-    from backsight.discrete.runge_kutta import Integrator
-
-    return Integrator(hold=hold)
+def _varied_noise(noise: Noise, model: Model, walks: Sequence[Unknown]) -> VariedNoise:
+    """Noise of which inputs multiply the process noise that is free."""
+    parts, rest = [], {"Q": noise.process(model), "Qc": noise.density(model)}
+    for u in walks:
+        word, part = walk_parts(noise, model, u)
+        rest[word] = rest[word] - part
+        parts.append(NoisePart(_input(u), **{word: part}))
+    fields = {f.name: getattr(noise, f.name) for f in dataclasses.fields(noise)}
+    fields |= {"sigma_w": None, "Q": None, "Qc": None}
+    fields |= {word: left for word, left in rest.items() if left.any()}
+    return VariedNoise(**fields, parts=tuple(parts))
 
 
 def _count(model: Model, unknowns: Sequence[Unknown]) -> int:

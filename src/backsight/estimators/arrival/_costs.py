@@ -1,16 +1,15 @@
-"""What is known from before the window: the arrival cost as a part to choose."""
+"""Every arrival cost: from none to a Kalman filter that sees what the window sees."""
 
-import abc
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech
-from backsight.description import Called, Description, Positive, Sound
-from backsight.discrete.runge_kutta import Integrator
+from backsight.description import Called, Positive, Sound, alike
+from backsight.estimators.arrival._base import AbstractArrival, Arrival, Fitting, Leaving
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman import ekf, ukf
 from backsight.estimators.parts.filtering import Halves
@@ -18,95 +17,6 @@ from backsight.estimators.uncertainty import covariance, covariance_faults
 from backsight.schema import Innovations
 from backsight.solvers.trajectory import Chain, transit, update
 from backsight.types import Array
-
-
-@dataclasses.dataclass(frozen=True)
-class Leaving:
-    """What the window knows when its first sample leaves, all in scaled variables.
-
-    Parameters
-    ----------
-    u, u_next, y, mask : MX
-        Of the first sample; `u_next` of the second.
-    along, along_next : MX
-        First two states of the trajectory along which the stages are linearised.
-    stage, stage_next : list of MX
-        Description of the first two samples, see `Chain.sizes`.
-    x_next : MX
-        The second state given the whole window.
-    P_next : callable
-        Builds its covariance.
-    """
-
-    u: ca.MX
-    u_next: ca.MX
-    y: ca.MX
-    mask: ca.MX
-    along: ca.MX
-    along_next: ca.MX
-    stage: list[ca.MX]
-    stage_next: list[ca.MX]
-    x_next: ca.MX
-    P_next: Callable[[], ca.MX]
-
-
-@dataclasses.dataclass(frozen=True)
-class Arrival:
-    """An arrival cost for a model.
-
-    Parameters
-    ----------
-    spread0 : array
-        What is kept of the covariance, at the start.
-    covariance : casadi.Function
-        From that to the covariance as the window stores it.
-    advance : callable
-        ``(x, spread, leaving) -> [x, spread]`` when the first sample leaves the window.
-    free : bool
-        Once the window has moved, the prior goes along with the guess.
-    """
-
-    spread0: Array
-    covariance: ca.Function
-    advance: Callable[[ca.MX, ca.MX, Leaving], list[ca.MX]]
-    free: bool = False
-
-
-@dataclasses.dataclass(frozen=True)
-class Fitting:
-    """The model that an arrival cost is fitted to.
-
-    Parameters
-    ----------
-    s : Setting
-    integrator : Integrator
-    Q : (nx, nx) array
-        Covariance of the whole process noise per sample, scaled.
-    chain : Chain
-        The window; its process noise may be less.
-    """
-
-    s: Setting
-    integrator: Integrator
-    Q: Array
-    chain: Chain
-
-
-class AbstractArrival(Description, abc.ABC):
-    """How the knowledge from before the window is summed up.
-
-    While the window fills it is the estimator's prior. From then on its mean and covariance
-    belong to the first sample of the window, before that sample's measurement.
-    """
-
-    @property
-    def innovations(self) -> Innovations:
-        """See `AbstractEstimator.innovations`: white with the arrival cost of a Kalman filter."""
-        return "white"
-
-    @abc.abstractmethod
-    def build(self, to: Fitting) -> Arrival:
-        """Fit it to a model."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,15 +76,16 @@ class ConstantArrival(AbstractArrival):
         if self.P is not None and sound("P"):
             yield from covariance_faults(self.P, what="P", singular=True)
 
+    def scaled(self, s: Setting) -> Array:
+        """The covariance in scaled variables, (nx, nx)."""
+        if self.P is None:
+            return s.P0
+        checked = covariance(self.P, s.model.states, what="P of the arrival cost", singular=True)
+        return checked / np.outer(s.sx, s.sx)
+
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        given = to.s.P0
-        if self.P is not None:
-            checked = covariance(
-                self.P, to.s.model.states, what="P of the arrival cost", singular=True
-            )
-            given = checked / np.outer(to.s.sx, to.s.sx)
-        constant = ca.MX(to.chain.stored(given))
+        constant = ca.MX(to.chain.stored(self.scaled(to.s)))
         return Arrival(
             spread0=to.chain.stored(to.s.P0),
             covariance=_same(to.chain),
@@ -248,6 +159,22 @@ class SmoothedArrival(AbstractArrival):
             covariance=_same(to.chain),
             advance=(lambda _x, _P, now: [now.x_next, now.P_next() + walk]) if self.naive else once,
         )
+
+
+ARRIVALS: dict[str, AbstractArrival] = {
+    "NoArrival": NoArrival(),
+    "ConstantArrival": ConstantArrival(),
+    "EKFArrival": EKFArrival(),
+    "UKFArrival": UKFArrival(),
+    "SmoothedArrival": SmoothedArrival(),
+    "SmoothedArrival(naive)": SmoothedArrival(naive=True),
+}
+"""What is tried in the place of an arrival cost, by its name."""
+
+
+def arrival_name(arrival: AbstractArrival) -> str:
+    """Its name in `ARRIVALS`, or what it prints as."""
+    return next((name for name, part in ARRIVALS.items() if alike(part, arrival)), str(arrival))
 
 
 def _filter(halves: Halves, P0: Array, covariance: ca.Function) -> Arrival:

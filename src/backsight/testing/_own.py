@@ -1,4 +1,6 @@
-"""One line for each estimator: what it is asked for by the contract, see `backsight.testing`."""
+"""One line for each of our estimators: what it is asked for by the contract."""
+
+import numpy as np
 
 from backsight.estimators import (
     AHG,
@@ -16,17 +18,10 @@ from backsight.estimators import (
     RecursiveMHE,
 )
 from backsight.solvers.box import GaussNewton
-from backsight.testing import DT as DT
-from backsight.testing import K_TRUE as K_TRUE
-from backsight.testing import WALK as WALK
-from backsight.testing import Build, Case
-from backsight.testing import Data as Data
-from backsight.testing import R as R
-from backsight.testing import TrialProblem as TrialProblem
-from backsight.testing import simulated as simulated
+from backsight.testing.case import Build, Case
 
 
-def linear(build: Build, *, outputs: tuple[str, ...] = ("position", "speed")) -> Case:
+def _linear(build: Build, *, outputs: tuple[str, ...] = ("position", "speed")) -> Case:
     """Case of an estimator for linear models."""
     return Case(build, k_known=True, outputs=outputs, exact=True)
 
@@ -53,31 +48,33 @@ CASES: dict[str, Case] = {
     ),
     "ahg": Case(
         lambda on, integrator: AHG(
-            on.noise, on.prior, gain=15.0, Gamma=500 / on.length**2, integrator=integrator
+            on.noise, on.prior, gain=15.0, Gamma=np.array(500 / on.length**2), integrator=integrator
         ),
         outputs=("position",),
     ),
-    "kf": linear(lambda on, integrator: KalmanFilter(on.noise, on.prior, hold=integrator.hold)),
-    "lmhe": linear(lambda on, integrator: LinearMHE(on.noise, on.prior, N=8, hold=integrator.hold)),
+    "kf": _linear(lambda on, integrator: KalmanFilter(on.noise, on.prior, hold=integrator.hold)),
+    "lmhe": _linear(
+        lambda on, integrator: LinearMHE(on.noise, on.prior, N=8, hold=integrator.hold)
+    ),
     # A gain that was computed for two outputs is not the one for the first of them.
-    "rmhe": linear(
+    "rmhe": _linear(
         lambda on, integrator: RecursiveMHE(on.noise, on.prior, N=8, hold=integrator.hold),
         outputs=("position",),
     ),
-    "luenberger": linear(
+    "luenberger": _linear(
         lambda on, integrator: Luenberger(
             on.noise, on.prior, poles=(0.7 + 0.2j, 0.7 - 0.2j), hold=integrator.hold
         ),
         outputs=("position",),
     ),
     # The innovation is that of a motion without the unknown force, which is zero here.
-    "joint_input": linear(
+    "joint_input": _linear(
         lambda on, integrator: JointInput(
             on.noise, on.prior, forces=("push",), hold=integrator.hold
         )
     ),
     # The weight is so large that the noise is not taken for a force.
-    "csmhe": linear(
+    "csmhe": _linear(
         lambda on, integrator: CompressiveSensingMHE(
             on.noise,
             on.prior,
@@ -89,4 +86,4 @@ CASES: dict[str, Case] = {
         )
     ),
 }
-"""Every estimator by its key."""
+"""Every estimator of the package by its key."""

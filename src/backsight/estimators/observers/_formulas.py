@@ -11,11 +11,11 @@ from typing import Literal, TypeAlias, cast
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator, RungeKutta
 from backsight.discrete.steps import explicit, stability
 from backsight.errors import TuningError
+from backsight.estimators.parts.leaf import Results, Size, Symmetric, leaf
 from backsight.models.canonical.affine import AffineForm, Coordinates
 from backsight.types import Array
 
@@ -37,27 +37,6 @@ class ObserverGains:
     k0: Array
     Gamma: Array
     consistent: bool = True
-
-
-def gain_vector(poles: complex | tuple[complex, ...], n: int) -> Array:
-    """k0 (n,) that places the eigenvalues of A0 - k0 c0.
-
-    Parameters
-    ----------
-    poles : number or n numbers
-        One number: n-fold. Complex ones in conjugate pairs; all with negative real part.
-    """
-    wanted = np.atleast_1d(np.asarray(poles, complex))
-    if wanted.size == 1:
-        wanted = np.repeat(wanted, n)
-    if wanted.shape != (n,):
-        raise TuningError(f"poles has {wanted.size} entries; the chain has {n} states")
-    if not np.all(np.real(wanted) < 0):
-        raise TuningError(f"poles {wanted.tolist()} must all have a negative real part")
-    polynomial = np.poly(wanted)
-    if np.any(np.abs(np.imag(polynomial)) > 1e-9):
-        raise TuningError(f"complex poles {wanted.tolist()} must come in conjugate pairs")
-    return np.real(polynomial[1:]).astype(float)
 
 
 def observer_modes(lam: float, k0: Array) -> Modes:
@@ -107,6 +86,16 @@ def check_step(lam: float, k0: Array, integrator: Integrator, dt: float) -> None
         )
 
 
+def observer_sizes(form: AffineForm) -> dict[str, Size]:
+    """Sizes of the observer's symbols by name, see `leaf`; Upsilon travels flat."""
+    n, p, nu = form.n, form.p, form.nu
+    return {
+        "x": n, "theta": p, "fixed": p, "Upsilon": n * p, "area": 1,
+        "u": nu, "ua": nu, "ub": nu, "y": 1, "ya": 1, "yb": 1, "mask": 1, "ma": 1, "mb": 1,
+        "lam": 1, "on": 1, "wa": 2, "wb": 2,
+    }  # fmt: skip
+
+
 def observer_rhs(form: AffineForm, gains: ObserverGains) -> ca.Function:
     """Right-hand side of eq. 10 (eq. 5 without parameters).
 
@@ -114,19 +103,26 @@ def observer_rhs(form: AffineForm, gains: ObserverGains) -> ca.Function:
     measured and the model runs free.
     """
     n, p = form.n, form.p
-    x, theta, Y = ca.SX.sym("x", n), ca.SX.sym("theta", p), ca.SX.sym("Y", n, p)
-    y, lam, on, u = ca.SX.sym("y"), ca.SX.sym("lam"), ca.SX.sym("on"), ca.SX.sym("u", form.nu)
-    e = on * (y - x[0])
+    k0, Gamma = ca.SX(gains.k0), ca.SX(gains.Gamma)
 
-    powers = ca.vertcat(*(lam**i for i in range(n)))
-    adapt = ca.SX(gains.Gamma) @ Y[0, :].T if p else ca.SX(0, 1)
-    surplus = 1 if gains.consistent else lam
-    correction = powers * (lam * ca.SX(gains.k0) + surplus * (Y @ adapt if p else 0))
-    dx = form.rhs(x, theta, u) + correction * e
-    dtheta = lam**n * adapt * e
-    dY = lam * (ca.vertcat(Y[1:, :], ca.SX.zeros(1, p)) - ca.SX(gains.k0) @ Y[0, :])
-    dY[n - 1, :] += lam * form.psi.call([x, u])[0].T
-    return ca.Function("observer_rhs", [x, theta, Y, y, u, lam, on], [dx, dtheta, dY])
+    def formula(
+        x: ca.SX, theta: ca.SX, Upsilon: ca.SX, y: ca.SX, u: ca.SX, lam: ca.SX, on: ca.SX
+    ) -> Results:
+        e = on * (y - x[0])
+        powers = ca.vertcat(*(lam**i for i in range(n)))
+        adapt = Gamma @ Upsilon[0, :].T if p else ca.SX(0, 1)
+        surplus = 1 if gains.consistent else lam
+        correction = powers * (lam * k0 + surplus * (Upsilon @ adapt if p else 0))
+        # eq. 8
+        dUpsilon = lam * (ca.vertcat(Upsilon[1:, :], ca.SX.zeros(1, p)) - k0 @ Upsilon[0, :])
+        dUpsilon[n - 1, :] += lam * form.psi.call([x, u])[0].T
+        return {
+            "dx": form.rhs(x, theta, u) + correction * e,
+            "dtheta": lam**n * adapt * e,
+            "dUpsilon": dUpsilon,
+        }
+
+    return leaf("observer_rhs", {**observer_sizes(form), "Upsilon": (n, p)}, formula)
 
 
 Interpolation: TypeAlias = Literal["model", "linear", "hold"]
@@ -196,51 +192,55 @@ def observer_step(
     """
     n, p = form.n, form.p
     rhs = observer_rhs(form, gains)
-    x, theta, Y = ca.SX.sym("x", n), ca.SX.sym("theta", p), ca.SX.sym("Upsilon", n * p)
-    x_free, fixed = ca.SX.sym("x_free", n), ca.SX.sym("fixed", p)
-    z = ca.vertcat(x, theta, Y, x_free)
     parts = np.cumsum([0, n, p, n * p, n])
-    ua, ub = ca.SX.sym("ua", form.nu), ca.SX.sym("ub", form.nu)
-    ya, yb, lam, on = (ca.SX.sym(k) for k in ("ya", "yb", "lam", "on"))
+    interpolated = dataclasses.replace(integrator, hold="foh")
 
-    def flow(v: ca.SX, w: ca.SX) -> ca.SX:
-        xi, th, Yi, free = ca.vertsplit(v, list(parts))
-        y = w[-1] + free[0] if interpolation == "model" else w[-1]
-        slopes = rhs.call([xi, th, ca.reshape(Yi, n, p), y, w[:-1], lam, on])
-        return ca.vertcat(*map(ca.vec, slopes), form.rhs(free, fixed, w[:-1]))
+    def formula(
+        x: ca.SX, theta: ca.SX, Upsilon: ca.SX, P: ca.SX, B: ca.SX, x_free: ca.SX,
+        ua: ca.SX, ub: ca.SX, ya: ca.SX, yb: ca.SX, wa: ca.SX, wb: ca.SX,
+        lam: ca.SX, on: ca.SX, fixed: ca.SX,
+    ) -> Results:  # fmt: skip
+        def flow(v: ca.SX, w: ca.SX) -> ca.SX:
+            xi, th, Yi, free = ca.vertsplit(v, list(parts))
+            y = w[-1] + free[0] if interpolation == "model" else w[-1]
+            slopes = rhs.call([xi, th, ca.reshape(Yi, n, p), y, w[:-1], lam, on])
+            return ca.vertcat(*map(ca.vec, slopes), form.rhs(free, fixed, w[:-1]))
 
-    ramp = dataclasses.replace(integrator, hold="foh")
-    z_next = ramp.substep(flow, z, ua=ca.vertcat(ua, ya), ub=ca.vertcat(ub, yb), h=h)
-    slope = flow(z, ca.vertcat(ua, ya))[: n + p]
-    A = ca.horzcat(ca.jacobian(slope, x), ca.jacobian(slope, theta))
-    K = ca.jacobian(slope, ya)
-    vP = ca.SX.sym("P", spread.size * (spread.size + 1) // 2)
-    Phi, P_next = _propagated(vP, A, spread, x, ua, h)
-    B, wa, wb = ca.SX.sym("B", n + p, 2), ca.SX.sym("wa", 2), ca.SX.sym("wb", 2)
-    B_next = Phi[: n + p, : n + p] @ B + h / 2 * K @ (wa + wb).T + h**2 / 2 * (A @ K) @ wa.T
-    *after, free = ca.vertsplit(z_next, list(parts))
-    return ca.Function(
-        "observer_step",
-        [x, theta, Y, vP, B, x_free, ua, ub, ya, yb, wa, wb, lam, on, fixed],
-        [*after, vech(P_next), B_next, free],
-    )
+        # 1. eq. 10, beside it the model alone
+        z = ca.vertcat(x, theta, Upsilon, x_free)
+        z_next = interpolated.substep(flow, z, ua=ca.vertcat(ua, ya), ub=ca.vertcat(ub, yb), h=h)
+        x_next, theta_next, Upsilon_next, free_next = ca.vertsplit(z_next, list(parts))
+        # 2. the linearised error: its covariance, and the influence of the noise at both ends
+        slope = flow(z, ca.vertcat(ua, ya))[: n + p]
+        A = ca.horzcat(ca.jacobian(slope, x), ca.jacobian(slope, theta))
+        K = ca.jacobian(slope, ya)
+        Phi, P_next = _propagated(P, A, spread, x, ua, h)
+        B_next = Phi[: n + p, : n + p] @ B + h / 2 * K @ (wa + wb).T + h**2 / 2 * (A @ K) @ wa.T
+        return {
+            "x": x_next, "theta": theta_next, "Upsilon": Upsilon_next,
+            "P": P_next, "B": B_next, "x_free": free_next,
+        }  # fmt: skip
+
+    sizes = {**observer_sizes(form), "P": Symmetric(spread.size), "B": (n + p, 2)}
+    return leaf("observer_step", sizes, formula)
 
 
 def free_step(form: AffineForm, integrator: Integrator, spread: Spread, *, h: float) -> ca.Function:
     """One sub-step of the model alone: ``(x, P, ua, ub, theta) -> (x, P)``."""
-    x, theta = ca.SX.sym("x", form.n), ca.SX.sym("theta", form.p)
-    ua, ub = ca.SX.sym("ua", form.nu), ca.SX.sym("ub", form.nu)
-    vP = ca.SX.sym("P", spread.size * (spread.size + 1) // 2)
-    ramp = dataclasses.replace(integrator, hold="foh")
-    x_next = ramp.substep(lambda v, w: form.rhs(v, theta, w), x, ua=ua, ub=ub, h=h)
-    slope = ca.vertcat(form.rhs(x, theta, ua), ca.SX.zeros(form.p))
-    A = ca.horzcat(ca.jacobian(slope, x), ca.jacobian(slope, theta))
-    _, P_next = _propagated(vP, A, spread, x, ua, h)
-    return ca.Function("free_step", [x, vP, ua, ub, theta], [x_next, vech(P_next)])
+    interpolated = dataclasses.replace(integrator, hold="foh")
+
+    def formula(x: ca.SX, P: ca.SX, ua: ca.SX, ub: ca.SX, theta: ca.SX) -> Results:
+        x_next = interpolated.substep(lambda v, w: form.rhs(v, theta, w), x, ua=ua, ub=ub, h=h)
+        slope = ca.vertcat(form.rhs(x, theta, ua), ca.SX.zeros(form.p))
+        A = ca.horzcat(ca.jacobian(slope, x), ca.jacobian(slope, theta))
+        _, P_next = _propagated(P, A, spread, x, ua, h)
+        return {"x": x_next, "P": P_next}
+
+    return leaf("free_step", {**observer_sizes(form), "P": Symmetric(spread.size)}, formula)
 
 
 def _propagated(
-    vP: ca.SX, A: ca.SX, spread: Spread, x: ca.SX, u: ca.SX, h: float
+    P: ca.SX, A: ca.SX, spread: Spread, x: ca.SX, u: ca.SX, h: float
 ) -> tuple[ca.SX, ca.SX]:
     """Transition matrix and covariance: second order in h, positive semidefinite for every h."""
     m, full = A.shape[0], ca.SX(spread.size, spread.size)
@@ -252,4 +252,4 @@ def _propagated(
     if spread.coordinates is not None:
         T = spread.slope(x)
         half = T @ half @ T.T
-    return Phi, Phi @ (unvech(vP) + half) @ Phi.T + half
+    return Phi, Phi @ (P + half) @ Phi.T + half
