@@ -188,6 +188,23 @@ def test_refuses_what_cannot_be(recording):
     refused("starts at 0: give a start value", ["sigma_w.v"], walking)
 
 
+def test_bounds_of_the_model_are_kept_and_told(recording):
+    bounded = dataclasses.replace(MODEL.parameters[0], value=50.0, lower=10.0, upper=80.0)
+    model = dataclasses.replace(MODEL, parameters=(bounded, *MODEL.parameters[1:]))
+    found = fit(bs.EKF(NOISE, PRIOR), model, recording, free=["k", "sigma_y", "sigma_w"])
+    assert 75 < found.values["k"] < 80
+    assert any("k is at its bound" in d for d in found.doubts)
+
+
+def test_passes_are_counted_and_limited(recording):
+    given = {"free": ["sigma_y", "sigma_w"], "check": False}
+    found = fit(FILTER, MODEL, recording, passes=4, **given)
+    assert found.passes <= 5
+    assert not found.converged
+    assert "has not ended after" in str(found)
+    assert fit(FILTER, MODEL, recording, **given).history.sizes["evaluation"] < 60
+
+
 def test_a_criterion_of_ones_own(recording):
     @dataclasses.dataclass(frozen=True)
     class Size(bs.tune.AbstractCriterion):

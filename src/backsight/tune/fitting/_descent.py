@@ -26,10 +26,12 @@ class Search:
 
     Parameters
     ----------
-    most : int
-        Passes at most.
+    most : float
+        Passes at most, but for the one that a search begins with.
     progress : callable
         Told the passes done.
+    samples : int
+        Of a pass.
     """
 
     most: float
@@ -37,14 +39,30 @@ class Search:
     samples: int
     passes: float = 0.0
     history: list[tuple[float, float, Array]] = dataclasses.field(default_factory=list)
+    # An objective is kept with what was found, so that its identity stays its own.
+    known: dict[tuple[int, bytes], tuple[Objective, Evaluation]] = dataclasses.field(
+        default_factory=dict
+    )
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether no pass is left."""
+        return self.passes >= self.most
+
+    def has(self, objective: Objective, place: Array) -> bool:
+        """Whether a place was evaluated before."""
+        return (id(objective), place.tobytes()) in self.known
 
     def evaluate(self, objective: Objective, place: Array) -> Evaluation:
-        """One pass, or a part of one."""
-        found = objective.at(place)
-        self.passes += objective.samples / self.samples
-        self.history.append((self.passes, found.cost, place.copy()))
-        self.progress(self.passes)
-        return found
+        """One pass, or a part of one, if the place is new."""
+        key = id(objective), place.tobytes()
+        if key not in self.known:
+            found = objective.at(place)
+            self.known[key] = objective, found
+            self.passes += objective.samples / self.samples
+            self.history.append((self.passes, found.cost, place.copy()))
+            self.progress(self.passes)
+        return self.known[key][1]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,18 +90,16 @@ def descend(objective: Objective, start: Array, search: Search, *, near: float) 
 
     It ends when the next step is shorter than `near`, or the passes are used up.
     """
-    known: dict[bytes, Evaluation] = {}
     best: list[tuple[float, Array, Evaluation]] = []
 
-    def at(place: Array) -> Evaluation:
-        key = np.asarray(place, float).tobytes()
-        if key not in known:
-            if best and search.passes >= search.most:
-                raise _FoundError
-            found = known[key] = search.evaluate(objective, np.asarray(place, float))
-            if not best or found.cost < best[0][0]:
-                best[:] = [(found.cost, np.array(place, float), found)]
-        return known[key]
+    def at(given: Array) -> Evaluation:
+        place = np.array(given, float)
+        if best and search.exhausted and not search.has(objective, place):
+            raise _FoundError
+        found = search.evaluate(objective, place)
+        if not best or found.cost < best[0][0]:
+            best[:] = [(found.cost, place, found)]
+        return found
 
     converged = False
 
@@ -122,7 +138,7 @@ def search_all(
 ) -> tuple[Optimum, list[float]]:
     """Search from the start and from random places, first in an excerpt, then in everything.
 
-    Returns the best, and by how much the other ends are worse in the excerpt.
+    Returns the best, and by how much ends of the search in the excerpt are worse than the best.
     """
     p, rng = len(objective.coordinates), np.random.default_rng(seed)
     short = objective.samples > 2 * EXCERPT
@@ -134,10 +150,13 @@ def search_all(
     ends: list[Optimum] = [first]
     size = np.minimum([c.unknown.spread for c in objective.coordinates], FAR)
     for _ in range(restarts):
+        if search.exhausted:
+            break
         start = first.place + size * rng.choice([-1.0, 1.0], p)
         ends.append(descend(excerpt, start, search, near=ROUGHLY))
     ends.sort(key=lambda end: end.evaluation.cost)
-    worse = [end.evaluation.cost - ends[0].evaluation.cost for end in ends]
+    found = [end.evaluation.cost for end in ends if end.converged]
+    worse = [cost - min(found) for cost in found]
     return descend(objective, ends[0].place, search, near=near), worse
 
 

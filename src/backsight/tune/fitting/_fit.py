@@ -63,7 +63,7 @@ def fit(
     restarts : int
         Random places from which the search starts again, where values run in lanes.
     passes : int
-        Passes over the recordings at most.
+        Passes over the recordings at most; profiles and the look at the halves not counted.
     check : bool
         Look at profiles of the criterion, and at how values of the first half of every recording
         do in the second.

@@ -159,7 +159,7 @@ class Tuning:
 
     def _halves(self, objective: Objective, best: Optimum) -> HeldOut | None:
         """How values of the first halves do in the second."""
-        if min(len(d[0]) for d in self.data) < 2 * ENOUGH:
+        if self.searching.exhausted or min(len(d[0]) for d in self.data) < 2 * ENOUGH:
             return None
         first = objective.cut(lambda n: slice(0, n // 2))
         second = objective.cut(lambda n: slice(n // 2, None))

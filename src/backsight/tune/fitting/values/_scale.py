@@ -4,6 +4,10 @@ import abc
 import dataclasses
 import math
 
+NEXT = 0.03
+"""Share of the way to a bound that is left where a value counts as being there: the prior keeps it
+from going all the way."""
+
 
 @dataclasses.dataclass(frozen=True)
 class AbstractScale(abc.ABC):
@@ -40,7 +44,7 @@ class LogScale(AbstractScale):
 
     def at_bound(self, t: float) -> bool:
         """See `AbstractScale`; of 0 nothing is known beyond how flat the likelihood is."""
-        return self.end != 0.0 and math.exp(min(t, 300.0)) < 1e-3
+        return self.end != 0.0 and math.exp(min(t, 300.0)) < NEXT
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +86,7 @@ class BoundedScale(AbstractScale):
 
     def at_bound(self, t: float) -> bool:
         """See `AbstractScale`."""
-        return not 1e-3 < self._share(t) < 1 - 1e-3
+        return not NEXT < self._share(t) < 1 - NEXT
 
     def _share(self, t: float) -> float:
         first = (self.start - self.lower) / (self.upper - self.lower)
