@@ -58,18 +58,20 @@ MAKERS = {
 }
 
 
-@pytest.mark.parametrize("word", ["Q", "Qc"])
-@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
-def test_factor_is_that_of_the_standard_deviation(make, word):
-    model, prior = plant(), bs.Prior(sigma_x0=1.0)
+BOTH = [(name, "Q") for name in MAKERS] + [(name, "Qc") for name in ("kf foh", "ekf", "ekf ode")]
+
+
+@pytest.mark.parametrize(("name", "word"), [*BOTH, ("ekf discrete", "Qc"), ("ukf", "Qc")])
+def test_factor_is_that_of_the_standard_deviation(name, word):
+    make, model, prior = MAKERS[name], plant(), bs.Prior(sigma_x0=1.0)
     wide = with_factor(model)
     rest = np.diag([1e-3, 0.0])
     fixed = bs.Noise(sigma_y=0.3, **{word: rest + FACTOR**2 * Q})
     varied = VariedNoise(sigma_y=0.3, parts=(NoisePart("factor", **{word: Q}),), **{word: rest})
     a = bs.estimate(make(fixed, prior), model, recording(model), engine="vm")
     b = bs.estimate(make(varied, prior), wide, recording(wide, FACTOR), engine="vm")
-    for name in ("x_hat", "P", "S"):
-        np.testing.assert_allclose(b[name], a[name], rtol=1e-11, atol=1e-13)
+    for variable in ("x_hat", "P", "S"):
+        np.testing.assert_allclose(b[variable], a[variable], rtol=1e-11, atol=1e-13)
 
 
 def test_methods_that_would_not_see_it_refuse():

@@ -23,6 +23,11 @@ LOOSE, PHYSICAL, SETTING = 30.0, 3.0, 10.0
 """Factors by which noise, parameters of the model and settings may be wrong if nothing is said."""
 
 
+UNKNOWN = 50.0
+"""Standard deviation of a logarithm of which nothing is known: next to no weight, but enough for a
+direction in which the data say nothing either."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Unknown:
     """One value that a fit may change.
@@ -214,7 +219,7 @@ def _parameter(free: Free, model: Model) -> Unknown:
     ):
         raise TuningError(f"'{s.name}' starts at 0: give Free('{s.name}', sigma=...)")
     scale = scale_of(s.value, s.lower, s.upper, unit=free.sigma)
-    spread = math.log(free.spread or PHYSICAL)
+    spread = min(math.log(free.spread or PHYSICAL), UNKNOWN)
     if free.sigma is not None:
         spread = free.sigma / abs(scale.slope(0.0))
     return Unknown(s.name, "parameter", s.name, scale, spread, free.per, s.unit)
@@ -225,7 +230,7 @@ def _positive(
 ) -> Unknown:
     if not start > 0:
         raise TuningError(f"'{name}' starts at {start:g}: give a start value above 0")
-    spread = math.log(free.spread or loose)
+    spread = min(math.log(free.spread or loose), UNKNOWN)
     if free.sigma is not None:
         spread = free.sigma / start
     return Unknown(name, kind, entry, LogScale(start), spread, free.per, unit)
