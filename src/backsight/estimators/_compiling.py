@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import Any, ClassVar, Self, final
+from typing import Any, ClassVar, Literal, Self, TypeAlias, final
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from backsight.description import Description
 from backsight.discrete.modes import Modes, modes_at, modes_over
 from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.discrete.steps import complaint, explicit, settle_steps
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._noise_states import linear_in_noise, widened, without_noise_states
 from backsight.estimators.outliers import AbstractOutlierRule
@@ -20,7 +20,10 @@ from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import VariedNoise
 from backsight.models.model import Model
-from backsight.schema import Status
+from backsight.schema import WEIGHT, Status
+
+Spread: TypeAlias = Literal["full", "std"]
+"""What a smoother puts out of the covariance: all of it, or standard deviations."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,6 +133,35 @@ class Compilable(Description, abc.ABC):
         # The widened model is in discrete time: of its integrator the method knows nothing.
         raised = Status.COARSE_STEP if self._coarse(model, dt) else Status(0)
         return without_noise_states(built, model.nx, raised=raised)
+
+    @final
+    def both_ways(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """What `smoother` makes, with the outlier rule; noise that is not additive as states.
+
+        The weights of the way forward hold on the way back, too.
+        """
+        rule = self.outliers
+        if rule is not None and (problem := self._refusal(rule)):
+            raise TuningError(problem)
+        method, wide = self.widened(model, dt)
+        found = method.smoother(wide, dt, covariance=covariance)
+        if rule is not None:
+            # The rule needs the covariance of the innovations, whether it is put out or not.
+            full = method.smoother(wide, dt, covariance="full").forward
+            forward = robust(full, rule)
+            if covariance == "std":
+                forward = forward.without("S")
+            names = [channel.name for channel in forward.channels]
+            found = ForwardBackward(forward, found.backward, names.index(WEIGHT))
+        if wide is model:
+            return found
+        raised = Status.COARSE_STEP if self._coarse(model, dt) else Status(0)
+        backward = without_noise_states(found.backward, model.nx, raised=raised)
+        return dataclasses.replace(found, backward=backward)
+
+    @abc.abstractmethod
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`."""
 
     @final
     def widened(self, model: Model, dt: float) -> tuple[Self, Model]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Callable, Mapping
-from typing import ClassVar, Literal, TypeAlias
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -18,6 +18,7 @@ from backsight.discrete.steps import complaint, settle_steps
 from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
+from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import ScaledPart, scaled_parts
 from backsight.kernels import library
@@ -26,9 +27,6 @@ from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.schema import Innovations
 from backsight.types import Array
-
-Spread: TypeAlias = Literal["full", "std"]
-"""What a smoother puts out of the covariance: all of it, or standard deviations."""
 
 
 @dataclasses.dataclass(frozen=True)

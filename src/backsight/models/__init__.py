@@ -7,14 +7,24 @@ from backsight.models.lti import lti
 from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal
-from backsight.models.structures import beam, modal, reduced, second_order, sensor_lag
+from backsight.models.structures import (
+    Substructure,
+    beam,
+    craig_bampton,
+    modal,
+    reduced,
+    second_order,
+    sensor_lag,
+)
 from backsight.models.text import from_equations
 
 __all__ = [
     "Model",
     "Signal",
+    "Substructure",
     "augment",
     "beam",
+    "craig_bampton",
     "duffing",
     "friction_drive",
     "from_equations",

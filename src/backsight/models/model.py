@@ -11,6 +11,7 @@ import numpy as np
 
 from backsight.description import Positive, equations_of, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
+from backsight.models._affine import remember, remembered
 from backsight.models._latex import latex
 from backsight.models.signals import Named, Signal, signals
 from backsight.types import Array
@@ -210,7 +211,10 @@ class Model:
                 f"{where} returns {expression.shape[0]} values for "
                 f"{len(of)}: {', '.join(s.name for s in of)}"
             )
-        return ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
+        traced = ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
+        if isinstance(given, ca.Function) and (known := remembered(given)):
+            remember(traced, known)
+        return traced
 
 
 def _rows(returned: Any, of: tuple[Signal, ...], where: str) -> list[ca.SX]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from backsight.description import checked
 from backsight.errors import ModelError
+from backsight.models._affine import remember, remembered
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 
@@ -27,10 +28,16 @@ def scale(model: Model) -> Model:
     )
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     p = ca.SX.sym("p", len(model.parameters))
+    f = ca.Function("f", [x, u, p], [model.f.call([sx * x, su * u, p])[0] / sx])
+    h = ca.Function("h", [x, u, p], [model.h.call([sx * x, su * u, p])[0] / sy])
+    for new, old, size in ((f, model.f, sx), (h, model.h, sy)):
+        if known := remembered(old):
+            by_x, by_u, constants = known
+            remember(new, (by_x * sx / size[:, None], by_u * su / size[:, None], constants / size))
     return dataclasses.replace(
         model,
-        f=ca.Function("f", [x, u, p], [model.f.call([sx * x, su * u, p])[0] / sx]),
-        h=ca.Function("h", [x, u, p], [model.h.call([sx * x, su * u, p])[0] / sy]),
+        f=f,
+        h=h,
         states=tuple(map(_scaled, model.states)),
         inputs=tuple(map(_scaled, model.inputs)),
         outputs=tuple(map(_scaled, model.outputs)),

@@ -12,8 +12,23 @@ import numpy as np
 from backsight.algebra.factor import smallest_pivot, solve_spd
 from backsight.algebra.symmetric import vech
 from backsight.algebra.update import masked, measured, noise_of
+from backsight.engine.dense import (
+    UNROLL,
+    gain_of,
+    plus_product,
+    product_of,
+    transpose,
+    triangle,
+)
 from backsight.estimators.joint_input._system import Forces
-from backsight.estimators.parts.covariance import Term, congruence, symmetric_part, times_transposed
+from backsight.estimators.parts.covariance import (
+    Term,
+    congruence,
+    matrix_product,
+    symmetric_part,
+    times_transposed,
+)
+from backsight.estimators.parts.factors import cholesky, on_top, solve_definite
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.substeps import within_bounds
@@ -35,7 +50,8 @@ def step(found: Forces) -> ca.Function:
     of states and forces as ``joint``.
     """
     s, C, Q = found.system.s, _sparse(found.system.C), ca.DM(found.system.s.Q)
-    gains, ahead, tail = _gains(found), _ahead(found), _tail(found)
+    gains = _many_gains(found) if s.model.nx > UNROLL else _gains(found)
+    ahead, tail = _ahead(found), _tail(found)
 
     def formula(x: Term, P: Term, started: Term, u: Term, y: Term, mask: Term) -> Results:
         known = named_results(gains, x, times_transposed(P, C), started, u, y, mask)
@@ -63,6 +79,10 @@ def _ahead(found: Forces) -> ca.DM:
 def _tail(found: Forces) -> ca.Function:
     """Lower triangles of the covariances of states, scaled, and of forces, physical."""
     nx, m = found.system.s.model.nx, len(found.names)
+    if nx > UNROLL:
+        joint = ca.MX.sym("P", nx + m, nx + m)
+        kept = [triangle(joint[:nx, :nx]), triangle(joint[nx:, nx:], found.unit)]
+        return ca.Function("joint_input_tail", [joint], kept)
     P = ca.SX.sym("P", nx + m, nx + m)
     of_forces = P[nx:, nx:] * ca.SX(np.outer(found.unit, found.unit))
     return ca.Function("joint_input_tail", [P], [vech(P[:nx, :nx]), vech(of_forces)])
@@ -136,6 +156,113 @@ def _gains(found: Forces) -> ca.Function:
 
     sizes = {**notation(s), "PCt": (nx, s.model.ny), "started": 1, "u": nu}
     return leaf("joint_input_gains", sizes, formula)
+
+
+def _many_gains(found: Forces) -> ca.Function:
+    """`_gains` of many states, as operations on matrices.
+
+    Gains have columns of zeros where nothing was measured, so that C, F and H need no mask.
+    """
+    system, s, m = found.system, found.system.s, len(found.names)
+    nx, ny, nu = s.model.nx, s.model.ny, found.nu
+    A, C, F, E = (ca.DM(k) for k in (system.A, system.C, found.H, found.E))
+    B, ramp, D = (ca.DM(k[:, :nu]) for k in (system.B, system.B_next, system.D))
+    symbols = {"x": nx, "PCt": (nx, ny), "started": 1, "u": nu, "y": ny, "mask": ny}
+
+    def scaled(u: ca.SX, y: ca.SX) -> Results:
+        return {"u_scaled": u / s.su[:nu], "y_scaled": y / s.sy}
+
+    def weighed(mask: ca.SX, y: ca.SX) -> Results:
+        return {"e": measured(mask) * y, "seen": measured(mask)}
+
+    def settled(x: ca.SX) -> Results:
+        inside = within_bounds(s, x)
+        return {"x_in": inside, "clipped": ca.if_else(ca.norm_1(inside - x) > 0, 1, 0)}
+
+    sizes = {**notation(s), "u": nu}
+    enter, weigh, settle = (
+        leaf(name, sizes, f)
+        for name, f in (("scaled", scaled), ("weighed", weighed), ("settled", settled))
+    )
+    x, PCt, started, u_given, y_given, mask = (
+        ca.MX.sym(k, *(size if isinstance(size, tuple) else (size,))) for k, size in symbols.items()
+    )
+
+    # 1. innovation of a motion without forces
+    u, y = enter(u_given, y_given)
+    prior = x + started * matrix_product(ramp, u)
+    missed = y - matrix_product(C, prior) - matrix_product(D, u)
+    e, seen = weigh(mask, missed)
+    # 2. forces, from the weighted rows of H
+    acted = ca.MX(1) if found.direct else started
+    G, H = (0 if found.direct else started) * ca.MX(E), acted * ca.MX(F)
+    gains, S, N = gain_of(
+        on_top([PCt, transpose(H)]), matrix_product(C, PCt), ca.MX(ca.DM(s.R)), mask
+    )
+    K, HW = gains[:nx, :], gains[nx:, :]
+    lost = _lost(found)(acted, seen)
+    known = plus_product(lost * ca.MX(ca.DM(np.linalg.inv(found.spread))), HW, H)
+    M = solve_definite(known, HW)
+    d = product_of(M, e)
+
+    # 3. states, with the gain that leaves the forces out of the innovation
+    L = plus_product(K, plus_product(G, K, H, minus=True), M)
+    x_post, clipped = settle(prior + product_of(L, e))
+
+    # 4. covariance T P T' + V of states and forces
+    both = on_top([L, M])
+    stay = ca.MX(ca.DM(np.vstack([np.eye(nx), np.zeros((m, nx))])))
+    T = plus_product(stay, both, ca.MX(C), minus=True)
+    alone = on_top([ca.densify(G), ca.MX(ca.DM(np.eye(m)))])
+    left = lost * plus_product(alone, both, H, minus=True)
+    V = product_of(product_of(both, N), both, turned=(False, True))
+    V = plus_product(V, product_of(left, ca.MX(ca.DM(found.spread))), left, turned=(False, True))
+
+    # 5. prediction
+    x_next = matrix_product(A, x_post) + matrix_product(B, u)
+    if found.direct:
+        x_next += matrix_product(E, d)
+    force = d * ca.DM(found.unit)
+    results = {
+        "x_next": x_next,
+        "x_post": x_post,
+        "d": force,
+        "d_scaled": d,
+        "prior": prior,
+        "v": ca.vertcat(u, force / ca.DM(s.su[nu:])),
+        "e": e,
+        "spread": triangle(S),
+        "flags": _raised()(clipped, lost * acted),
+        "T": T,
+        "V": V,
+    }
+    given = [x, PCt, started, u_given, y_given, mask]
+    return ca.Function(
+        "joint_input_gains", given, [ca.densify(v) for v in results.values()],
+        [f"i_{k}" for k in symbols], list(results),
+    )  # fmt: skip
+
+
+def _raised() -> ca.Function:
+    clipped, unobserved = ca.SX.sym("clipped"), ca.SX.sym("unobserved")
+    flags = Flags(clipped=clipped, unobserved=unobserved).vector()
+    return ca.Function("raised", [clipped, unobserved], [flags])
+
+
+def _lost(found: Forces) -> ca.Function:
+    """`lost_forces` of many states: ``(acted, seen) -> lost``."""
+    m, ny = found.H.shape[1], found.H.shape[0]
+    acted, seen = ca.MX.sym("acted"), ca.MX.sym("seen", ny)
+    Ft, known = ca.DM(found.H.T), smallest_pivot(ca.SX(ca.DM(found.H.T @ found.H)))
+    rows = ca.MX(Ft) * (acted * ca.repmat(seen.T, m, 1))
+    told = product_of(rows, ca.MX(Ft), turned=(False, True))
+    pivot, size = ca.SX.sym("pivot", m), ca.SX.sym("size", m)
+    share = ca.if_else(size > 0, pivot**2 / ca.if_else(size > 0, size, 1), 0)
+    least = ca.fmin(ca.mmin(share) / float(known), ca.mmin(size))
+    judge = ca.Function("lost", [pivot, size], [ca.if_else(least < LOST, 1, 0)])
+    return ca.Function(
+        "lost_forces", [acted, seen], [judge(ca.diag(cholesky(told)), ca.diag(told))]
+    )
 
 
 def lost_forces(H: ca.SX, complete: Array) -> ca.SX:

@@ -15,6 +15,7 @@ from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spre
 from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import named_results
@@ -110,7 +111,9 @@ class JointInput(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        return _recursion(self.key, self._forces(model, dt))
+        forces = self._forces(model, dt)
+        refuse_too_wide(forces.system.s, "JointInput")
+        return _recursion(self.key, forces)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`; the forces are smoothed, too."""

@@ -13,6 +13,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.kf import predict_linear
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.linear_windows._least_squares import Window, least_squares, start_of
 from backsight.estimators.linear_windows._limited import limited
 from backsight.estimators.linear_windows.stacked import Gains, gains, in_units
@@ -112,6 +113,7 @@ class LinearMHE(AbstractEstimator):
         """See `AbstractEstimator.build`."""
         system = self._system(model, dt)
         s, N = system.s, self.N
+        refuse_too_wide(s, "LinearMHE")
         if self.arrival_weight == 0:
             require_observable(model, samples=N + 1)
         limits = limits_of(s, s.Q, self.limits, {})

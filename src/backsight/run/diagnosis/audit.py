@@ -67,14 +67,14 @@ def noise_found(
 ) -> dict[str, NoiseFactors | None]:
     """By how much the noise of every estimator is wrong, where that can be told.
 
-    From its own innovations if they are those of a Kalman filter. The innovations of another gain
-    are coloured whatever the noise is: its noise is judged by the Kalman filter that believes in
-    the same.
+    From its own innovations and covariances if they are those of a Kalman filter. The innovations
+    of another gain are coloured whatever the noise is, and with a lag the covariance is not that of
+    the newest sample: the noise is then judged by the Kalman filter that believes in the same.
     """
     model = judges.model
     found: dict[str, NoiseFactors | None] = {}
     for name, estimator in estimators.items():
-        if estimator.innovations == "white":
+        if estimator.innovations == "white" and not estimator.delay:
             found[name] = factors_of(results[name], estimator, model)
         elif estimator.innovations == "forced" or model.nx > MOST_STATES:
             found[name] = None

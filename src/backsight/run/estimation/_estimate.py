@@ -102,14 +102,14 @@ class Task:
 def ready(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> Task:
     """Check all but the memory that the result takes, see `estimate`."""
     data = match(model, recording, estimator=estimator)
-    _warn_of_useless_rule(estimator, model, data)
+    warn_of_useless_rule(estimator, model, data)
     check_window(estimator, len(data[0]))
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
     check_length(recursion, len(data[0]))
     return Task(estimator, model, recording, recursion, data)
 
 
-def _warn_of_useless_rule(
+def warn_of_useless_rule(
     estimator: AbstractEstimator, model: Model, data: tuple[Array, Array, Array]
 ) -> None:
     """Warn of outputs of which no value can be an outlier: the noise alone is allowed more."""
