@@ -87,6 +87,31 @@ def test_refuses_in_one_line_and_writes_nothing(backsight, tmp_path, table, mess
     assert not (tmp_path / "tuned.toml").exists()
 
 
+SEVERAL = (
+    GUESSED.replace('inputs.u = { column = "force", unit = "N" }\n', "")
+    + """
+[recording.sources.force]
+path = "spring.csv"
+time = "t"
+inputs.u = { column = "force", unit = "N" }
+
+[tune]
+free = ["sigma_y"]
+"""
+)
+
+
+def test_all_files_of_a_recording_are_found_from_elsewhere(backsight, tmp_path):
+    path, out = problem(tmp_path, SEVERAL), tmp_path / "other" / "tuned.toml"
+    assert backsight("tune", path, "--out", out)[0] == 0
+    sources = tomllib.loads(out.read_text(encoding="utf-8"))["recording"]["sources"]
+    assert sources["force"]["path"] == "../spring.csv"
+    path.write_text(SEVERAL + 'recordings = ["spring.csv"]\n', encoding="utf-8")
+    code, _, told = backsight("tune", path, "--out", tmp_path / "again.toml")
+    assert code == 2
+    assert "tune.recordings: a recording of several files" in told
+
+
 def test_replaces_no_file_unless_told_to(backsight, tmp_path):
     path = problem(tmp_path, GUESSED)
     code, _, told = backsight("tune", path, "--out", path)

@@ -160,7 +160,9 @@ def _paths(document: Any, before: Path, after: Path) -> None:
             return path
         return Path(os.path.relpath(before / path, after)).as_posix()
 
-    document["recording"]["path"] = moved(str(document["recording"]["path"]))
+    recording = document["recording"]
+    for table in (recording, *recording.get("sources", {}).values()):
+        table["path"] = moved(str(table["path"]))
     others = document.get("tune", {}).get("recordings", [])
     for i, path in enumerate(others):
         others[i] = moved(str(path))

@@ -98,6 +98,11 @@ def tune_problem(
     if problem.tune.criterion:
         kinds = [Likelihood, Prediction, Whiteness]
         criterion = part(kinds, problem.tune.criterion, where="tune.criterion")
+    if problem.tune.recordings and problem.recording.sources:
+        raise ProblemError(
+            "tune.recordings: a recording of several files (recording.sources) cannot have others "
+            "beside it; tune from Python with the recordings that you have read"
+        )
     recordings = [recording_of(problem, outside=outside)]
     for path in problem.tune.recordings:
         table = problem.recording.model_copy(update={"path": path})

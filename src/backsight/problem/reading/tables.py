@@ -160,19 +160,16 @@ class OutputTable(StrictTable):
     covariance: bool = False
 
 
-class FreeTable(StrictTable):
+class FreeTable(ShortTable):
     """An entry of ``tune.free``: a value that is found, or options of which one is chosen."""
+
+    alone = "name"
 
     name: str
     spread: float | None = None
     sigma: float | None = None
     per: Literal["all", "recording"] | list[str] = "all"
     options: list[int | float | str] = []
-
-    @pydantic.model_validator(mode="before")
-    @classmethod
-    def _name_alone(cls, given: Any) -> Any:
-        return {"name": given} if isinstance(given, str) else given
 
 
 class TuneTable(StrictTable):
