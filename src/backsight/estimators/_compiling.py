@@ -15,12 +15,14 @@ from backsight.discrete.steps import complaint, explicit, settle_steps
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._noise_states import linear_in_noise, widened, without_noise_states
+from backsight.estimators._positive import in_their_units, logarithmic
 from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import VariedNoise
 from backsight.models.model import Model
 from backsight.schema import WEIGHT, Status
+from backsight.types import Array
 
 Spread: TypeAlias = Literal["full", "std"]
 """What a smoother puts out of the covariance: all of it, or standard deviations."""
@@ -99,6 +101,16 @@ class Compilable(Description, abc.ABC):
         """Whether the noise of a sample changes its covariance only, not how it is corrected."""
         return False
 
+    def varied(self, *, parameters: bool) -> Compilable:  # noqa: ARG002 - itself mostly
+        """Return the method that finds the same while values of noise and model are inputs.
+
+        Parameters
+        ----------
+        parameters : bool
+            Whether parameters of the model are among them: a linear model is then none any more.
+        """
+        return self
+
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
         if "compile" in vars(cls):
@@ -126,6 +138,9 @@ class Compilable(Description, abc.ABC):
     @final
     def plain(self, model: Model, dt: float) -> Recursion:
         """The recursion without the rule for outliers; noise that is not additive as states."""
+        if any(s.positive for s in model.states):
+            method, inner, at = self._logarithmic(model)
+            return in_their_units(method.plain(inner, dt), at)
         method, wide = self.widened(model, dt)
         built = method.build(wide, dt)
         if wide is model:
@@ -138,8 +153,13 @@ class Compilable(Description, abc.ABC):
     def both_ways(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """What `smoother` makes, with the outlier rule; noise that is not additive as states.
 
-        The weights of the way forward hold on the way back, too.
+        The weights of the way forward hold on the way back, too. Positive states are estimated as
+        logarithms. Parameters, result and errors are those of `AbstractEstimator.smoother`.
         """
+        if any(s.positive for s in model.states):
+            method, inner, at = self._logarithmic(model)
+            passes = method.both_ways(inner, dt, covariance=covariance)
+            return dataclasses.replace(passes, backward=in_their_units(passes.backward, at))
         rule = self.outliers
         if rule is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
@@ -188,6 +208,15 @@ class Compilable(Description, abc.ABC):
         found = widened(noise, prior, model, dt, integrator=self.chosen(model, dt))
         changes: dict[str, Any] = {"noise": found.noise, "prior": found.prior}
         return dataclasses.replace(self, **changes), found.model
+
+    def _logarithmic(self, model: Model) -> tuple[Self, Model, Array]:
+        """Itself and the model with logarithms of positive states, and their start values."""
+        noise, prior = self.assumed
+        if getattr(self, "limits", ()):
+            raise TuningError("limits do not go with states that are positive; leave out positive")
+        found = logarithmic(noise, prior, model)
+        changes: dict[str, Any] = {"noise": found.noise, "prior": found.prior}
+        return dataclasses.replace(self, **changes), found.model, found.at
 
     def _coarse(self, model: Model, dt: float) -> bool:
         """Whether the integrator is too coarse for the model at the prior's mean."""

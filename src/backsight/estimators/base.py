@@ -10,6 +10,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from backsight.algebra.newton import SOLVED
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.modes import modes_at, modes_over
 from backsight.discrete.noise import discretise_noise
@@ -62,16 +63,6 @@ class AbstractEstimator(Compilable, abc.ABC):
         """
         lag = getattr(self, "lag", 0)
         return self.horizon if lag == "N" else int(lag)
-
-    def varied(self, *, parameters: bool) -> AbstractEstimator:  # noqa: ARG002 - itself mostly
-        """Return the method that finds the same while values of noise and model are inputs.
-
-        Parameters
-        ----------
-        parameters : bool
-            Whether parameters of the model are among them: a linear model is then none any more.
-        """
-        return self
 
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """The estimator itself, first, and with other arrival costs; by their names."""
@@ -197,6 +188,18 @@ class Setting:
         Q, Qc = change(self.Q, self.Qc)
         parts = [ScaledPart(p.index, *change(p.Q, p.Qc)) for p in self.parts]
         return dataclasses.replace(self, Q=Q, Qc=Qc, parts=tuple(parts))
+
+    def unsolved(self, x: ca.SX, u: ca.SX) -> ca.SX:
+        """1 if the equations of the model, or of a sub-step from x, are not solved there."""
+        left = ca.SX(0)
+        if self.model.unsolved is not None:
+            left = self.model.unsolved.call([x, u, ca.SX(self.model.theta)])[0]
+        if self.model.continuous and self.integrator.substeps != "auto":
+            h = self.dt / self.integrator.steps
+            left = ca.fmax(left, self.integrator.left(self.model.rhs, x, u=u, h=h))
+        if left.is_constant():
+            return ca.SX(0)
+        return ca.if_else(left < SOLVED, 0, 1)
 
     def physical(self, x: ca.SX, vP: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Physical state (nx,) and lower triangle of its covariance, of scaled ones."""

@@ -2,6 +2,7 @@
 
 from backsight.models.augment import augment
 from backsight.models.builtin import duffing, friction_drive, sdof
+from backsight.models.implicit import implicit
 from backsight.models.incremental import incremental
 from backsight.models.lti import lti
 from backsight.models.model import Model
@@ -28,6 +29,7 @@ __all__ = [
     "duffing",
     "friction_drive",
     "from_equations",
+    "implicit",
     "incremental",
     "lti",
     "modal",

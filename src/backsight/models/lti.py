@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import ArrayLike
 
+from backsight.algebra.degree import degrees
 from backsight.errors import ModelError
 from backsight.models._affine import Affine, remember, remembered
 from backsight.models.model import Model, Signals
@@ -123,6 +124,30 @@ def state_space(model: Model) -> tuple[Array, Array, Array, Array]:
     rows = _slopes(ca.Function("rows", [z], [ca.vertcat(f, h)]))
     F, H = rows[: model.nx], rows[model.nx :]
     return F[:, : model.nx], F[:, model.nx :], H[:, : model.nx], H[:, model.nx :]
+
+
+def bent(model: Model) -> list[str]:
+    """Equations that are not linear in the states, in words; none if the model is.
+
+    The inputs may do anything: a model with ``a * cos(w * t)`` is linear in its states if t is an
+    input. Every operation is looked at, since a step such as sign(v) has a derivative of zero.
+    """
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    labels = [f"the equation of '{s.name}'" for s in model.states]
+    labels += [f"the output equation of '{s.name}'" for s in model.outputs]
+    rows = ca.vertcat(ca.SX(model.rhs(x, u)), ca.SX(model.output(x, u)))
+    found = degrees(ca.Function("rows", [x, u], [ca.densify(rows)]))
+    return [label for label, d in zip(labels, found, strict=True) if d > 1]
+
+
+def coefficients(model: Model, *, outputs: bool = False) -> ca.Function:
+    """``u -> (A, b)`` of a model that is linear in its states, f = A x + b; or of its outputs."""
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    rows = model.output(x, u) if outputs else model.rhs(x, u)
+    still = ca.SX.zeros(model.nx)
+    found = [ca.jacobian(rows, x), rows]
+    A, b = (ca.densify(ca.substitute(k, x, still)) for k in found)
+    return ca.Function("coefficients", [u], [A, b])
 
 
 def state_equation(model: Model) -> Affine | None:

@@ -8,8 +8,10 @@ import numpy as np
 from backsight.description import checked
 from backsight.errors import ModelError
 from backsight.models._affine import remember, remembered
+from backsight.models.forces.processes import Driven
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.types import Array
 
 
 @checked(ModelError)
@@ -41,7 +43,15 @@ def scale(model: Model) -> Model:
         states=tuple(map(_scaled, model.states)),
         inputs=tuple(map(_scaled, model.inputs)),
         outputs=tuple(map(_scaled, model.outputs)),
+        unsolved=model.unsolved_at([x, u, p], [ca.SX(sx) * x, ca.SX(su) * u, p]),
+        driven=tuple(_in_scale(group, model, sx) for group in model.driven),
     )
+
+
+def _in_scale(group: Driven, model: Model, sx: Array) -> Driven:
+    size = sx[[model.index(name) for name in group.states]]
+    by = np.outer(size, size)
+    return dataclasses.replace(group, noise=group.noise / by, stationary=group.stationary / by)
 
 
 def _scaled(s: Signal) -> Signal:

@@ -14,28 +14,20 @@ from backsight.algebra.symmetric import vech
 from backsight.algebra.update import masked, measured, noise_of
 from backsight.engine.dense import (
     UNROLL,
-    gain_of,
-    plus_product,
-    product_of,
-    transpose,
     triangle,
 )
-from backsight.estimators.joint_input._system import Forces
+from backsight.estimators.joint_input._many import many_gains
+from backsight.estimators.joint_input._system import LOST, Forces
 from backsight.estimators.parts.covariance import (
     Term,
     congruence,
-    matrix_product,
     symmetric_part,
     times_transposed,
 )
-from backsight.estimators.parts.factors import cholesky, on_top, solve_definite
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.substeps import within_bounds
 from backsight.types import Array
-
-LOST = 1e-6
-"""Below this share of what all rows tell of the forces, the measured ones do not tell them."""
 
 
 def step(found: Forces) -> ca.Function:
@@ -50,14 +42,14 @@ def step(found: Forces) -> ca.Function:
     of states and forces as ``joint``.
     """
     s, C, Q = found.system.s, _sparse(found.system.C), ca.DM(found.system.s.Q)
-    gains = _many_gains(found) if s.model.nx > UNROLL else _gains(found)
-    ahead, tail = _ahead(found), _tail(found)
+    gains = many_gains(found) if s.model.nx > UNROLL else _gains(found)
+    ahead, ends = _ahead(found), tail(found)
 
     def formula(x: Term, P: Term, started: Term, u: Term, y: Term, mask: Term) -> Results:
         known = named_results(gains, x, times_transposed(P, C), started, u, y, mask)
         # The covariance of states and forces together, and that of the states ahead.
         joint = symmetric_part(congruence(known["T"], P, known["V"]))
-        triangle, d_triangle = tail(joint)
+        triangle, d_triangle = ends(joint)
         kept = ("x_next", "x_post", "v", "e", "spread", "flags", "d", "prior", "d_scaled")
         return {
             "joint": ca.densify(joint),
@@ -76,7 +68,7 @@ def _ahead(found: Forces) -> ca.DM:
     return _sparse(np.hstack([found.system.A, E]))
 
 
-def _tail(found: Forces) -> ca.Function:
+def tail(found: Forces) -> ca.Function:
     """Lower triangles of the covariances of states, scaled, and of forces, physical."""
     nx, m = found.system.s.model.nx, len(found.names)
     if nx > UNROLL:
@@ -108,32 +100,13 @@ def _gains(found: Forces) -> ca.Function:
         u, y = u / s.su[:nu], y / s.sy
         prior = x + started * ca.mtimes(ramp, u)
         missed = y - ca.mtimes(C, prior) - ca.mtimes(D, u)
-        Cm, e, R = masked(ca.SX(C), missed, ca.SX(s.R), mask)
 
-        # 2. forces, with the smallest variance among the unbiased estimates
         # Before the first sample no force has acted on the prior.
         acted = ca.SX(1) if found.direct else started
         G = ca.SX.zeros(nx, m) if found.direct else started * ca.SX(found.E)
-        H = acted * ca.diag(mask) @ F
-        seen = PCt @ ca.diag(mask)
-        S = Cm @ seen + R
-        K = solve_spd(S, seen.T).T
-        W = solve_spd(S, H)
-        lost = lost_forces(acted * ca.diag(measured(mask)) @ F, found.H)
-        M = solve_spd(H.T @ W + lost * ca.SX(np.linalg.inv(found.spread)), W.T)
-        d = M @ e
-
-        # 3. states, with the gain that leaves the forces out of the innovation
-        L = K + (G - K @ H) @ M
-        free = prior + L @ e
-        x_post = within_bounds(s, free)
-        clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, 0)
-
-        # 4. covariance T P T' + V of states and forces
-        T = ca.vertcat(ca.SX.eye(nx) - L @ Cm, -M @ Cm)
-        noise = ca.vertcat(L, M)
-        left = lost * ca.vertcat(G - L @ H, ca.SX.eye(m) - M @ H)
-        V = noise @ R @ noise.T + left @ ca.SX(found.spread) @ left.T
+        now = corrected(found, PCt, C=ca.SX(C), H=F, G=G, acted=acted, missed=missed, mask=mask)
+        free, d = prior + now["L"] @ now["innovation"], now["d"]
+        x_post, flags = settled_forces(found, free, now["lost"] * acted)
 
         # 5. prediction
         x_next = ca.mtimes(A, x_post) + ca.mtimes(B, u)
@@ -149,120 +122,81 @@ def _gains(found: Forces) -> ca.Function:
             "v": ca.vertcat(u, force / s.su[nu:]),
             "e": measured(mask) * missed,
             "spread": vech(ca.densify(ca.SX(C) @ PCt + noise_of(ca.SX(s.R), mask))),
-            "flags": Flags(clipped=clipped, unobserved=lost * acted).vector(),
-            "T": ca.densify(T),
-            "V": ca.densify(V),
+            "flags": flags,
+            "T": now["T"],
+            "V": now["V"],
         }
 
     sizes = {**notation(s), "PCt": (nx, s.model.ny), "started": 1, "u": nu}
     return leaf("joint_input_gains", sizes, formula)
 
 
-def _many_gains(found: Forces) -> ca.Function:
-    """`_gains` of many states, as operations on matrices.
+def corrected(
+    found: Forces,
+    PCt: ca.SX,
+    *,
+    C: ca.SX,
+    H: ca.SX,
+    G: ca.SX,
+    acted: ca.SX,
+    missed: ca.SX,
+    mask: ca.SX,
+) -> dict[str, ca.SX]:
+    """Forces ``d``, the gain ``L`` of the states and the ``innovation`` of the measured rows.
 
-    Gains have columns of zeros where nothing was measured, so that C, F and H need no mask.
+    ``lost`` is 1 if these rows do not determine the forces. T and V are those of the covariance
+    T P T' + V of states and forces.
+
+    Parameters
+    ----------
+    found : Forces
+    PCt : (nx, ny)
+        P C' before the measurement.
+    C, H : (ny, nx), (ny, m)
+        What states and forces show.
+    G : (nx, m)
+        By what the forces have moved the state before the measurement.
+    acted : number
+        0 if no force has acted yet.
+    missed, mask : (ny,)
+        Measurement minus its prediction without forces, and which rows were measured.
     """
-    system, s, m = found.system, found.system.s, len(found.names)
-    nx, ny, nu = s.model.nx, s.model.ny, found.nu
-    A, C, F, E = (ca.DM(k) for k in (system.A, system.C, found.H, found.E))
-    B, ramp, D = (ca.DM(k[:, :nu]) for k in (system.B, system.B_next, system.D))
-    symbols = {"x": nx, "PCt": (nx, ny), "started": 1, "u": nu, "y": ny, "mask": ny}
+    nx, m = G.shape
+    s = found.system.s
+    Cm, e, R = masked(C, missed, ca.SX(s.R), mask)
 
-    def scaled(u: ca.SX, y: ca.SX) -> Results:
-        return {"u_scaled": u / s.su[:nu], "y_scaled": y / s.sy}
+    # 2. forces, with the smallest variance among the unbiased estimates
+    shown = acted * ca.diag(mask) @ H
+    seen = PCt @ ca.diag(mask)
+    S = Cm @ seen + R
+    K = solve_spd(S, seen.T).T
+    W = solve_spd(S, shown)
+    lost = lost_forces(acted * ca.diag(measured(mask)) @ H, found.H)
+    M = solve_spd(shown.T @ W + lost * ca.SX(np.linalg.inv(found.spread)), W.T)
 
-    def weighed(mask: ca.SX, y: ca.SX) -> Results:
-        return {"e": measured(mask) * y, "seen": measured(mask)}
-
-    def settled(x: ca.SX) -> Results:
-        inside = within_bounds(s, x)
-        return {"x_in": inside, "clipped": ca.if_else(ca.norm_1(inside - x) > 0, 1, 0)}
-
-    sizes = {**notation(s), "u": nu}
-    enter, weigh, settle = (
-        leaf(name, sizes, f)
-        for name, f in (("scaled", scaled), ("weighed", weighed), ("settled", settled))
-    )
-    x, PCt, started, u_given, y_given, mask = (
-        ca.MX.sym(k, *(size if isinstance(size, tuple) else (size,))) for k, size in symbols.items()
-    )
-
-    # 1. innovation of a motion without forces
-    u, y = enter(u_given, y_given)
-    prior = x + started * matrix_product(ramp, u)
-    missed = y - matrix_product(C, prior) - matrix_product(D, u)
-    e, seen = weigh(mask, missed)
-    # 2. forces, from the weighted rows of H
-    acted = ca.MX(1) if found.direct else started
-    G, H = (0 if found.direct else started) * ca.MX(E), acted * ca.MX(F)
-    gains, S, N = gain_of(
-        on_top([PCt, transpose(H)]), matrix_product(C, PCt), ca.MX(ca.DM(s.R)), mask
-    )
-    K, HW = gains[:nx, :], gains[nx:, :]
-    lost = _lost(found)(acted, seen)
-    known = plus_product(lost * ca.MX(ca.DM(np.linalg.inv(found.spread))), HW, H)
-    M = solve_definite(known, HW)
-    d = product_of(M, e)
-
-    # 3. states, with the gain that leaves the forces out of the innovation
-    L = plus_product(K, plus_product(G, K, H, minus=True), M)
-    x_post, clipped = settle(prior + product_of(L, e))
+    # 3. gain of the states, which leaves the forces out of the innovation
+    L = K + (G - K @ shown) @ M
 
     # 4. covariance T P T' + V of states and forces
-    both = on_top([L, M])
-    stay = ca.MX(ca.DM(np.vstack([np.eye(nx), np.zeros((m, nx))])))
-    T = plus_product(stay, both, ca.MX(C), minus=True)
-    alone = on_top([ca.densify(G), ca.MX(ca.DM(np.eye(m)))])
-    left = lost * plus_product(alone, both, H, minus=True)
-    V = product_of(product_of(both, N), both, turned=(False, True))
-    V = plus_product(V, product_of(left, ca.MX(ca.DM(found.spread))), left, turned=(False, True))
-
-    # 5. prediction
-    x_next = matrix_product(A, x_post) + matrix_product(B, u)
-    if found.direct:
-        x_next += matrix_product(E, d)
-    force = d * ca.DM(found.unit)
-    results = {
-        "x_next": x_next,
-        "x_post": x_post,
-        "d": force,
-        "d_scaled": d,
-        "prior": prior,
-        "v": ca.vertcat(u, force / ca.DM(s.su[nu:])),
-        "e": e,
-        "spread": triangle(S),
-        "flags": _raised()(clipped, lost * acted),
-        "T": T,
-        "V": V,
+    T = ca.vertcat(ca.SX.eye(nx) - L @ Cm, -M @ Cm)
+    noise = ca.vertcat(L, M)
+    left = lost * ca.vertcat(G - L @ shown, ca.SX.eye(m) - M @ shown)
+    V = noise @ R @ noise.T + left @ ca.SX(found.spread) @ left.T
+    return {
+        "d": M @ e,
+        "L": L,
+        "innovation": e,
+        "lost": lost,
+        "T": ca.densify(T),
+        "V": ca.densify(V),
     }
-    given = [x, PCt, started, u_given, y_given, mask]
-    return ca.Function(
-        "joint_input_gains", given, [ca.densify(v) for v in results.values()],
-        [f"i_{k}" for k in symbols], list(results),
-    )  # fmt: skip
 
 
-def _raised() -> ca.Function:
-    clipped, unobserved = ca.SX.sym("clipped"), ca.SX.sym("unobserved")
-    flags = Flags(clipped=clipped, unobserved=unobserved).vector()
-    return ca.Function("raised", [clipped, unobserved], [flags])
-
-
-def _lost(found: Forces) -> ca.Function:
-    """`lost_forces` of many states: ``(acted, seen) -> lost``."""
-    m, ny = found.H.shape[1], found.H.shape[0]
-    acted, seen = ca.MX.sym("acted"), ca.MX.sym("seen", ny)
-    Ft, known = ca.DM(found.H.T), smallest_pivot(ca.SX(ca.DM(found.H.T @ found.H)))
-    rows = ca.MX(Ft) * (acted * ca.repmat(seen.T, m, 1))
-    told = product_of(rows, ca.MX(Ft), turned=(False, True))
-    pivot, size = ca.SX.sym("pivot", m), ca.SX.sym("size", m)
-    share = ca.if_else(size > 0, pivot**2 / ca.if_else(size > 0, size, 1), 0)
-    least = ca.fmin(ca.mmin(share) / float(known), ca.mmin(size))
-    judge = ca.Function("lost", [pivot, size], [ca.if_else(least < LOST, 1, 0)])
-    return ca.Function(
-        "lost_forces", [acted, seen], [judge(ca.diag(cholesky(told)), ca.diag(told))]
-    )
+def settled_forces(found: Forces, free: ca.SX, unobserved: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """State within its bounds, and flags."""
+    inside = within_bounds(found.system.s, free)
+    clipped = ca.if_else(ca.norm_1(inside - free) > 0, 1, 0)
+    return inside, Flags(clipped=clipped, unobserved=unobserved).vector()
 
 
 def lost_forces(H: ca.SX, complete: Array) -> ca.SX:

@@ -15,21 +15,38 @@ from backsight.estimators.parts.covariance import Covariance, matrix_product, tr
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.linear import Linear, root, unstable
+from backsight.estimators.parts.linear import Linear, Varying, root, unstable
 from backsight.estimators.parts.stages import measured_rows
 from backsight.estimators.parts.substeps import seen_outputs, substep_inputs
 from backsight.estimators.smoothing import Linearised, blurred
 
 
-def linear_looks(system: Linear) -> Linearised:
-    """Of a linear model: the same at every sample."""
-    s, G = system.s, root(system.s.Q)
+def linear_looks(system: Linear | Varying) -> Linearised:
+    """Of a linear model: the same at every sample, unless its coefficients change."""
+    s = system.s
+    if isinstance(system, Varying):
+        return _varying_looks(system)
+    G = root(s.Q)
     noise = np.array(blurred(ca.DM(G))) if unstable(system.A) else G
     return Linearised(
         root=covariance_root(s),
         ahead=(system.A, noise),
         seen=seen(s, at="prior"),
         by_root=noise_drowns(s),
+    )
+
+
+def _varying_looks(system: Varying) -> Linearised:
+    s, nx = system.s, system.s.model.nx
+    x, spread, u, u_next = _posterior(s)
+    F, _, noise = system.transitions(u, u_next)
+    added = half("noise_kept", s, lambda noise: {"P": noise}, {"noise": (nx, nx)})(noise)
+    ahead = [F, blurred(covariance_root(s)(added))]
+    return Linearised(
+        root=covariance_root(s),
+        ahead=ca.Function("ahead", [x, spread, u, u_next], ahead),
+        seen=seen(s, at="prior"),
+        by_root=True,  # what drowns at one sample need not at another
     )
 
 

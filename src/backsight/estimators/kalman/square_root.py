@@ -61,13 +61,14 @@ def wide(s: Setting, *, limit: float = WIDE) -> bool:
     return width_of_prior(s) > limit
 
 
-def width_of_prior(s: Setting) -> float:
+def width_of_prior(s: Setting, linearised: tuple[Array, Array] | None = None) -> float:
     """Largest deviation of an output by the prior, in those of its noise; 0 if that runs away.
 
     At the start, or as many samples later as there are states: a state that no output shows at
-    once, a velocity, is seen when it has moved.
+    once, a velocity, is seen when it has moved. Matrices of transition and outputs are those at the
+    prior's mean unless they are given.
     """
-    F, H = _linearised(s)
+    F, H = linearised or _linearised(s)
     spread = cholesky_factor(s.P0)
     sigma, largest = np.sqrt(np.diag(s.R)), 0.0
     for _ in range(min(s.model.nx, 10)):
@@ -89,9 +90,14 @@ def noise_drowns(s: Setting) -> bool:
     return drowned(F, white, root(s.sampled().Q))
 
 
-def refuse_too_wide(s: Setting, title: str) -> None:
-    """Raise `TuningError` if the prior is too wide for a method that keeps a covariance."""
-    if wide(s, limit=TOO_WIDE):
+def refuse_too_wide(
+    s: Setting, title: str, *, linearised: tuple[Array, Array] | None = None
+) -> None:
+    """Raise `TuningError` if the prior is too wide for a method that keeps a covariance.
+
+    Matrices of transition and outputs are those at the prior's mean unless they are given.
+    """
+    if width_of_prior(s, linearised) > TOO_WIDE:
         raise TuningError(
             f"the prior says of an output more than {TOO_WIDE:g} times what its noise is: the "
             f"covariances of {title} cannot hold both; narrow the prior (sigma_x0), or use "

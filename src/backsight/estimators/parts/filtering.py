@@ -174,24 +174,33 @@ def physical(
         `Flags.vector`.
     """
     raised = ca.SX.sym("flags", FLAGS)
-    status = dataclasses.replace(Flags.of(raised), coarse_step=int(s.coarse)).status()
     if s.model.nx > UNROLL:
         y_hat, _ = seen_outputs(s)(x, u)
-        units = ca.SX.sym("x", s.model.nx), ca.SX.sym("y", s.model.ny)
+        xs, us = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
+        ys, left = ca.SX.sym("y", s.model.ny), ca.SX.sym("left")
+        unsolved = ca.Function("unsolved", [xs, us], [s.unsolved(xs, us)])
         leave = ca.Function(
-            "physical", [*units, raised], [s.sx * units[0], s.sy * units[1], status]
+            "physical",
+            [xs, ys, raised, left],
+            [s.sx * xs, s.sy * ys, _status_of(s, raised, left)],
         )
-        x_hat, y_hat, status = leave(x, y_hat, flags)
+        x_hat, y_hat, status = leave(x, y_hat, flags, unsolved(x, u))
         values = [x_hat, triangle(P, s.sx), y_hat]
     else:
         k = {n: ca.SX.sym(n, v.numel()) for n, v in {"x": x, "P": P, "u": u}.items()}
         outputs = s.sy * s.model.output(k["x"], k["u"])
-        estimate = [*s.physical(k["x"], k["P"]), outputs, status]
+        coded = _status_of(s, raised, s.unsolved(k["x"], k["u"]))
+        estimate = [*s.physical(k["x"], k["P"]), outputs, coded]
         leave = ca.Function("physical", [k["x"], k["P"], k["u"], raised], estimate)
         *values, status = leave(x, P, u, flags)
     # Apart from the rest: the innovation is known before the sample enters.
     values += physical_innovation(s).call([e, S])
     return {c.name: v for c, v in zip(ESTIMATE_CHANNELS, [*values, status], strict=True)}
+
+
+def _status_of(s: Setting, raised: ca.SX, unsolved: ca.SX) -> ca.SX:
+    flags = dataclasses.replace(Flags.of(raised), coarse_step=int(s.coarse), not_solved=unsolved)
+    return flags.status()
 
 
 def physical_innovation(s: Setting) -> ca.Function:

@@ -18,7 +18,7 @@ from backsight.models.model import Model
 from backsight.run.estimation._match import match
 from backsight.run.estimation.lag import from_first_sample, run_on
 from backsight.run.estimation.result import as_result
-from backsight.schema import FAILURES, STATUS_TEXT
+from backsight.schema import CULPRIT, FAILURES, STATUS_TEXT
 from backsight.types import Array
 
 
@@ -166,7 +166,8 @@ def failure(result: xr.Dataset) -> str:
     k = int(failed[0])
     causes = [text for bit, text in STATUS_TEXT.items() if bit & FAILURES & int(status[k])]
     moment = float(result["time"][k])
-    return f"{result.attrs['estimator']} failed at sample {k} (t = {moment:g} s): {causes[0]}"
+    cause = result.attrs.get(CULPRIT, causes[0])
+    return f"{result.attrs['estimator']} failed at sample {k} (t = {moment:g} s): {cause}"
 
 
 def check_window(estimator: AbstractEstimator, samples: int) -> None:

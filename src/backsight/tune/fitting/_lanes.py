@@ -23,12 +23,13 @@ from backsight.algebra.triangular import forward
 from backsight.discrete.steps import explicit
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import ModelError, TuningError
+from backsight.estimators import Compilable
 from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.uncertainty import Noise
 from backsight.estimators.varied_noise import NoisePart, VariedNoise
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.models.structures import forces_as_inputs
 from backsight.tune.fitting.values import Unknown, placed, sensor_factors, walk_factor, walk_parts
 from backsight.types import Array
 
@@ -60,7 +61,7 @@ class LaneRunner:
     recursion: Recursion
     estimator: AbstractEstimator
     model: Model
-    varied: AbstractEstimator
+    varied: Compilable
     wide: Model
     start: Callable[[Array, Array], Array] | None
     unknowns: tuple[Unknown, ...]
@@ -155,6 +156,7 @@ def _with_inputs(model: Model, names: Sequence[str]) -> Model:
         model,
         f=ca.Function("f", [x, u, p], model.f.call(given)),
         h=ca.Function("h", [x, u, p], model.h.call(given)),
+        unsolved=model.unsolved_at([x, u, p], given),
         inputs=(*model.inputs, *(Signal(name=n) for n in names)),
     )
 
@@ -166,7 +168,7 @@ def _varied(
     walks: Sequence[Unknown],
     *,
     parameters: bool,
-) -> AbstractEstimator:
+) -> Compilable:
     """The estimator with process noise that inputs multiply, and its integrator settled.
 
     With parameters as inputs a linear model is not linear any more: instead of the matrix
