@@ -15,6 +15,8 @@ import typer
 
 from backsight.cli import _recordings
 from backsight.cli._console import bar, say, tell, told, warn, width
+from backsight.cli._options import Force, Outside
+from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
 
 if TYPE_CHECKING:
@@ -39,13 +41,6 @@ app.command("columns")(_recordings.show_columns)
 app.command("init")(_recordings.write_problem)
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
-Force = Annotated[
-    bool, typer.Option("--force", help="Replace files in the folder that are not from here.")
-]
-Outside = Annotated[
-    list[str] | None,
-    typer.Option(help="Another file that an HDF5, NetCDF or MAT recording may read from."),
-]
 
 
 @app.callback(invoke_without_command=True)
@@ -163,6 +158,9 @@ def check(
     fine = found.detectable and (timing is None or timing.sound) and not coarse and not doubtful
     if not (fine and (certificate is None or certificate.holds)):
         raise typer.Exit(1)
+
+
+app.command()(tune)
 
 
 @app.command()
