@@ -24,12 +24,16 @@ class Vectors:
     outputs: dict[str, Array]
 
 
-def selftest(vectors: Vectors, name: str, kind: Precision, tolerance: float) -> str:
+def selftest(
+    vectors: Vectors, name: str, kind: Precision, tolerance: float, *, settings: bool
+) -> str:
     """Write a program that runs the vectors and returns 0 if all outputs agree.
 
     The deviation of a number is measured in units of the largest value that it takes. Counts are
     compared in double precision only: in single precision the
     optimiser may take another number of passes to the same result.
+
+    With `settings` the step takes a struct of them, at its defaults here.
     """
     n = len(next(iter(vectors.outputs.values())))
     real = f"{name}_real"
@@ -38,6 +42,7 @@ def selftest(vectors: Vectors, name: str, kind: Precision, tolerance: float) -> 
     arguments = ", ".join(
         [f"in_{k} + k * {v.shape[1]}" for k, v in vectors.inputs.items()] + list(vectors.outputs)
     )
+    given = "&memory, &work" + ", &settings" * settings
     compared = {
         k: v for k, v in vectors.outputs.items() if kind.name == "double" or k not in COUNTS
     }
@@ -81,12 +86,14 @@ def selftest(vectors: Vectors, name: str, kind: Precision, tolerance: float) -> 
         "{",
         f"    static {name}_memory memory;",
         f"    static {name}_workspace work;",
+        *([f"    {name}_settings settings;"] if settings else []),
         *local,
         f"    double worst[{len(compared)}] = {{0.0}};",
         "    int k, failed = 0;",
         f"    {name}_init(&memory);",
+        *([f"    {name}_defaults(&settings);"] if settings else []),
         f"    for (k = 0; k < {n}; ++k) {{",
-        f"        {name}_step(&memory, &work, {arguments});",
+        f"        {name}_step({given}, {arguments});",
         *compares,
         "    }",
         *checks,

@@ -11,6 +11,25 @@ from backsight.errors import printable
 
 
 @dataclasses.dataclass(frozen=True)
+class SettingsField:
+    """Inputs of a step that are no data: they are kept in a struct and may be changed at any time.
+
+    Parameters
+    ----------
+    name : str
+        Of the program's input, and of the field in C.
+    values : tuple of float
+        What they are unless somebody changes them.
+    labels : tuple of str
+        What each is, with its unit.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    labels: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Source:
     """C code of one recursion.
 
@@ -45,6 +64,7 @@ def write_c99(
     results: Sequence[str],
     precision: Precision,
     about: str,
+    settings: Sequence[SettingsField] = (),
 ) -> Source:
     """Write a program as C99.
 
@@ -60,13 +80,16 @@ def write_c99(
     precision : Precision
     about : str
         Comment at the top of both files.
+    settings : sequence of SettingsField
+        Inputs that become a struct with defaults.
     """
+    interface = Interface(name, precision, tuple(results), tuple(settings), about)
     working = [b for b in program.buffers if b.values is None]
     reals, ints = program.space
     size = sum(max(b.size, 1) for b in working) + reals
     return Source(
-        header=_header(program, working, name=name, results=results, kind=precision, about=about),
-        code=_code(program, name=name, start=start, results=results, kind=precision, about=about),
+        header=_header(program, working, interface),
+        code=_code(program, interface, start),
         memory=program.carry.size,
         workspace=size,
         ints=ints,
@@ -79,23 +102,79 @@ def write_c99(
     )
 
 
-def _signature(program: Program, name: str, results: Sequence[str]) -> str:
-    lines = [f"{name}_memory *memory", f"{name}_workspace *work"]
-    lines += [f"const {name}_real *{b.name}" for b in program.inputs]
-    lines += [f"{name}_real *{r}" for r in results]
-    joint = ",\n    ".join(lines)
-    return f"void {name}_step(\n    {joint})"
+@dataclasses.dataclass(frozen=True)
+class Interface:
+    """What is the same in header and code: names, type of numbers, outputs, settings."""
+
+    name: str
+    kind: Precision
+    results: tuple[str, ...]
+    settings: tuple[SettingsField, ...]
+    about: str
+
+    @property
+    def real(self) -> str:
+        """Type of a number."""
+        return f"{self.name}_real"
+
+    def data(self, program: Program) -> list[Buffer]:
+        """Inputs that are data of a sample."""
+        kept = {f.name for f in self.settings}
+        return [b for b in program.inputs if b.name not in kept]
+
+    def step(self, program: Program) -> str:
+        """Declaration of the step."""
+        lines = [f"{self.name}_memory *memory", f"{self.name}_workspace *work"]
+        lines += [f"const {self.name}_settings *settings"] if self.settings else []
+        lines += [f"const {self.real} *{b.name}" for b in self.data(program)]
+        lines += [f"{self.real} *{r}" for r in self.results]
+        joint = ",\n    ".join(lines)
+        return f"void {self.name}_step(\n    {joint})"
+
+    @property
+    def init(self) -> str:
+        """Declaration of what sets the memory."""
+        return f"void {self.name}_init({self.name}_memory *memory)"
+
+    @property
+    def defaults(self) -> str:
+        """Declaration of what sets the settings."""
+        return f"void {self.name}_defaults({self.name}_settings *settings)"
 
 
-def _header(
-    program: Program,
-    working: Sequence[Buffer],
-    *,
-    name: str,
-    results: Sequence[str],
-    kind: Precision,
-    about: str,
-) -> str:
+def _settings(to: Interface) -> list[str]:
+    """The struct of settings, as lines of the header."""
+    if not to.settings:
+        return []
+    lines = ["/* What may be changed here, between two samples, too. */", "typedef struct {"]
+    for field in to.settings:
+        what = _comment("; ".join(field.labels))
+        lines += [f"    {what}", f"    {to.real} {field.name}[{len(field.values)}];"]
+    return [
+        *lines,
+        f"}} {to.name}_settings;",
+        "",
+        "/* Set the settings to the values that were exported. */",
+        f"{to.defaults};",
+        "",
+    ]
+
+
+def _setters(to: Interface) -> list[str]:
+    """Definition of what sets the settings."""
+    if not to.settings:
+        return []
+    lines = [to.defaults, "{"]
+    for field in to.settings:
+        lines += [
+            f"    settings->{field.name}[{i}] = {to.kind.number(v)};"
+            for i, v in enumerate(field.values)
+        ]
+    return ["\n".join([*lines, "}"])]
+
+
+def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
+    name, kind = to.name, to.kind
     guard = f"{name.upper()}_H"
     reals, ints = program.space
     fields = [f"    {name}_real {identifier(b.name)}[{max(b.size, 1)}];" for b in working]
@@ -104,13 +183,13 @@ def _header(
     sizes = [
         f"   {label:<8} [{b.size}]"
         for label, b in (
-            *((b.name, b) for b in program.inputs),
-            *zip(results, program.outputs, strict=True),
+            *((b.name, b) for b in to.data(program)),
+            *zip(to.results, program.outputs, strict=True),
         )
     ]
     return "\n".join(
         [
-            _comment(about),
+            _comment(to.about),
             f"#ifndef {guard}",
             f"#define {guard}",
             "",
@@ -127,12 +206,13 @@ def _header(
             f"}} {name}_workspace;",
             "",
             "/* Set the memory to its state before the first sample. */",
-            f"void {name}_init({name}_memory *memory);",
+            f"{to.init};",
             "",
+            *_settings(to),
             "/* Process one sample. Sizes of the arguments:",
             *sizes,
             "   Symmetric matrices are lower triangles, column by column. */",
-            f"{_signature(program, name, results)};",
+            f"{to.step(program)};",
             "",
             "#endif",
             "",
@@ -140,19 +220,14 @@ def _header(
     )
 
 
-def _code(
-    program: Program,
-    *,
-    name: str,
-    start: Sequence[float],
-    results: Sequence[str],
-    kind: Precision,
-    about: str,
-) -> str:
+def _code(program: Program, to: Interface, start: Sequence[float]) -> str:
+    name, kind = to.name, to.kind
     place = {b: f"work->{identifier(b.name)}" for b in program.buffers if b.values is None}
     place |= {b: identifier(b.name) for b in program.buffers if b.values is not None}
     place |= {b: b.name for b in program.inputs}
-    place |= dict(zip(program.outputs, results, strict=True))
+    kept = {f.name for f in to.settings}
+    place |= {b: f"settings->{b.name}" for b in program.inputs if b.name in kept}
+    place |= dict(zip(program.outputs, to.results, strict=True))
     place[program.carry] = "memory->carry"
     writer = Writer(place, f"{name}_real")
     constants = [
@@ -167,21 +242,21 @@ def _code(
     ]
     body = [*writer.lines(program.body, 1), *writer.copies(program.update, 1)]
     text = "\n".join(body)
-    kept = [c for c in (*constants, *tables) if _declared(c) in text]
+    declared = [c for c in (*constants, *tables) if _declared(c) in text]
     unused = [
         f"    (void){p};"
-        for p in (*(b.name for b in program.inputs), "work")
+        for p in (*(b.name for b in to.data(program)), "work", *(["settings"] if kept else []))
         if not _mentions(text, p)
     ]
     values = listed(kind.number(v) for v in start)
     return "\n\n".join(
         [
-            f'{_comment(about)}\n#include <math.h>\n\n#include "{name}.h"',
+            f'{_comment(to.about)}\n#include <math.h>\n\n#include "{name}.h"',
             *_includes(program.kernels, kind),
             *(write_c99_leaf(leaf, f"{name}_real", kind) for leaf in program.leaves),
             "\n".join(
                 [
-                    f"void {name}_init({name}_memory *memory)",
+                    to.init,
                     "{",
                     f"    static const {name}_real start[{len(start)}] = {{{values}}};",
                     "    int i;",
@@ -190,7 +265,8 @@ def _code(
                     "}",
                 ]
             ),
-            "\n".join([_signature(program, name, results), "{", *kept, *unused, *body, "}", ""]),
+            *_setters(to),
+            "\n".join([to.step(program), "{", *declared, *unused, *body, "}", ""]),
         ]
     )
 
