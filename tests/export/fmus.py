@@ -61,6 +61,16 @@ def expected(estimator, model, recording):
     return columns
 
 
+def agrees(file, estimator, model, recording):
+    """Compare all that Python knows, too."""
+    wanted = expected(estimator, model, recording)
+    found = simulated(file, recording, list(wanted))[estimator.delay :]
+    wanted = {name: column[: len(found)] for name, column in wanted.items()}
+    for name, column in zip(wanted, found.T, strict=True):
+        size = np.nanmax(np.abs(wanted[name]), initial=0.0) or 1.0
+        np.testing.assert_allclose(column, wanted[name], rtol=0, atol=1e-10 * size, err_msg=name)
+
+
 @contextlib.contextmanager
 def instance(file):
     """An FMU in step mode, with its variables by name."""

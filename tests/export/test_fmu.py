@@ -21,8 +21,7 @@ fmpy = pytest.importorskip("fmpy")
 from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 from lxml import etree  # noqa: E402
-
-from tests.export.fmus import expected, instance, simulated  # noqa: E402
+from tests.export.fmus import agrees, expected, instance  # noqa: E402
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler called cc")
 
@@ -35,15 +34,6 @@ def recorded(problem, hold="zoh"):
     data.y[20:30] = np.nan
     data.y[::7, 0] = np.nan
     return data.recording(problem.model)
-
-
-def agrees(file, estimator, model, recording):
-    """Compare all that Python knows, too."""
-    wanted = expected(estimator, model, recording)
-    found = simulated(file, recording, list(wanted))
-    for name, column in zip(wanted, found.T, strict=True):
-        size = np.nanmax(np.abs(wanted[name]), initial=0.0) or 1.0
-        np.testing.assert_allclose(column, wanted[name], rtol=0, atol=1e-10 * size, err_msg=name)
 
 
 @pytest.mark.parametrize(
