@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from backsight.models.views.incremental import incremental
 
 from backsight.data.increments import increments
 from backsight.errors import ModelError
 from backsight.estimators.linear_windows import LinearMHE
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.builtin import sdof
-from backsight.models.incremental import incremental
 from backsight.models.lti import lti, state_space
 from backsight.run.estimation import estimate
 from backsight.schema import recording

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from backsight.errors import ModelError
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.structures import beam, modal, reduced, second_order
-from backsight.models.structures.unknown_forces import forces_as_inputs
 
 N = 5
 STIFFNESS = 1e4 * (2 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1))

@@ -7,6 +7,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from backsight.models.views.scale import scale
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
@@ -17,7 +18,6 @@ from backsight.models.augment import augment
 from backsight.models.canonical.affine import affine_form
 from backsight.models.canonical.observer_form import gain_vector
 from backsight.models.model import Model
-from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.signals import punch_strokes
 from backsight.tune import propose_gamma

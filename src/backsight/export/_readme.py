@@ -4,6 +4,7 @@ import re
 
 from backsight.engine.program.effort import Effort, effort
 from backsight.export._written import Written, one_line
+from backsight.models.model import Model
 
 SINGLE = """In single precision no step of an optimiser is as short as 1e-6 standard deviations:
 export it with `tolerance = 1e-3`, or with a fixed number of iterations.
@@ -27,9 +28,12 @@ def readme(code: Written) -> str:
     flash = 1.5 * kind.bytes * source.operations / 1000
     states = ", ".join(f"{s.name} [{markdown(s.unit)}]" if s.unit else s.name for s in model.states)
     inputs = ", ".join(s.name for s in model.inputs) or "none"
-    outputs = ", ".join(s.name for s in model.outputs)
+    outputs = ", ".join(
+        s.name if s.dummy is None else f"{s.name} (no sensor: y = {s.dummy:g}, mask = 1)"
+        for s in model.outputs
+    )
     workspace = kind.bytes * source.workspace + INT * source.ints
-    files = ", ".join(f"`{kernel}.c`" for kernel in source.kernels)
+    files = ", ".join(f"`{file}`" for file in code.kernels if file != "kernels.h")
     without = " without the kernels" if files else ""
     included = f", `kernels.h` and {files}, which `{name}.c` includes" if files else ""
     limits = ", ".join(map(str, passes)) or "none: every sample takes the same time"
@@ -57,7 +61,7 @@ for (;;) {{
 |---|---|
 | u | {inputs} |
 | y, mask | {outputs} |
-| numbers | {kind.name}, {kind.bytes} bytes |
+{_of_virtual(model)}| numbers | {kind.name}, {kind.bytes} bytes |
 | RAM | {kind.bytes * source.memory} bytes memory, {workspace} bytes workspace |
 | flash | about {flash:.0f} kB{without}; `size` of the object file tells exactly |
 | largest number of passes of the loops inside each other | {limits} |
@@ -70,6 +74,13 @@ for (;;) {{
 {SINGLE if kind.name == "float" else ""}There is no allocation, no recursion and no global variable;
 several instances may run side by side, each with its own memory.
 """
+
+
+def _of_virtual(model: Model) -> str:
+    if model.virtual is None:
+        return ""
+    names = [f"{s.name} [{markdown(s.unit)}]" if s.unit else s.name for s in model.virtual.signals]
+    return f"| z_hat, z_std | {', '.join(names)} |\n"
 
 
 def _settings(code: Written) -> str:

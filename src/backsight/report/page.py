@@ -18,13 +18,13 @@ from backsight.errors import DataError
 from backsight.output import write_whole
 from backsight.report import _html_tables as tables
 from backsight.report._answers import answers, asked, judgements
+from backsight.report._bands import state_plots, virtual_plots
 from backsight.report._hit_maps import NOTE, force_maps, hit_tables
 from backsight.report._plots import (
     innovation_plots,
     input_plots,
     nis_plot,
     output_plots,
-    state_plots,
     status_plots,
 )
 from backsight.report._series import Plot, Series, series, signal_units
@@ -101,6 +101,7 @@ def _sections(
     bands = "<p>Lines are estimates, bands three standard deviations either way.</p>"
     found = [
         Section("Unknown forces", NOTE if maps else "", maps, hit_tables(rows, every)),
+        Section("Where no sensor is", tables.virtual_table(rows, every), virtual_plots(every)),
         Section("Unknowns", bands, state_plots(every, reference, first)),
         Section("States", "" if first else bands, state_plots(every, reference, moving)),
         Section("Measured and estimated", "", output_plots(every)),

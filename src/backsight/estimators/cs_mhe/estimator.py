@@ -33,10 +33,10 @@ from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import Innovations
 from backsight.types import Array, ByName
 
@@ -201,18 +201,21 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         _check_unbounded(joined)
         system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
         check_sampling(joined, dt)
-        m = len(self.forces)
-        try:
-            sigma = vector(
-                self.sigma_force, joined.inputs[-m:], what="sigma_force", default=np.zeros(m)
-            )
-        except ModelError as error:
-            raise TuningError(str(error)) from None
+        m, sigma = len(self.forces), self.background(model)
         E, F = (system.B + system.B_next)[:, -m:], system.D[:, -m:]
         unit = system.s.su[-m:]
         forced = Forced(system, E / unit, F / unit, sigma, self.forces)
         check_forces(forced, self.N)
         return forced
+
+    def background(self, model: Model) -> Array:
+        """See `AbstractEstimator.background`: `sigma_force`."""
+        known = {s.name: s for s in model.parameters}
+        forces, none = [known[name] for name in self.forces], np.zeros(len(self.forces))
+        try:
+            return vector(self.sigma_force, forces, what="sigma_force", default=none)
+        except ModelError as error:
+            raise TuningError(str(error)) from None
 
     def _solver(self, forced: Forced) -> Solver:
         shapes = self.dictionary.shapes(len(self.forces))

@@ -105,8 +105,9 @@ def _inputs(code: Written) -> Iterator[Variable]:
     for s in model.inputs:
         yield Variable(0, structured("u", s.name), "input", "known input", s.unit, 0.0)
     for s in model.outputs:
-        about = "measurement; NaN: not made"
-        yield Variable(0, structured("y", s.name), "input", about, s.unit, 0.0)
+        about = "measurement; NaN: not made" if s.dummy is None else "no sensor: leave it"
+        start = 0.0 if s.dummy is None else s.dummy
+        yield Variable(0, structured("y", s.name), "input", about, s.unit, start)
     weight = "1: measured, 0: not" + (
         "; between and above: nominal by actual standard deviation" if code.estimator.weighs else ""
     )

@@ -55,6 +55,9 @@ class EquationsTable(ModelTable):
     equations: dict[str, str]
     outputs: dict[str, str]
     parameters: dict[str, ParameterTable] = pydantic.Field(default_factory=dict)
+    algebraic: dict[str, str] = pydantic.Field(default_factory=dict)
+    constraints: dict[str, str] = pydantic.Field(default_factory=dict)
+    guesses: dict[str, str] = pydantic.Field(default_factory=dict)
     dt: float | None = None
     name: str = "model"
 
@@ -67,6 +70,9 @@ class EquationsTable(ModelTable):
             parameters=parameters_of(self.parameters, given.start),
             equations=self.equations,
             output_equations=self.outputs,
+            algebraic=self.algebraic,
+            constraints=self.constraints,
+            guesses=self.guesses,
             dt=self.dt,
             name=self.name,
         )
