@@ -12,6 +12,7 @@ from backsight.description import checked
 from backsight.engine import vm
 from backsight.errors import DataError, EngineError
 from backsight.estimators.base import AbstractEstimator
+from backsight.export._cpp import cpp_header
 from backsight.export._readme import readme
 from backsight.export._selftest import Vectors, selftest
 from backsight.export._written import Written, written
@@ -35,7 +36,7 @@ def export_c(
     restart: bool = False,
     force: bool = False,
 ) -> Path:
-    """Write ``name.c``, ``name.h``, a self-test, a Makefile and a README.
+    """Write ``name.c``, ``name.h``, a class for C++, a self-test, a Makefile and a README.
 
     The code is C99 that needs nothing but ``<math.h>``: no allocation, no recursion, no global
     variables, and loops whose largest number of passes is fixed. The self-test compares it with
@@ -92,6 +93,7 @@ def export_c(
     vectors = vectors_of(code)
     files = {
         **code.files,
+        f"{name}.hpp": cpp_header(code),
         f"{name}_selftest.c": selftest(
             vectors, name, code.kind, TOLERANCE[precision], settings=bool(code.open.fields)
         ),
