@@ -14,7 +14,8 @@ def cpp_header(code: Written) -> str:
     data = [f"given.{field}.data()" for field in ("u", "y", "mask")]
     results = [f"made.{channel.name}.data()" for channel, _ in outputs]
     arguments = ",\n            ".join(["&memory_", "&work_", *settings, *data, *results])
-    return f"""// {name}.c as a class: an object is an estimator with its memory; copies go on by themselves.
+    return f"""// {name}.c as a class: an object is an estimator with its memory.
+// Copies go on by themselves.
 #ifndef {name.upper()}_HPP
 #define {name.upper()}_HPP
 

@@ -132,7 +132,8 @@ def vectors_of(code: Written) -> Vectors:
 def _makefile(name: str, kernels: list[str]) -> str:
     needed = " ".join([f"{name}.c", f"{name}_selftest.c", f"{name}.h", *kernels])
     return f"""CC ?= cc
-CFLAGS ?= -std=c99 -pedantic -Wall -Wextra -Werror -O2
+WARNINGS ?= -pedantic -Wall -Wextra -Wshadow -Wconversion -Wdouble-promotion -Wvla -Werror
+CFLAGS ?= -std=c99 -O2 $(WARNINGS)
 
 test: {name}_selftest
 \t./{name}_selftest

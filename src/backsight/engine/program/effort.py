@@ -18,11 +18,11 @@ from backsight.engine.program.program import (
 NOTHING = {"input", "const"}
 """Kinds that are no operation."""
 
-CHEAP = {
-    "add", "sub", "mul", "neg", "fabs", "fmin", "fmax", "sign", "select", "not", "and", "or",
-    "lt", "le", "eq", "ne", "copysign",
+PLAIN = {
+    "add": 1, "sub": 1, "mul": 1, "neg": 1, "fabs": 1, "fmin": 1, "fmax": 1, "copysign": 1,
+    "lt": 1, "le": 1, "eq": 1, "ne": 1, "not": 1, "select": 1, "sign": 2, "and": 2, "or": 2,
 }  # fmt: skip
-"""Kinds that take about the time of an addition."""
+"""Kinds that take about the time of an addition, with the comparisons that they are made of."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +75,7 @@ def _block(statements: Iterable[Statement]) -> Counter[str]:
                 total += _times(_block(body), length)
             case While(limit=limit, body=body, update=update):
                 total += _times(_block((*body, *update)), limit)
+                total["plain"] += limit  # is there more to do?
     return total
 
 
@@ -85,15 +86,11 @@ def _times(count: Counter[str], passes: int) -> Counter[str]:
 def _leaf(leaf: Leaf) -> Counter[str]:
     count: Counter[str] = Counter()
     for operation in leaf.operations:
-        if operation.kind in NOTHING:
-            continue
-        count[_group(operation.kind)] += 1
-    # Inputs and results of a leaf are loaded and stored.
+        kind = operation.kind
+        if kind in PLAIN:
+            count["plain"] += PLAIN[kind]
+        elif kind not in NOTHING:
+            count[{"div": "divisions", "sqrt": "roots"}.get(kind, "functions")] += 1
+    # Results of a leaf are stored.
     count["copies"] += sum(len(output) for output in leaf.outputs)
     return count
-
-
-def _group(kind: str) -> str:
-    if kind in CHEAP:
-        return "plain"
-    return {"div": "divisions", "sqrt": "roots"}.get(kind, "functions")
