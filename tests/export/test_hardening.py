@@ -17,7 +17,12 @@ needs_compilers = pytest.mark.skipif(
     not (shutil.which("gcc") and shutil.which("g++")), reason="needs gcc and g++"
 )
 QUICK = {"ekf", "csmhe", "mho"}
-EVERY = [k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in CASES]
+WITH_KERNELS = {"csmhe", "lmhe"}
+
+
+def cases(keys):
+    """Keys of estimators as parameters; what takes long is slow."""
+    return [k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in keys]
 
 
 def exported(key, folder, precision="double"):
@@ -38,7 +43,7 @@ def run(command, folder):
 
 @needs_compilers
 @pytest.mark.parametrize("precision", ["double", pytest.param("float", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("key", EVERY)
+@pytest.mark.parametrize("key", cases(CASES))
 def test_no_input_leads_out_of_bounds(key, precision, tmp_path):
     estimator, _, recursion = exported(key, tmp_path, precision)
     weighs = estimator.weighs and not estimator.constant_gain
@@ -49,9 +54,9 @@ def test_no_input_leads_out_of_bounds(key, precision, tmp_path):
 
 
 @needs_compilers
-@pytest.mark.parametrize("key", [k for k in EVERY if k != "csmhe"])
+@pytest.mark.parametrize("key", cases(k for k in CASES if k not in WITH_KERNELS))
 def test_a_step_costs_at_most_what_is_told(key, tmp_path):
-    """Operations counted by a number that counts them, in C++."""
+    """Operations counted by a number that counts them, in C++; kernels are C alone."""
     estimator, recording, recursion = exported(key, tmp_path)
     weighs = estimator.weighs and not estimator.constant_gain
     (tmp_path / "counting.h").write_text(COUNTING)
