@@ -72,7 +72,6 @@ static inline Counting sqrt(Counting a) { ++counts.roots; return std::sqrt(a.val
     { ++counts.plain; return std::name(a.value, b.value); }
 SIMPLE(fabs) FUNCTION(floor) FUNCTION(exp) FUNCTION(log) FUNCTION(sin) FUNCTION(cos) FUNCTION(tanh)
 FUNCTION(erf) FUNCTION(ceil) FUNCTION(tan) FUNCTION(atan) FUNCTION(sinh) FUNCTION(cosh)
-FUNCTION(erf)
 SIMPLE_OF_TWO(fmin) SIMPLE_OF_TWO(fmax) SIMPLE_OF_TWO(copysign)
 """
 

@@ -10,7 +10,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.program import walk
 from backsight.engine.program.effort import effort
 from backsight.export import export_c
-from backsight.export._written import written
+from backsight.export._written import code_of
 from backsight.testing import CASES
 
 needs_compilers = pytest.mark.skipif(
@@ -70,7 +70,7 @@ def test_a_step_costs_at_most_what_is_told(key, tmp_path):
     (tmp_path / "main.cpp").write_text(filled(COUNTED, key, recursion, settings=weighs))
     run(["g++", "-std=c++17", "-O1", "-w", "main.cpp", "-o", "main"], tmp_path)
     counted = [int(n) for n in run(["./main"], tmp_path).split()]
-    code = written(
+    code = code_of(
         estimator, CASES[key].problem.model, recording, name=key, names=None, restart=False
     )
     most = effort(walk(code.recursion.step))

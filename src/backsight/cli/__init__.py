@@ -16,6 +16,7 @@ from backsight.cli._choosing import estimator_of
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.cli._exporting import export
 from backsight.cli._options import Force, Outside
+from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
 
 SHORT = {"help_option_names": ["-h", "--help"]}
@@ -156,6 +157,7 @@ def check(
         raise typer.Exit(1)
 
 
+app.command()(tune)
 app.command()(export)
 
 

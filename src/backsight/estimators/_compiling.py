@@ -27,6 +27,7 @@ from backsight.estimators.around.virtual import (
 from backsight.estimators.around.virtual_bands import Surroundings
 from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.varied_noise import VariedNoise
 from backsight.models.model import Model
 from backsight.schema import WEIGHT, Status
 from backsight.types import Array
@@ -45,6 +46,8 @@ class Compilable(Description, abc.ABC):
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
     noise_states: ClassVar[bool] = False
     """Whether it is right for noise as states, see `backsight.estimators.around.noise_states`."""
+    varies_noise: ClassVar[bool] = False
+    """Whether inputs may multiply its process noise, see `backsight.estimators.varied_noise`."""
 
     @property
     def assumed(self) -> tuple[Noise, Prior]:
@@ -106,6 +109,16 @@ class Compilable(Description, abc.ABC):
         """Whether the noise of a sample changes its covariance only, not how it is corrected."""
         return False
 
+    def varied(self, *, parameters: bool) -> Compilable:  # noqa: ARG002 - itself mostly
+        """Return the method that finds the same while values of noise and model are inputs.
+
+        Parameters
+        ----------
+        parameters : bool
+            Whether parameters of the model are among them: a linear model is then none any more.
+        """
+        return self
+
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
         if "compile" in vars(cls):
@@ -125,6 +138,10 @@ class Compilable(Description, abc.ABC):
         rule = self.outliers
         if rule is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
+        noise = getattr(self, "noise", None)
+        able = self.varies_noise and not self.constant_gain
+        if isinstance(noise, VariedNoise) and (not able or noise.beyond_additive):
+            raise TuningError(f"{self.title} takes no process noise that inputs multiply")
         plain = on_circle(self.plain(model, dt), model)
         return plain if rule is None else robust(plain, rule)
 

@@ -74,7 +74,7 @@ class Written:
         return own | self.kernels
 
 
-def written(
+def code_of(
     estimator: AbstractEstimator,
     model: Model,
     recording: xr.Dataset,

@@ -15,7 +15,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.export._cpp import cpp_header
 from backsight.export._readme import readme
 from backsight.export._selftest import Vectors, selftest
-from backsight.export._written import Written, written
+from backsight.export._written import Written, code_of
 from backsight.models.model import Model
 from backsight.output import whole
 
@@ -81,7 +81,7 @@ def export_c(
         If the folder cannot be written, or holds files of the same names that are not from an
         earlier export.
     """
-    code = written(
+    code = code_of(
         estimator,
         model,
         recording,

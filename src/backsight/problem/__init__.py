@@ -59,6 +59,12 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     [reference]                   # [known values, for errors]
     M = 95.1
 
+    [tune]                        # [what `backsight tune` finds]
+    free = ["sigma_y", "sigma_w"] # [or { name, spread, sigma, per, options }]
+    estimator = "EKF"             # [the first that can if not given]
+    criterion = { kind = "Likelihood" }             # [or "Prediction", "Whiteness"]
+    recordings = ["second.csv"]   # [further ones, with the same columns]
+
     [output]
     report = true                 # [whether to write the page]
 """
@@ -66,3 +72,4 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
 from backsight.problem.problem import Problem as Problem
 from backsight.problem.reading.loading import load as load
 from backsight.problem.running import run_problem as run_problem
+from backsight.problem.tuning import tune_problem as tune_problem

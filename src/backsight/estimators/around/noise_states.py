@@ -141,7 +141,8 @@ def without_noise_states(plain: Recursion, nx: int, *, raised: Status) -> Recurs
         _of_states(c, value, nx) + (int(raised) if c.name == "status" else 0)
         for c, value in zip(plain.channels, values, strict=True)
     ]
-    return dataclasses.replace(plain, step=ca.Function(plain.name, data, [carry, *cut]))
+    step = ca.Function(plain.name, data, [carry, *cut])
+    return dataclasses.replace(plain, step=step, start=None)
 
 
 def _of_states(channel: Channel, value: ca.MX, nx: int) -> ca.MX:

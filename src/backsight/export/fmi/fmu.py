@@ -17,7 +17,7 @@ import xarray as xr
 from backsight.description import checked
 from backsight.errors import EngineError, OutputError
 from backsight.estimators.base import AbstractEstimator
-from backsight.export._written import Written, written
+from backsight.export._written import Written, code_of
 from backsight.export.fmi._build import TARGETS, Platform, build, library_name, this_machine
 from backsight.export.fmi._description import build_description, model_description, terminals
 from backsight.export.fmi._model_header import model_header
@@ -97,7 +97,7 @@ def export_fmu(
     wanted = list(dict.fromkeys([this_machine()] if platforms is None else platforms))
     if unknown := [p for p in wanted if p not in TARGETS]:
         raise EngineError(f"FMUs are not made for {unknown[0]}: choose from {', '.join(TARGETS)}")
-    code = written(estimator, model, recording, name=name, names=tunable, restart=restart)
+    code = code_of(estimator, model, recording, name=name, names=tunable, restart=restart)
     return write_whole(target, _archive(_content(code, wanted)))
 
 

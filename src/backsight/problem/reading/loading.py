@@ -65,6 +65,9 @@ def load(path: str | os.PathLike[str]) -> Problem:
         if name not in states:
             hint = nearest(name, states)
             raise ProblemError(f"reference.{name}: the model has no state '{name}', {hint}")
+    if table.tune.estimator is not None and table.tune.estimator not in table.estimators:
+        hint = nearest(table.tune.estimator, table.estimators)
+        raise ProblemError(f"tune.estimator: there is no '{table.tune.estimator}', {hint}")
     return Problem(
         title=table.title or file.stem,
         path=file,
@@ -74,6 +77,7 @@ def load(path: str | os.PathLike[str]) -> Problem:
         estimators={n: _estimator(n, e, table, model) for n, e in table.estimators.items()},
         smoothed=frozenset(name for name, e in table.estimators.items() if e.smooth),
         reference=table.reference,
+        tune=table.tune,
         report=table.output.report,
         covariance=table.output.covariance,
     )

@@ -244,6 +244,28 @@ class OutputTable(StrictTable):
     covariance: bool = False
 
 
+class FreeTable(ShortTable):
+    """An entry of ``tune.free``: a value that is found, or options of which one is chosen."""
+
+    alone = "name"
+
+    name: str
+    spread: float | None = None
+    sigma: float | None = None
+    per: Literal["all", "recording"] | list[str] = "all"
+    options: list[int | float | str] = []
+
+
+class TuneTable(StrictTable):
+    """``[tune]``: what `backsight tune` finds, and what it found last time."""
+
+    free: list[FreeTable] = []
+    estimator: str | None = None
+    criterion: dict[str, Any] = {}
+    recordings: list[str] = []
+    found: dict[str, dict[str, Any]] = {}
+
+
 class ProblemTable(StrictTable):
     """The whole file."""
 
@@ -261,4 +283,5 @@ class ProblemTable(StrictTable):
     integrator: dict[str, Any] = {}
     estimators: dict[str, EstimatorTable] = pydantic.Field(min_length=1)
     reference: dict[str, float] = {}
+    tune: TuneTable = TuneTable()
     output: OutputTable = OutputTable()
