@@ -9,7 +9,7 @@ import pytest
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import EngineError
-from backsight.estimators import EKF, MHE, MHO
+from backsight.estimators import EKF, MHE, MHO, UKF
 from backsight.estimators.kalman import KalmanFilter
 from backsight.estimators.uncertainty import Noise
 from backsight.export import export_c
@@ -67,6 +67,29 @@ def test_noise_and_parameters_of_the_target(method, tmp_path):
     ran = run_changed(tmp_path / "a", tmp_path / "b", settings)
     assert ran.returncode == 0, ran.stdout
     # And the values of the export are something else.
+    assert run_changed(tmp_path / "a", tmp_path / "b", {}).returncode == 1
+
+
+@needs_compiler
+@pytest.mark.parametrize("key", ["ekf", "ukf"])
+def test_random_walks_of_the_target(key, tmp_path):
+    problem = TrialProblem()
+    method = {"ekf": EKF, "ukf": UKF}[key]
+    recording, fixed = recorded(problem), {"integrator": Integrator("rk4", 2)}
+    sigma = {"position": 0.01, "speed": 0.1}
+    # With scales given, both estimators round alike.
+    model = TrialProblem(scales={"q": 0.05, "v": 0.5, "k": 40.0}).model
+
+    def export(name, walk, **given):
+        estimator = method(Noise(sigma_y=sigma, sigma_w=walk), problem.prior, **fixed)
+        export_c(estimator, model, recording, tmp_path / name, **given)
+
+    export("a", {"q": 1e-3, "v": 2e-2}, tunable=["sigma_w", "b"])
+    export("b", {"q": 2e-3, "v": 1e-2})
+    # The self-test of the other has no settings but those of its sensors.
+    settings = {"sigma_w[0]": 2e-3, "sigma_w[1]": 1e-2}
+    ran = run_changed(tmp_path / "a", tmp_path / "b", settings)
+    assert ran.returncode == 0, ran.stdout
     assert run_changed(tmp_path / "a", tmp_path / "b", {}).returncode == 1
 
 

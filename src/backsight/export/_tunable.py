@@ -1,36 +1,35 @@
 """Values that stay changeable in exported code: they are inputs of the step, with defaults.
 
 Standard deviations of sensors divide the weights of the sample, as `sigma_factor` of a recording
-does; parameters of the model are inputs of it. Everything else is what it was.
+does; parameters of the model, and factors of the random walks, are inputs of it. Everything else is
+what it was.
 """
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import vech
 from backsight.engine import vm
 from backsight.engine.c99 import SettingsField
 from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, EngineError, nearest
 from backsight.estimators.base import AbstractEstimator, setting
+from backsight.estimators.uncertainty import Noise
+from backsight.estimators.varied_noise import NoisePart, VariedNoise
+from backsight.export._opened import PARAMETERS, SIGMA, WALK, opened_step
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.models.structures import forces_as_inputs
 from backsight.types import Array
 
-SIGMA = "sigma_y"
-"""Field of the standard deviations of the sensors, and the word that asks for them."""
-
-PARAMETERS = "parameters"
-"""Field of the parameters of the model."""
-
 DEVIATION = 1e-9
 """Largest deviation of an output that making values changeable may bring, of its largest value."""
 
-DATA = ("u", "y", "mask")
+FACTOR = "factor_of_"
+"""Begin of the names of inputs that multiply random walks."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,6 +67,16 @@ def weighs(estimator: AbstractEstimator) -> bool:
     return estimator.weighs and not estimator.constant_gain and not estimator.delay
 
 
+def varies(estimator: AbstractEstimator) -> bool:
+    """Whether the random walks of its states may be changed while it runs."""
+    try:
+        noise = estimator.assumed[0]
+    except BacksightError:
+        return False
+    able = estimator.varies_noise and not estimator.constant_gain
+    return able and noise.sigma_w is not None and not noise.beyond_additive
+
+
 def tunable(
     estimator: AbstractEstimator,
     model: Model,
@@ -83,7 +92,8 @@ def tunable(
     ----------
     estimator, model, dt
     names : sequence of str, optional
-        ``"sigma_y"`` and parameters of the model; by default the first, where the estimator can.
+        ``"sigma_y"``, ``"sigma_w"`` and parameters of the model; by default the first, where the
+        estimator can.
     data : sequence of array
         u, y and mask of samples on which the results must stay what they are.
     restart : bool
@@ -97,13 +107,16 @@ def tunable(
     plain = estimator.compile(model, dt)
     wanted = [SIGMA] * weighs(estimator) if names is None else list(dict.fromkeys(names))
     _check(wanted, estimator, model)
-    parameters = [n for n in wanted if n != SIGMA]
-    inner = _with_parameters(estimator, model, dt, parameters) if parameters else plain
+    parameters = [n for n in wanted if n not in (SIGMA, WALK)]
+    walks = _walks(estimator, model) if WALK in wanted else ()
+    inner = _with_inputs(estimator, model, dt, parameters, walks) if parameters or walks else plain
     if restart:
         plain, inner = plain.restarting(), inner.restarting()
     signals = {}
     if SIGMA in wanted:
         signals[SIGMA] = _sensors(estimator, model)
+    if walks:
+        signals[WALK] = walks
     if parameters:
         known = {s.name: s for s in model.parameters}
         signals[PARAMETERS] = tuple(known[n] for n in parameters)
@@ -112,19 +125,25 @@ def tunable(
         for name, group in signals.items()
     )
     R = estimator.assumed[0].measurement(model) if SIGMA in wanted else np.zeros((0, 0))
-    opened = dataclasses.replace(inner, step=_opened(inner, model, signals, R))
+    opened = dataclasses.replace(inner, step=opened_step(inner, model, signals, R))
     found = Tunable(plain, opened, fields, signals)
-    if parameters:
-        _compare(found, data, parameters)
+    if parameters or walks:
+        _compare(found, data, [*parameters, *([WALK] if walks else [])])
     return found
 
 
 def _check(wanted: Sequence[str], estimator: AbstractEstimator, model: Model) -> None:
-    known = [SIGMA] * weighs(estimator) + [s.name for s in model.parameters]
+    known = [SIGMA] * weighs(estimator) + [WALK] * varies(estimator)
+    known += [s.name for s in model.parameters]
     for name in wanted:
         if name == SIGMA and not weighs(estimator):
             raise EngineError(
                 f"{estimator.title} has no noise of its sensors that could be changed while it runs"
+            )
+        if name == WALK and not varies(estimator):
+            raise EngineError(
+                f"{estimator.title} has no sigma_w that could be changed while it runs; filters "
+                "whose noise is given as sigma_w have, but not with a constant gain"
             )
         if name not in known:
             raise EngineError(f"'{name}' cannot be made changeable: {nearest(name, known)}")
@@ -140,24 +159,62 @@ def _label(signal: Signal) -> str:
     return f"{signal.name} [{signal.unit}]" if signal.unit else signal.name
 
 
-def _with_parameters(
-    estimator: AbstractEstimator, model: Model, dt: float, names: Sequence[str]
+def _walks(estimator: AbstractEstimator, model: Model) -> tuple[Signal, ...]:
+    sigma = np.sqrt(np.diag(estimator.assumed[0].process(model)))
+    pairs = zip(model.states, sigma, strict=True)
+    return tuple(Signal(s.unit, value=float(v), name=s.name) for s, v in pairs if v > 0)
+
+
+def _with_inputs(
+    estimator: AbstractEstimator,
+    model: Model,
+    dt: float,
+    names: Sequence[str],
+    walks: Sequence[Signal],
 ) -> Recursion:
-    """The recursion whose last inputs are parameters of the model."""
+    """The recursion whose last inputs are parameters, and factors of the random walks."""
     chosen = estimator.chosen(model, dt)
-    if chosen is not None and chosen.scheme == "exact":
+    if names and chosen is not None and chosen.scheme == "exact":
         raise EngineError(
             f"{', '.join(names)} cannot be made changeable: the model is carried by its matrix "
             "exponential, which is computed here; give the estimator integrator = 'rk4'"
         )
-    wide = forces_as_inputs(_with_scales(estimator, model, dt), names)
-    fixed = (
-        estimator if chosen is None else dataclasses.replace(estimator, integrator=chosen)  # type: ignore[call-arg]
-    )
+    wide = _with_scales(estimator, model, dt)
+    wide = forces_as_inputs(wide, names) if names else wide
+    changes: dict[str, Any] = {} if chosen is None else {"integrator": chosen}
+    if walks:
+        wide = _with_idle_inputs(wide, [FACTOR + s.name for s in walks])
+        changes["noise"] = _varied(estimator.assumed[0], model, walks)
     try:
-        return fixed.compile(wide, dt)
+        return dataclasses.replace(estimator, **changes).compile(wide, dt)
     except BacksightError as error:
-        raise EngineError(f"{', '.join(names)} cannot be made changeable: {error}") from error
+        what = ", ".join([*names, *([WALK] if walks else [])])
+        raise EngineError(f"{what} cannot be made changeable: {error}") from error
+
+
+def _with_idle_inputs(model: Model, names: Sequence[str]) -> Model:
+    """The model with further inputs that do nothing in it."""
+    x, p = ca.SX.sym("x", model.nx), ca.SX.sym("p", len(model.parameters))
+    u = ca.SX.sym("u", model.nu + len(names))
+    given = [x, u[: model.nu], p]
+    return dataclasses.replace(
+        model,
+        f=ca.Function("f", [x, u, p], model.f.call(given)),
+        h=ca.Function("h", [x, u, p], model.h.call(given)),
+        inputs=(*model.inputs, *(Signal(name=n) for n in names)),
+    )
+
+
+def _varied(noise: Noise, model: Model, walks: Sequence[Signal]) -> VariedNoise:
+    """The noise with random walks that inputs multiply, see `backsight.estimators.varied_noise`."""
+    index = {s.name: i for i, s in enumerate(model.states)}
+    parts = []
+    for walk in walks:
+        Q = np.zeros((model.nx, model.nx))
+        Q[index[walk.name], index[walk.name]] = walk.value**2
+        parts.append(NoisePart(FACTOR + walk.name, Q=Q))
+    fields = {f.name: getattr(noise, f.name) for f in dataclasses.fields(noise)}
+    return VariedNoise(**{**fields, "sigma_w": None}, parts=tuple(parts))
 
 
 def _with_scales(estimator: AbstractEstimator, model: Model, dt: float) -> Model:
@@ -175,54 +232,6 @@ def _with_scales(estimator: AbstractEstimator, model: Model, dt: float) -> Model
     return dataclasses.replace(
         model, states=sized(model.states, s.sx), outputs=sized(model.outputs, s.sy)
     )
-
-
-def _opened(
-    inner: Recursion, model: Model, signals: dict[str, tuple[Signal, ...]], R: Array
-) -> ca.Function:
-    """The step with the settings as inputs of their own, before the data."""
-    sizes = {
-        "carry": len(inner.carry0),
-        **{name: len(group) for name, group in signals.items()},
-        **dict(zip(DATA, (model.nu, model.ny, model.ny), strict=True)),
-    }
-    given = {name: ca.MX.sym(name, size) for name, size in sizes.items()}
-    u, mask = given["u"], given["mask"]
-    if PARAMETERS in given:
-        u = ca.vertcat(u, given[PARAMETERS])
-    if SIGMA in given:
-        mask = _weights(R)(mask, given[SIGMA])
-    results = inner.step.call([given["carry"], u, given["y"], mask], True, False)
-    if SIGMA in given:
-        where = 1 + [c.name for c in inner.channels].index("S")
-        results[where] = _unmeasured(R)(results[where], given["mask"], given[SIGMA])
-    outputs = [f"o{i}" for i in range(len(results))]
-    return ca.Function(inner.name, list(given.values()), results, list(given), outputs)
-
-
-def _weights(R: Array) -> ca.Function:
-    """Weights of a sample whose sensors have other standard deviations than the nominal ones."""
-    mask, sigma = ca.SX.sym("mask", len(R)), ca.SX.sym("sigma", len(R))
-    return ca.Function("weights", [mask, sigma], [mask * (_nominal(R) / sigma)])
-
-
-def _unmeasured(R: Array) -> ca.Function:
-    """Covariance of the innovation of outputs that were not measured, which have no weight.
-
-    A weight w makes R_ij of it R_ij / (w_i w_j); without one the nominal noise is in it.
-    """
-    n = len(R)
-    S, mask = ca.SX.sym("S", n * (n + 1) // 2), ca.SX.sym("mask", n)
-    sigma = ca.SX.sym("sigma", n)
-    hidden = ca.logic_not(mask > 0)
-    is_ = sigma / _nominal(R) / ca.if_else(hidden, 1, mask)
-    was = ca.if_else(hidden, 1, is_)
-    added = ca.SX(R) * (is_ @ is_.T - was @ was.T)
-    return ca.Function("unmeasured", [S, mask, sigma], [ca.densify(S + vech(added))])
-
-
-def _nominal(R: Array) -> ca.SX:
-    return ca.SX(ca.DM(np.sqrt(np.diag(R))))
 
 
 def _compare(found: Tunable, data: Sequence[Array], parameters: Sequence[str]) -> None:

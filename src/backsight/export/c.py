@@ -57,8 +57,9 @@ def export_c(
         accuracy; the self-test says how much.
     tunable : sequence of str, optional
         What may be changed on the controller: ``"sigma_y"``, the standard deviations of the sensors
-        (by default, where the estimator takes them from sample to sample), and parameters of the
-        model. They are in a struct of settings; the exported values are its defaults.
+        (by default, where the estimator takes them from sample to sample), ``"sigma_w"``, the
+        random walks of a filter, and parameters of the model. They are in a struct of settings; the
+        exported values are its defaults.
     restart : bool
         After a sample whose estimate is not finite start anew from the prior; the status of that
         sample says so.

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from backsight.engine.c99 import Precision
 from backsight.estimators.outliers import DOUBTED
-from backsight.export._tunable import PARAMETERS, SIGMA
+from backsight.export._opened import PARAMETERS, SIGMA, WALK
 from backsight.export._written import Written
 from backsight.export.fmi._variables import Variable
 
@@ -17,7 +17,8 @@ def model_header(code: Written, found: Sequence[Variable], token: str) -> str:
     first_output = next(v.reference for v in found if v.causality == "output")
     counts = {field: len(signals) for field, signals in code.open.signals.items()}
     model, channels = code.model, [c.name for c in code.recursion.channels]
-    sigmas, parameters = counts.get(SIGMA, 0), counts.get(PARAMETERS, 0)
+    sigmas = counts.get(SIGMA, 0) + counts.get(WALK, 0)
+    parameters = counts.get(PARAMETERS, 0)
     u = 1 + sigmas + parameters
     e = next(v.reference for v in found if v.source == "e[0]")
     weight = next((v.reference for v in found if v.source == "weight[0]"), 0)

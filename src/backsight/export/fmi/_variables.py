@@ -11,7 +11,7 @@ from backsight.algebra.symmetric import side
 from backsight.engine.recursion import Channel
 from backsight.errors import BacksightError, EngineError
 from backsight.estimators.base import ESTIMATE_CHANNELS
-from backsight.export._tunable import PARAMETERS, SIGMA
+from backsight.export._opened import PARAMETERS, SIGMA, WALK
 from backsight.export._written import Written, one_line
 from backsight.models.signals import Signal
 from backsight.types import Array
@@ -91,9 +91,10 @@ def _drafts(code: Written) -> Iterator[Variable]:
 def _parameters(code: Written) -> Iterator[Variable]:
     about = {
         SIGMA: "standard deviation of the measurement",
+        WALK: "standard deviation of the random walk in a sample",
         PARAMETERS: "parameter of the model",
     }
-    group = {SIGMA: SIGMA, PARAMETERS: "parameter"}
+    group = {SIGMA: SIGMA, WALK: WALK, PARAMETERS: "parameter"}
     for field, signals in code.open.signals.items():
         for s in signals:
             name = structured(group[field], s.name)
