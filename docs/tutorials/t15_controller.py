@@ -53,7 +53,10 @@ print(header[header.index("/* What may be changed") : header.index("/* Process o
 # What a step costs at most
 # -------------------------
 
-print(*(line for line in (tuned / "README.md").read_text().splitlines() if "at most" in line), sep="\n")
+print(
+    *(line for line in (tuned / "README.md").read_text().splitlines() if "at most" in line),
+    sep="\n",
+)
 
 # %%
 # Into a system simulation
