@@ -7,7 +7,6 @@ import subprocess
 import casadi as ca
 import numpy as np
 import pytest
-from backsight.models.views.virtual import with_virtual
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.c99 import Precision
@@ -16,10 +15,14 @@ from backsight.errors import DataError, EngineError
 from backsight.estimators import EKF, MHO
 from backsight.estimators.outliers import StudentT
 from backsight.export import export_c
+from backsight.models.views.virtual import with_virtual
 from backsight.solvers.box import GaussNewton
 from backsight.testing import CASES, TrialProblem
 
-STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1"]
+STRICT = [
+    "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Wdouble-promotion",
+    "-Wvla", "-Werror", "-O1",
+]  # fmt: skip
 COMPILER = shutil.which("cc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="needs a C compiler called cc")
 
