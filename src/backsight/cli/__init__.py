@@ -15,7 +15,7 @@ import typer
 
 from backsight.cli import _recordings
 from backsight.cli._console import bar, say, tell, told, warn, width
-from backsight.cli._options import Force, Outside
+from backsight.cli._options import Env, Force, Out, Outside
 from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
 
@@ -40,8 +40,6 @@ app.add_typer(study, name="study")
 app.command("columns")(_recordings.show_columns)
 app.command("init")(_recordings.write_problem)
 
-Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
-
 
 @app.callback(invoke_without_command=True)
 def main(
@@ -65,6 +63,7 @@ def run_file(
     out: Out,
     force: Force = False,
     outside: Outside = None,
+    env: Env = None,
 ) -> None:
     """Run the estimators of a problem file over its recording and compare them.
 
@@ -89,6 +88,7 @@ def run_file(
                 tell=warn,
                 force=force,
                 outside=outside or (),
+                env=env or (),
             )
         say(f"{read.title}\n\n{results.table(read.reference, width=width())}\n")
         for sentence in results.verdicts(read.reference):
@@ -110,6 +110,7 @@ def check(
         typer.Option(help="Estimator that should equal the Kalman filter on the linearised model."),
     ] = None,
     outside: Outside = None,
+    env: Env = None,
 ) -> None:
     """Say whether the recording can show what is asked for, and which sensor would help.
 
@@ -131,7 +132,7 @@ def check(
 
         read = load(problem)
         chosen = None if certify is None else _estimator(certify, read.estimators)
-        data = recording_of(read, outside=outside or ())
+        data = recording_of(read, outside=outside or (), env=env or ())
         found = seeing.examine(read, data)
         timing = aligned(read.estimators, read.model, data)
         bands = expected(read.estimators, read.model, data) if found.observable else None
@@ -174,6 +175,7 @@ def export(
     precision: Annotated[str, typer.Option(help="double or float.")] = "double",
     force: Force = False,
     outside: Outside = None,
+    env: Env = None,
 ) -> None:
     """Write an estimator as C99 for a controller, with a self-test from the recording."""
     with told():
@@ -185,7 +187,7 @@ def export(
         export_c(
             _estimator(estimator, read.estimators),
             read.model,
-            recording_of(read, outside=outside or ()),
+            recording_of(read, outside=outside or (), env=env or ()),
             out,
             name=name or _prefix(estimator),
             # Which words there are is the function's to say.
