@@ -20,7 +20,7 @@ from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
 from backsight.estimators._compiling import Spread as Spread
-from backsight.estimators.sizes import with_scales
+from backsight.estimators._sizes import with_scales
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import ScaledPart, scaled_parts
 from backsight.kernels import library
