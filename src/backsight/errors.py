@@ -9,7 +9,8 @@ from typing import Self
 class BacksightError(Exception):
     """Base of all errors that a user can mend; the command line shows them in one line.
 
-    Of a message that would fill pages, as when thousands of keys are wrong, the beginning is kept.
+    Of a message that would fill pages, as when thousands of keys are wrong, the beginning and the
+    end are kept.
     """
 
     bare: str | None = None
@@ -77,12 +78,18 @@ class EstimationError(BacksightError):
 LONGEST = 1900
 """Characters of a message at most."""
 
+_END = 300
+"""Those of its end."""
+
 
 def shortened(message: str) -> str:
-    """Cut a message that nobody would read to the end, and say so."""
+    """Cut the middle of a message that nobody would read, and say so.
+
+    The end stays: behind a path of thousands of characters stands what is wrong with it.
+    """
     if len(message) <= LONGEST:
         return message
-    return f"{message[:LONGEST]}… (cut: {len(message)} characters)"
+    return f"{message[: LONGEST - _END]}… (cut: {len(message)} characters) …{message[-_END:]}"
 
 
 def printable(text: str) -> str:

@@ -49,6 +49,30 @@ def test_missing_recording_says_where_to_get_it(refused, monkeypatch):
     assert "the library of springs" in told
 
 
+@pytest.mark.parametrize("value", ["/somewhere", None])
+def test_a_file_cannot_ask_what_the_environment_holds(refused, monkeypatch, value):
+    if value is None:
+        monkeypatch.delenv("MY_TOKEN", raising=False)
+    else:
+        monkeypatch.setenv("MY_TOKEN", value)
+    told = refused(changed('path = "spring.csv"', 'path = "${MY_TOKEN}/spring.csv"'))
+    assert "asks for the environment variable MY_TOKEN; allow it with --env MY_TOKEN" in told
+    assert "set" not in told
+    assert "/somewhere" not in told
+
+
+@pytest.mark.parametrize("command", ["run", "check"])
+def test_a_variable_is_used_when_the_user_allows_it(backsight, tmp_path, monkeypatch, command):
+    monkeypatch.setenv("MY_DATA", str(tmp_path))
+    path = small_problem.write(
+        tmp_path, changed('path = "spring.csv"', 'path = "${MY_DATA}/missing.csv"')
+    )
+    out = ("--out", tmp_path / "out") if command == "run" else ()
+    code, _, told = backsight(command, path, *out, "--env", "MY_DATA")
+    assert code == 2
+    assert f"there is no file '{tmp_path / 'missing.csv'}'" in told
+
+
 def test_missing_column(refused):
     told = refused(changed('column = "place"', 'column = "plaice"'))
     assert "no column 'plaice'" in told

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backsight.data import from_arrays, merge, resample
+from backsight.data import from_arrays, merge, resample, to_grid
 from backsight.data.recording import Group, with_truth
 from backsight.errors import DataError
 
@@ -120,3 +120,12 @@ def test_what_cannot_be_merged_is_refused():
         shifted = time + shift + np.array([1e-4, -1e-4, 0, 0, 2e-4])
         with pytest.raises(DataError, match="fall on the same time"):
             merge(a, recording(shifted, b=time))
+
+
+@pytest.mark.parametrize("again", [resample, to_grid])
+@pytest.mark.parametrize(
+    ("dt", "says"), [(1e-12, "claims .* of memory are needed"), (5e-324, "inf samples")]
+)
+def test_a_period_beyond_all_memory_is_refused_before_anything_is_taken(again, dt, says):
+    with pytest.raises(DataError, match=rf"{again.__name__}: .*{says}"):
+        again(recording(np.arange(5) * 10.0, q=np.zeros(5)), dt)

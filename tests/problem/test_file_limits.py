@@ -6,9 +6,10 @@ import time
 import pytest
 
 import small_problem
-from backsight.errors import ProblemError
+from backsight.errors import DataError, ProblemError
 from backsight.problem import load
 from backsight.problem.reading import _room as limits
+from backsight.problem.recorded import recording_of
 
 BEYOND = {
     "nested lists": ("reference.k = " + "[" * 10**4 + "]" * 10**4, "deep"),
@@ -16,7 +17,10 @@ BEYOND = {
     "lists that can be read": ("x = " + "[" * 60 + "]" * 60, "more than 32 deep"),
     "dotted key": ("x." * 10**5 + "y = 1", "a key has more than 32 parts"),
     "dotted table": ("[" + "x." * 10**5 + "y]", "a key has more than 32 parts"),
-    "digits": ("reference.z = " + "9" * 5000, "is not TOML"),
+    "digits": (
+        "reference.z = " + "9" * 5000,
+        "is not TOML: a number has thousands",
+    ),
     "bits": ("x = " + "9" * 400, "whole number of 1329 bits"),
     "long key": ("a" * 10**6 + " = 1", "a key has 1000000 characters"),
     "long text": ('x = "' + "x" * 10**6 + '"', "x: has 1000000 characters"),
@@ -63,6 +67,26 @@ def test_a_large_file_is_not_read(tmp_path):
         file.truncate(limits.MOST_BYTES + 1)
     with pytest.raises(ProblemError, match="bytes; the limit is"):
         load(path)
+
+
+@pytest.mark.parametrize(
+    ("more", "key"),
+    [
+        ("[tune]\nfree = [{ nme = 'k' }]", r"tune\.free\.0\.nme: unknown key, did you mean 'name'"),
+        ("[dummy]\nd = { expresion = 'q' }", r"dummy\.d\.expresion: .* mean 'expression'"),
+        ("[dummy]\nd = [{ a = 1 }]", r"dummy\.d\."),
+    ],
+)
+def test_unknown_keys_are_named_wherever_they_are(tmp_path, more, key):
+    with pytest.raises(ProblemError, match=key):
+        load(small_problem.write(tmp_path, f"{small_problem.TEXT}\n{more}\n"))
+
+
+def test_what_is_wrong_with_a_path_of_thousands_of_characters_is_said(tmp_path):
+    text = small_problem.changed('"spring.csv"', f'"{"x" * 5000}.csv"')
+    with pytest.raises(DataError, match=r"x… \(cut: .* characters\) …x.*\.csv': \w+") as caught:
+        recording_of(load(small_problem.write(tmp_path, text)))
+    assert len(str(caught.value)) <= 2000
 
 
 @pytest.mark.parametrize("kind", ["{ a = 1 }", "[1]", "1", "true"])

@@ -106,7 +106,7 @@ def test_the_recording_is_read_as_the_file_says(tmp_path, monkeypatch):
     text = text.replace('column = "place"', 'column = "place", factor = 2.0, offset = 1.0')
     text = text.replace('time = "t"', 'time = { column = "t", factor = 10.0 }')
     problem = load(small_problem.write(tmp_path, text))
-    results = run_problem(problem, tmp_path / "out", progress=lambda *_: None)
+    results = run_problem(problem, tmp_path / "out", progress=lambda *_: None, env=["MY_DATA"])
     table = small_problem.table()
     kept = 10 * table[:, 0] >= 0.5
     np.testing.assert_allclose(results["EKF"]["y"].values[:, 0], 2 * table[kept, 2] + 1)

@@ -96,6 +96,7 @@ def test_the_problem_file_has_the_last_word_on_noise(folder):
         ('name = "M"', 'format = "excel"', "format"),
         ('"1:RZ"]\nc', '"1:RX"]\nc', "fixed is at the coordinate '1:RX': did you mean '1:RZ'"),
         ("[0.1, 1e-5]", "[0.1]", "model.rayleigh"),
+        ("[noise]", "[noise]\nsigma_y = 2", "noise.sigma_y: must be a table, not 2"),
     ],
 )
 def test_what_is_wrong_is_said(old, new, message, folder):

@@ -15,7 +15,7 @@ from backsight.cli import _recordings
 from backsight.cli._choosing import estimator_of
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.cli._exporting import export
-from backsight.cli._options import Force, Outside
+from backsight.cli._options import Env, Force, Out, Outside
 from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
 
@@ -36,8 +36,6 @@ study = typer.Typer(
 app.add_typer(study, name="study")
 app.command("columns")(_recordings.show_columns)
 app.command("init")(_recordings.write_problem)
-
-Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -62,6 +60,7 @@ def run_file(
     out: Out,
     force: Force = False,
     outside: Outside = None,
+    env: Env = None,
 ) -> None:
     """Run the estimators of a problem file over its recording and compare them.
 
@@ -86,6 +85,7 @@ def run_file(
                 tell=warn,
                 force=force,
                 outside=outside or (),
+                env=env or (),
             )
         say(f"{read.title}\n\n{results.table(read.reference, width=width())}\n")
         for sentence in results.verdicts(read.reference):
@@ -107,6 +107,7 @@ def check(
         typer.Option(help="Estimator that should equal the Kalman filter on the linearised model."),
     ] = None,
     outside: Outside = None,
+    env: Env = None,
 ) -> None:
     """Say whether the recording can show what is asked for, and which sensor would help.
 
@@ -128,7 +129,7 @@ def check(
 
         read = load(problem)
         chosen = None if certify is None else estimator_of(certify, read.estimators)
-        data = recording_of(read, outside=outside or ())
+        data = recording_of(read, outside=outside or (), env=env or ())
         found = seeing.examine(read, data)
         timing = aligned(read.estimators, read.model, data)
         bands = expected(read.estimators, read.model, data) if found.observable else None

@@ -8,7 +8,7 @@ import typer
 
 from backsight.cli._choosing import estimator_of
 from backsight.cli._console import say, told
-from backsight.cli._options import Force, Outside
+from backsight.cli._options import Env, Force, Outside
 
 if TYPE_CHECKING:
     from backsight.export.fmi import Platform
@@ -41,6 +41,7 @@ def export(
     ] = None,
     force: Force = False,
     outside: Outside = None,
+    env: Env = None,
 ) -> None:
     """Write an estimator as C99 for a controller, with a self-test from the recording.
 
@@ -58,7 +59,7 @@ def export(
             raise EngineError("--platform is for FMUs: add --fmi")
         read = load(problem)
         chosen = estimator_of(estimator, read.estimators)
-        recording = recording_of(read, outside=outside or ())
+        recording = recording_of(read, outside=outside or (), env=env or ())
         prefix = name or _prefix(estimator)
         if fmi:
             export_fmu(

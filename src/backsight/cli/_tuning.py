@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from backsight.cli._console import bar, say, told
-from backsight.cli._options import Force, Outside
+from backsight.cli._options import Env, Force, Outside
 
 
 def tune(
@@ -18,6 +18,7 @@ def tune(
     page: Annotated[Path | None, typer.Option(help="Page with before and after (HTML).")] = None,
     force: Force = False,
     outside: Outside = None,
+    env: Env = None,
 ) -> None:
     """Find noise, prior, parameters and settings from the recording alone.
 
@@ -38,6 +39,7 @@ def tune(
                 page=page,
                 force=force,
                 outside=outside or (),
+                env=env or (),
                 progress=lambda share: advance("passes", share),
             )
         say(f"{read.title}\n\n{found.tuned}\n")

@@ -1,5 +1,7 @@
 """Change the sampling period of a recording."""
 
+import math
+
 import numpy as np
 import xarray as xr
 
@@ -14,6 +16,9 @@ SAME = 1e-6
 
 MOST_MOVED = 0.1
 """How far a sample may be moved to a grid, by the usual interval."""
+
+MOST_SAMPLES = 1e15
+"""Samples whose times can still be told from each other."""
 
 GAP = 3.0
 """Samples further apart than this, in periods, have lost some between them."""
@@ -45,11 +50,12 @@ def resample(recording: xr.Dataset, dt: float) -> xr.Dataset:
     Raises
     ------
     DataError
-        If `dt` is not positive or the recording is shorter than one period.
+        If `dt` is not positive, the recording is shorter than one period, or the new one would not
+        fit into memory.
     """
     check_period(dt, "the sampling period", "resample")
     old = recording.time.to_numpy()
-    n = int((old[-1] - old[0]) / dt + SAME) + 1
+    n = _count(recording, dt, "resample")
     if n < 2:
         raise DataError(f"resample: the recording is shorter than the sampling period of {dt:g} s")
     new = old[0] + dt * np.arange(n)
@@ -97,8 +103,8 @@ def to_grid(recording: xr.Dataset, dt: float) -> xr.Dataset:
     Raises
     ------
     DataError
-        If `dt` is not positive, or so long that samples would be moved by more than a tenth of
-        their usual interval.
+        If `dt` is not positive, so long that samples would be moved by more than a tenth of their
+        usual interval, or so short that the grid would not fit into memory.
 
     Examples
     --------
@@ -110,9 +116,8 @@ def to_grid(recording: xr.Dataset, dt: float) -> xr.Dataset:
     """
     check_period(dt, "the period of the grid", "to_grid")
     old = recording.time.to_numpy()
-    at = np.rint((old - old[0]) / dt)
-    check_room(int(at[-1]) * 8 * (recording.sizes["input"] + recording.sizes["output"]), "the grid")
-    place = at.astype(np.int64)
+    _count(recording, dt, "to_grid")
+    place = np.rint((old - old[0]) / dt).astype(np.int64)
     moved = np.abs(old - (old[0] + dt * place))
     k, usual = int(np.argmax(moved)), float(np.median(np.diff(old)))
     double = np.diff(place) == 0
@@ -139,6 +144,21 @@ def to_grid(recording: xr.Dataset, dt: float) -> xr.Dataset:
         coords={**fixed, "time": ("time", new, recording.time.attrs)},
         attrs={**recording.attrs, "dt": float(dt), "understood": understood},
     )
+
+
+def _count(recording: xr.Dataset, dt: float, where: str) -> int:
+    """How many samples there will be in steps of `dt`; not a byte is taken for them before."""
+    span = float(recording.time[-1]) - float(recording.time[0])
+    steps = span / dt  # of Python's floats: infinity, where NumPy would warn
+    if not steps < MOST_SAMPLES:
+        raise DataError(
+            f"{where}: steps of {dt:g} s over {span:.6g} s are {steps:.3g} samples, and no more "
+            f"than {MOST_SAMPLES:.0e} can be counted; give a longer period"
+        )
+    n = int(steps + SAME) + 1
+    columns = 1 + sum(math.prod(v.shape[1:]) for v in recording.data_vars.values())
+    check_room(n * 8 * columns, f"{where}: with a period of {dt:g} s the recording")
+    return n
 
 
 def _in_gap(at: Array, old: Array, dt: float) -> np.ndarray:

@@ -55,7 +55,8 @@ def discretise_noise(A: ArrayLike, Qc: ArrayLike, *, dt: float) -> tuple[Array, 
     give the rest; they only add positive semidefinite matrices.
     """
     a, q = _checked(A, Qc, dt)
-    _, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+    with np.errstate(invalid="ignore"):  # SciPy makes indices of large scales, too, and drops them
+        _, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
     a, q = a * scale / scale[:, None], q / np.outer(scale, scale)
     doublings = _doublings(float(np.linalg.norm(a, 1)) * dt)
     h = dt / 2**doublings

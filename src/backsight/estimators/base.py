@@ -20,11 +20,11 @@ from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
 from backsight.estimators._compiling import Spread as Spread
+from backsight.estimators._sizes import with_scales
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import ScaledPart, scaled_parts
 from backsight.kernels import library
 from backsight.models.model import Model
-from backsight.models.signals import Signal
 from backsight.models.views.scale import scale
 from backsight.schema import Innovations
 from backsight.types import Array
@@ -251,8 +251,8 @@ def setting(
     typical = np.maximum(np.abs(found["x0"]), spread)
     sized = dataclasses.replace(
         model,
-        states=_with_scales(model.states, typical),
-        outputs=_with_scales(model.outputs, np.sqrt(np.diag(found["R"]))),
+        states=with_scales(model.states, typical),
+        outputs=with_scales(model.outputs, np.sqrt(np.diag(found["R"]))),
     )
     still = np.zeros((1, model.nu))
     sx, su, sy = (
@@ -291,10 +291,3 @@ ESTIMATE_CHANNELS = (
     Channel("status"),
 )
 """Outputs that every estimator has, in this order."""
-
-
-def _with_scales(group: tuple[Signal, ...], typical: Array) -> tuple[Signal, ...]:
-    return tuple(
-        s if s.scale is not None or t == 0 else dataclasses.replace(s, scale=float(t))
-        for s, t in zip(group, typical, strict=True)
-    )

@@ -268,6 +268,9 @@ def _diagonal(
     large = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if not v < LARGEST]
     if large:
         raise TuningError(f"{what} is too large for its square to be a number: {', '.join(large)}")
+    small = [f"{s.name} = {v:g}" for s, v in zip(of, sigma, strict=True) if 0 < v < 1 / LARGEST]
+    if small:
+        raise TuningError(f"{what} is too small for its square to be a number: {', '.join(small)}")
     return np.diag(sigma**2)
 
 

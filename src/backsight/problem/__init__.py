@@ -5,7 +5,7 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     title = "..."                 # [heading of the report]
 
     [recording]
-    path = "drive.csv"            # relative to this file; ${NAME}: environment variable
+    path = "drive.csv"            # relative to this file; ${BACKSIGHT_DATA}: that folder
     source = "..."                # [where to get it, told when it is missing]
     time = "t_s"                  # column of time [s]; or dt = 1e-3
     inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, delay, remove_mean;

@@ -18,26 +18,32 @@ from backsight.signals import high_pass
 
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
+DATA = "BACKSIGHT_DATA"
+"""The environment variable that every problem file may use: it holds nothing but a folder."""
 
-def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Dataset:
+
+def recording_of(
+    problem: Problem, *, outside: Collection[str] = (), env: Collection[str] = ()
+) -> xr.Dataset:
     """Read the recording of a problem, as `backsight.data.read` does.
 
     Several files are brought together by their times, each on its own clock, less its `delay`, as
     `backsight.data.merge` does. Signals are converted to the units of the model. The path is
     relative to the problem file; ``${NAME}`` in it stands for the environment variable. From
-    which other files it may take measurements (`outside`), a problem file cannot say: it may come
-    from elsewhere with the recording.
+    which other files it may take measurements (`outside`), and which variables beside
+    ``BACKSIGHT_DATA`` it may use (`env`), a problem file cannot say: it may come from elsewhere
+    with the recording, and must not find out what the environment holds.
 
     Raises
     ------
     ProblemError
-        If an environment variable is not set, or there is no file and the problem says where to get
-        it.
+        If an environment variable is not allowed or not set, or there is no file and the problem
+        says where to get it.
     DataError
         If the recording cannot be read or is not regular.
     """
     parts = [
-        _read(table, where, problem.path.parent, outside)
+        _read(table, _path(table, where, problem.path.parent, env), where, outside)
         for where, table in problem.recording.files.items()
     ]
     recording = merge(*parts) if len(parts) > 1 else parts[0]
@@ -48,8 +54,7 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
     return found if cutoff is None else high_pass(found, cutoff)
 
 
-def _read(table: FileTable, where: str, folder: Path, outside: Collection[str]) -> xr.Dataset:
-    path = _path(table, where, folder)
+def _read(table: FileTable, path: Path, where: str, outside: Collection[str]) -> xr.Dataset:
     if table.source and not path.exists():
         raise ProblemError(
             f"{where}.path: there is no file '{path}'; where to get it: {table.source}"
@@ -88,9 +93,15 @@ def _read(table: FileTable, where: str, folder: Path, outside: Collection[str]) 
     return recording
 
 
-def _path(table: FileTable, where: str, folder: Path) -> Path:
+def _path(table: FileTable, where: str, folder: Path, env: Collection[str]) -> Path:
     text, source = table.path, table.source
     for name in _VARIABLE.findall(text):
+        # Before anything else is said of it: a refusal must not tell whether it is set.
+        if name not in (DATA, *env):
+            raise ProblemError(
+                f"{where}.path: the file asks for the environment variable {name}; allow it with "
+                f"--env {name} if you trust the file, or write the folder"
+            )
         if not os.environ.get(name):
             hint = f"; where to get it: {source}" if source else ""
             raise ProblemError(

@@ -31,6 +31,7 @@ def run_problem(
     tell: Callable[[str], None] = lambda _: None,
     force: bool = False,
     outside: Collection[str] = (),
+    env: Collection[str] = (),
 ) -> Comparison:
     """Run all estimators of a problem over its recording and write the results.
 
@@ -53,6 +54,8 @@ def run_problem(
         Replace files of these names in the folder that are not from an earlier run.
     outside : collection of str
         Other files from which the recording may take measurements, see `backsight.read`.
+    env : collection of str
+        Environment variables that paths may use beside ``BACKSIGHT_DATA``.
 
     Returns
     -------
@@ -69,7 +72,7 @@ def run_problem(
     """
     names = [ESTIMATES, SUMMARY, *([PAGE] if problem.report else [])]
     with whole(out, names=names, force=force) as folder:
-        data = recording_of(problem, outside=outside)
+        data = recording_of(problem, outside=outside, env=env)
         samples = data.sizes["time"]
         tasks = _ready(problem, data)
         for sentence in doubts(problem, data):

@@ -54,6 +54,7 @@ def tune_problem(
     page: str | os.PathLike[str] | None = None,
     force: bool = False,
     outside: Collection[str] = (),
+    env: Collection[str] = (),
     progress: Callable[[float], None] = lambda _: None,
 ) -> TunedProblem:
     """Tune an estimator of a problem and write the problem with what was found.
@@ -73,7 +74,7 @@ def tune_problem(
         Page with the results of the first recording before and after.
     force : bool
         Replace `out` and `page` if they are there.
-    outside : collection of str
+    outside, env : collection of str
         As for `run_problem`.
     progress : callable
         Told the share of the passes done.
@@ -103,11 +104,11 @@ def tune_problem(
             "tune.recordings: a recording of several files (recording.sources) cannot have others "
             "beside it; tune from Python with the recordings that you have read"
         )
-    recordings = [recording_of(problem, outside=outside)]
+    recordings = [recording_of(problem, outside=outside, env=env)]
     for path in problem.tune.recordings:
         table = problem.recording.model_copy(update={"path": path})
         other = dataclasses.replace(problem, recording=table)
-        recordings.append(recording_of(other, outside=outside))
+        recordings.append(recording_of(other, outside=outside, env=env))
     with at("tune"):
         tuned = fit(
             chosen,

@@ -160,7 +160,7 @@ def _whitened(result: xr.Dataset) -> tuple[Array, Array]:
 
     C = np.where(usable[:, None, None], C, unit)
     z = np.where(usable[:, None], e, 0.0)[:, :, None] / scale[:, :, None]
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no number counts as the largest
         squares = np.sum(z * np.linalg.solve(C, z), axis=(1, 2))
     squares = np.nan_to_num(np.minimum(squares, LARGEST), nan=LARGEST)
     spread = np.where(usable[:, None], eigenvalues, 1.0)

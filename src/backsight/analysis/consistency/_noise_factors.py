@@ -129,13 +129,20 @@ class NoiseFactors(Printed):
         return self.Q_far >= deviations and not 1 / NEAR_Q < self.Q < NEAR_Q
 
 
+# Innovations of an estimate that diverged may be 1e300 deviations long; its status says so.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def noise_factors(path: FilterPath) -> NoiseFactors:
-    """Find the factors that explain the autocovariance of the innovations best."""
+    """Find the factors that explain the autocovariance of the innovations best.
+
+    All are NaN if the innovations are so long that their products are no numbers.
+    """
     products, by_Q, counted = _moments(path.measured())
     settled = slice(len(products) // SETTLE, None)
     products, by_Q, counted = products[settled], by_Q[settled], counted[settled]
     pairs = np.maximum(counted.mean(axis=0), 1e-12)
     goal, of_Q = products.mean(axis=0) / pairs, by_Q.mean(axis=0) / pairs
+    if not np.isfinite([np.square(products).sum(), np.square(of_Q).sum()]).all():
+        return NoiseFactors(*[math.nan] * 7)
     of_both = np.zeros_like(goal)
     of_both[0] = 1.0
     # The variance of a squared innovation is twice that of a product of two independent ones.

@@ -93,6 +93,7 @@ def _runs(active: NDArray[np.bool_], gap: int) -> list[NDArray[np.intp]]:
     return np.split(steps, np.flatnonzero(np.diff(steps) > gap + 1) + 1)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of an estimate that diverged, which is told
 def _impact(
     place: str, time: Array, dt: float, force: Array, std: Array, run: NDArray[np.intp]
 ) -> Impact:

@@ -8,6 +8,7 @@ import numpy as np
 
 from backsight.description import Description, Sound, Unlimited
 from backsight.errors import ModelError, TuningError, nearest
+from backsight.estimators._sizes import LARGEST, SMALLEST
 from backsight.estimators.base import Setting
 from backsight.models.canonical.affine import moving_states
 from backsight.models.signals import vector
@@ -177,6 +178,11 @@ def _row(s: Setting, Q: Array, limit: Limit, weight: float) -> _Row:
         raise TuningError(f"limit '{limit.name}' has no weight that is not zero")
     spread = float(np.sqrt(w @ Q @ w)) if limit.of == "noise" else 0.0
     unit = spread or float(np.abs(w).max())
+    if not SMALLEST < unit < LARGEST:
+        raise TuningError(
+            f"limit '{limit.name}' has weights that make it {unit:g} in size, whose square is no "
+            "number; choose other weights"
+        )
     lower, upper = limit.lower / unit, limit.upper / unit
     nothing = np.zeros(model.nx)
     finite = [abs(v) for v in (lower, upper) if np.isfinite(v)]

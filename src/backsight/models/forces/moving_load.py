@@ -13,6 +13,9 @@ from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.types import Array
 
+_CLOSEST, _FARTHEST = 1e-9, 1e90
+"""Distance of two places at least, by the length of the path, and how long that is at most."""
+
 
 @checked(ModelError)
 def moving_load(
@@ -91,6 +94,13 @@ def moving_load(
     if len(places) < 4 or not np.isfinite(places).all() or (np.diff(places[order]) <= 0).any():
         raise ModelError(
             f"the load '{name}' moves along {len(places)} places; give four or more, all different"
+        )
+    # The spline divides by the third power of the distances.
+    gaps = np.diff(places[order])
+    if gaps.min() < _CLOSEST * gaps.sum() or not 1 / _FARTHEST < gaps.sum() < _FARTHEST:
+        raise ModelError(
+            f"the load '{name}' moves along places that are from {gaps.min():.3g} to "
+            f"{gaps.max():.3g} apart, which is no path; give all in the same unit"
         )
     kept = [s for s in model.parameters if s.name not in along and s.name != name]
     load = known.get(name, Signal(name=name, unit=known[next(iter(along))].unit))

@@ -30,7 +30,9 @@ def put_places(given: dict[str, Any], folder: Path) -> SensorList | None:
         }
         noise = given.setdefault("noise", {})
         if isinstance(noise, dict) and "R" not in noise and listed.noise:
-            noise["sigma_y"] = {**listed.noise, **noise.get("sigma_y", {})}
+            given_there = noise.get("sigma_y", {})
+            if isinstance(given_there, dict):  # what else it is, the check of the table says
+                noise["sigma_y"] = {**listed.noise, **given_there}
     for key in ("forces", "inputs"):
         if isinstance(path := model.get(key), str):
             with at(f"model.{key}"):

@@ -1,6 +1,7 @@
 """Check a table of the file and say in one line what is wrong, by key."""
 
 import contextlib
+import types
 import typing
 from collections.abc import Iterator, Sequence
 from typing import Any, TypeVar
@@ -77,14 +78,26 @@ def _line(error: Any, kind: type[StrictTable], where: str) -> str:
 
 
 def _keys(kind: type[StrictTable], place: Sequence[int | str]) -> list[str]:
-    """Return the keys of the table at a place inside another."""
-    inner: Any = kind
+    """Return the keys of the table at a place inside another, none if there is no table."""
+    inner: list[Any] = [kind]
     for part in place:
-        if isinstance(inner, type) and issubclass(inner, StrictTable):
-            inner = inner.model_fields[str(part)].annotation
-        else:
-            inner = typing.get_args(inner)[-1]
-        options = [a for a in typing.get_args(inner) if isinstance(a, type)]
-        if options and issubclass(options[0], StrictTable):
-            inner = options[0]
-    return list(inner.model_fields)
+        inner = [found for one in inner for found in _inside(one, part)]
+    return [name for one in inner if _is_table(one) for name in one.model_fields]
+
+
+def _inside(kind: Any, part: int | str) -> list[Any]:
+    """What may be at a key of a table, or in a list or a table of any keys."""
+    if not _is_table(kind):
+        return [found for one in typing.get_args(kind)[-1:] for found in _alternatives(one)]
+    # A place also names the alternative that was tried, as MatrixTable: it is where it was.
+    field = kind.model_fields.get(str(part))
+    return [kind] if field is None else _alternatives(field.annotation)
+
+
+def _alternatives(kind: Any) -> list[Any]:
+    of_union = typing.get_origin(kind) in (typing.Union, types.UnionType)
+    return list(typing.get_args(kind)) if of_union else [kind]
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, StrictTable)

@@ -43,8 +43,12 @@ def load(path: str | os.PathLike[str]) -> Problem:
     check_keys(text)
     try:
         given = tomllib.loads(text)
-    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
+    except tomllib.TOMLDecodeError as error:
         raise ProblemError(f"{file} is not TOML: {error}") from None
+    except ValueError:  # of Python, which tells programmers what to do
+        raise ProblemError(
+            f"{file} is not TOML: a number has thousands of digits; whole numbers have 64 bits"
+        ) from None
     except RecursionError:
         raise ProblemError(f"{file}: tables and lists are more than {DEEPEST} deep") from None
     check_tree(given)

@@ -163,7 +163,14 @@ def _hertz(squares: Array) -> str:
 
 def _ritz(M: Sparse, K: Sparse, X: Array) -> tuple[Array, Array, Array]:
     """Rayleigh quotients and vectors in the span of X, and |x|'|K||x| of each."""
-    squares, Q = scipy.linalg.eigh(_symmetric(X.T @ (K @ X)), _symmetric(X.T @ (M @ X)))
+    try:
+        squares, Q = scipy.linalg.eigh(_symmetric(X.T @ (K @ X)), _symmetric(X.T @ (M @ X)))
+    except np.linalg.LinAlgError:
+        masses = M.diagonal()[M.diagonal() > 0]
+        raise ModelError(
+            f"mass is not positive definite for the lowest modes: its diagonal is from "
+            f"{masses.min():.3g} to {masses.max():.3g}; a coordinate without mass has the mass 0"
+        ) from None
     X = X @ Q
     X /= np.sqrt(np.einsum("ij,ij->j", X, M @ X))
     squares = np.einsum("ij,ij->j", X, K @ X)
