@@ -15,6 +15,6 @@ from backsight.run.estimation._smooth import carry_out_smoothing as carry_out_sm
 from backsight.run.estimation._smooth import ready_to_smooth as ready_to_smooth
 from backsight.run.estimation._smooth import smooth as smooth
 from backsight.run.estimation._stream import stream as stream
-from backsight.run.estimation.lag import run_on as run_on
+from backsight.run.estimation.carrying import run_on as run_on
 from backsight.run.estimation.many import estimate_many as estimate_many
 from backsight.run.estimation.result import as_result as as_result

@@ -83,6 +83,11 @@ def output_mask(model: Model, recording: xr.Dataset) -> Array:
     return np.where(measured, 1 / np.where(measured, factor, 1.0), 0.0)
 
 
+def outputs_of(model: Model, recording: xr.Dataset, variable: str = "y") -> Array:
+    """A variable of the recording by output, in the order of the model, (n, ny)."""
+    return _columns(recording, variable, "output", of=model.outputs)
+
+
 def _weighs(estimator: AbstractEstimator | None) -> bool:
     return estimator is not None and estimator.weighs
 

@@ -11,14 +11,18 @@ from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._estimate import (
+    Task,
     check_length,
     check_memory,
     failure,
-    numbers_of,
 )
 from backsight.run.estimation._match import match
-from backsight.run.estimation.lag import from_first_sample, run_on
-from backsight.run.estimation.result import as_result
+from backsight.run.estimation._prepared import compile_once
+from backsight.run.estimation._values import Measured, looked_at, named
+from backsight.run.estimation.carrying import Block, Store, from_first_sample, run_on
+from backsight.run.estimation.outputs import Kept, as_outputs
+from backsight.run.estimation.result import result_of
+from backsight.types import Array
 
 
 @checked()
@@ -27,6 +31,7 @@ def estimate_many(
     model: Model,
     recordings: Sequence[xr.Dataset],
     *,
+    outputs: Kept | None = None,
     threads: Count | None = None,
     throw: bool = True,
     restart: bool = False,
@@ -44,6 +49,8 @@ def estimate_many(
     model : Model
     recordings : sequence of xarray.Dataset
         All with the same sampling period.
+    outputs : sequence of str or Outputs, optional
+        What to keep of every result, see `estimate`.
     threads : int, optional
         One per processor core by default.
     throw : bool
@@ -78,34 +85,29 @@ def estimate_many(
                 f"recording {k} has the sampling period {dt:g} s, recording 0 {periods[0]:g} s; "
                 "resample one of them"
             )
-    data = [_matched(model, r, estimator, k) for k, r in enumerate(recordings)]
-    samples = sum(len(rows[0]) for rows in data)
-    recursion = estimator.compile(model, periods[0])
-    for rows in data:
-        check_length(recursion, len(rows[0]))
-    check_memory([numbers_of(recursion.channels, recursion.output_sizes)], samples)
-    if restart:
-        recursion = recursion.restarting()
+    kept = as_outputs(outputs)
+    compiled = compile_once(estimator, model, periods[0], outputs=kept, restart=restart)
+    recursion = compiled.recursion
+    tasks = [
+        Task(estimator, model, r, compiled, _matched(model, r, estimator, k), kept)
+        for k, r in enumerate(recordings)
+    ]
+    for task in tasks:
+        check_length(recursion, task.samples)
+    samples = sum(task.samples for task in tasks)
+    check_memory([sum(recursion.output_sizes) + tasks[0].numbers], samples)
     started = time.perf_counter()
     outcomes = run_many(
         recursion,
-        [run_on(rows, recursion.lag) for rows in data],
-        carries=[recursion.carry0] * len(data),
+        [run_on(task.data, recursion.lag) for task in tasks],
+        carries=[recursion.carry0] * len(tasks),
         threads=threads or os.cpu_count(),
         progress=progress,
     )
-    seconds = time.perf_counter() - started
+    each = (time.perf_counter() - started) / samples
     results = [
-        as_result(
-            from_first_sample(outputs, recursion.lag),
-            recursion.channels,
-            estimator,
-            model,
-            recording,
-            engine="native",
-            seconds=seconds * len(rows[0]) / samples,
-        )
-        for (_, outputs), recording, rows in zip(outcomes, recordings, data, strict=True)
+        _result(task, found, seconds=each * task.samples)
+        for task, (_, found) in zip(tasks, outcomes, strict=True)
     ]
     failed = [f"recording {k}: {failure(r)}" for k, r in enumerate(results) if failure(r)]
     if throw and failed and not restart:
@@ -119,3 +121,18 @@ def _matched(model: Model, recording: xr.Dataset, estimator: AbstractEstimator, 
         return match(model, recording, estimator=estimator)
     except DataError as error:
         raise DataError(f"recording {k}: {error}") from None
+
+
+def _result(task: Task, found: Sequence[Array], *, seconds: float) -> xr.Dataset:
+    recursion, made = task.recursion, task.made
+    values = named(from_first_sample(found, recursion.lag), recursion.channels)
+    store = Store(task.outputs, recursion.channels, task.samples)
+    store.add(Block(0, task.samples, looked_at(values, Measured.of(made.y))))
+    return result_of(
+        store.values,
+        recursion.channels,
+        made,
+        outputs=task.outputs,
+        engine="native",
+        seconds=seconds,
+    )

@@ -1,6 +1,8 @@
 """Outputs of a recursion as a result dataset."""
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -8,30 +10,51 @@ import xarray as xr
 from backsight.analysis.forces import REMARKS, force_remarks
 from backsight.analysis.outliers import DOUBTED as OUTLIER_WEIGHT
 from backsight.analysis.outliers import RULE, THRESHOLD
+from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Channel
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
 from backsight.run.estimation._integration import with_integration
-from backsight.run.estimation._match import output_mask
+from backsight.run.estimation._match import output_mask, outputs_of
+from backsight.run.estimation._values import Measured, deviation, looked_at, named
+from backsight.run.estimation.outputs import Outputs
 from backsight.schema import (
     AGO,
+    EVERY,
     INNOVATIONS,
     RESULT_VARIABLES,
     ROLE,
     SCHEMA_VERSION,
     SIGMA_FACTOR,
     UNKNOWN,
-    WEIGHT,
     Status,
 )
 from backsight.types import Array
 
-HUGE = 1e100
-"""No quantity of a machine, and no variance, is as large in any unit."""
 
-ABSURD = 1e6
-"""An output that is wrong by so many times what was ever measured comes from a diverged filter."""
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """What a result comes from.
+
+    Parameters
+    ----------
+    estimator, model, recording
+    u, y : arrays
+        Inputs (n, nu) and outputs (n, ny) in the order of the model; NaN where not measured.
+    integrator : Integrator, optional
+        How the model was carried from sample to sample.
+    coordinates : xarray.Coordinates
+        Names and units along all dimensions but time.
+    """
+
+    estimator: AbstractEstimator
+    model: Model
+    recording: xr.Dataset
+    u: Array
+    y: Array
+    integrator: Integrator | None
+    coordinates: xr.Coordinates
 
 
 def as_result(
@@ -58,25 +81,75 @@ def as_result(
     seconds : float
         Time that the run took.
     """
-    values = {c.name: c.unpack(o) for c, o in zip(channels, outputs, strict=True)}
-    result = _dataset(values, channels, model, recording)
+    values = named(outputs, channels)
+    measured = measured_outputs(model, recording)
+    if "P" in values:
+        channels = (*channels, Channel("x_std", ("state",)))
+        values["x_std"] = deviation(values["P"])
+    made = Made(
+        estimator,
+        model,
+        recording,
+        u=recording["u"].sel(input=[s.name for s in model.inputs]).values,
+        y=measured,
+        integrator=estimator.chosen(model, float(recording.attrs["dt"])),
+        coordinates=coordinates(model, channels),
+    )
+    believed = looked_at(values, Measured.of(measured))
+    return result_of(believed, channels, made, outputs=Outputs(), engine=engine, seconds=seconds)
+
+
+def measured_outputs(model: Model, recording: xr.Dataset) -> Array:
+    """Outputs in the order of the model (n, ny), NaN where not measured."""
+    return np.where(output_mask(model, recording) > 0, outputs_of(model, recording), np.nan)
+
+
+def result_of(
+    values: Mapping[str, Array],
+    channels: Sequence[Channel],
+    made: Made,
+    *,
+    outputs: Outputs,
+    engine: str,
+    seconds: float,
+) -> xr.Dataset:
+    """Put together what is kept of a result.
+
+    Parameters
+    ----------
+    values : dict
+        Numbers of the samples that are kept, as of `named`, of variables that are kept.
+    channels : sequence of Channel
+        What they are.
+    made : Made
+    outputs : Outputs
+        What is kept.
+    engine : str
+    seconds : float
+        Time that the run took.
+    """
+    dt, estimator = float(made.recording.attrs["dt"]), made.estimator
+    result = _dataset(values, channels, made, outputs)
     result.attrs |= {
         "estimator": estimator.key,
-        "model": model.name,
+        "model": made.model.name,
         "engine": engine,
-        "dt": float(recording.attrs["dt"]),
+        "dt": dt * outputs.every,
         "seconds": seconds,
-        "us_per_sample": seconds / result.sizes["time"] * 1e6,
+        "us_per_sample": seconds / len(made.u) * 1e6,
         "schema": SCHEMA_VERSION,
         INNOVATIONS: estimator.innovations,
     }
+    if outputs.every > 1:
+        result.attrs[EVERY] = outputs.every
     if (rule := estimator.outliers) is not None:
         result.attrs |= {
             RULE: type(rule).__name__,
             THRESHOLD: rule.threshold,
             OUTLIER_WEIGHT: DOUBTED,
         }
-    result = with_integration(result, estimator, model)
+    u = made.u[:: outputs.every]
+    result = with_integration(result, made.integrator, made.model, u=u, dt=dt)
     remarks = force_remarks(result)
     if remarks:
         result.attrs[REMARKS] = "\n".join(remarks)
@@ -84,98 +157,83 @@ def as_result(
 
 
 def _dataset(
-    values: dict[str, np.ndarray],
-    channels: Sequence[Channel],
-    model: Model,
-    recording: xr.Dataset,
+    values: Mapping[str, Array], channels: Sequence[Channel], made: Made, outputs: Outputs
 ) -> xr.Dataset:
-    names = [s.name for s in model.states]
-    outputs = [s.name for s in model.outputs]
-    inputs = [s.name for s in model.inputs]
-    resting = model.resting
-    measured = recording["y"].sel(output=outputs).values
-    measured = np.where(output_mask(model, recording) > 0, measured, np.nan)
-    values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
-    if WEIGHT in values:
-        values[WEIGHT] = np.where(np.isfinite(measured), values[WEIGHT], np.nan)
-    raised = np.nan_to_num(values["status"]).astype(np.int32)
-    diverged = np.where(_worthless(values, measured), int(Status.NOT_FINITE), 0)
-    values["status"] = (raised | diverged).astype(np.int32)
-    dims = {c.name: ("time", *c.dims) for c in channels}
-    if "P" in values:
-        variance = np.einsum("kii->ki", values["P"])
-        values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
-    flags = [bit for bit in Status if bit]
-    result = xr.Dataset(
-        {n: (dims[n], v, {"long_name": _long_name(n)}) for n, v in values.items()},
-        coords={
-            "time": recording["time"],
-            "state": names,
-            "state_": names,
-            "output": outputs,
-            "output_": outputs,
-            "input": inputs,
-            "state_unit": ("state", [s.unit for s in model.states]),
-            ROLE: ("state", [UNKNOWN if n in resting else "motion" for n in names]),
-            "output_unit": ("output", [s.unit for s in model.outputs]),
-            "input_unit": ("input", [s.unit for s in model.inputs]),
-        },
-    )
-    for channel in channels:
-        if channel.labels:
-            result[channel.dims[0]] = list(channel.labels)
-        if channel.ago:
-            result[channel.name].attrs[AGO] = channel.ago
-    if "force" in result.dims:
-        result = _with_forces(result, model)
-    result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
-    result["y"] = (("time", "output"), measured)
-    if SIGMA_FACTOR in recording:
-        factors = recording[SIGMA_FACTOR].sel(output=outputs).values
-        result[SIGMA_FACTOR] = (("time", "output"), factors)
-    result["status"].attrs |= {
-        "flag_masks": [int(f) for f in flags],
-        "flag_meanings": " ".join(f.name.lower() for f in flags if f.name),
+    kept = {c.name: c for c in channels if c.name in values and outputs.keeps(c.name)}
+    dims = {name: ("time", *c.dims) for name, c in kept.items()}
+    variables = {
+        name: xr.Variable(dims[name], values[name], {"long_name": _long_name(name)})
+        for name in kept
     }
-    if "x_true" in recording:
-        truth = recording["x_true"]
-        known = [n for n in names if n in truth["state"].values]
-        result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
+    for channel in kept.values():
+        if channel.ago:
+            variables[channel.name].attrs[AGO] = channel.ago
+    variables["status"].attrs |= _FLAGS
+    thin = slice(None, None, outputs.every)
+    recorded = {"u": (("time", "input"), made.u), "y": (("time", "output"), made.y)}
+    if SIGMA_FACTOR in made.recording and outputs.keeps(SIGMA_FACTOR):
+        factors = outputs_of(made.model, made.recording, SIGMA_FACTOR)
+        recorded[SIGMA_FACTOR] = (("time", "output"), factors)
+    for name, (where, numbers) in recorded.items():
+        if outputs.keeps(name):
+            stored = numbers[thin].astype(outputs.dtype, copy=False)
+            variables[name] = xr.Variable(where, stored)
+    result = xr.Dataset(variables, coords=_with_time(made, outputs.every))
+    if "d_std" not in result and "P_d" in result:
+        result["d_std"] = (("time", "force"), deviation(result["P_d"].values))
+    if "x_true" in made.recording and outputs.keeps("x_true"):
+        result["x_true"] = _truth(made, thin).astype(outputs.dtype)
     return result
 
 
-def _worthless(values: dict[str, np.ndarray], measured: Array) -> Array:
-    """Whether the filter has diverged at a sample, (n,), whatever it says of itself.
-
-    Its numbers are not finite or not those of a machine, or it says something else of what was just
-    measured, beyond its own doubts and by far more than anything that was ever measured.
-    """
-    parts = [
-        values[name].reshape(len(measured), -1)
-        for name in ("x_hat", "P", "y_hat", "S")
-        if name in values
-    ]
-    sound = np.logical_and.reduce([(np.abs(part) < HUGE).all(axis=1) for part in parts])
-    doubt = np.nanmax(np.abs(measured), initial=0.0, axis=0)
-    if "S" in values:
-        variance = np.einsum("kii->ki", np.where(sound[:, None, None], values["S"], 0.0))
-        doubt = np.maximum(np.sqrt(np.maximum(variance, 0.0)), doubt)
-    off = np.abs(np.where(sound[:, None], values["y_hat"], 0.0) - measured)
-    return ~sound | (off > ABSURD * doubt).any(axis=1)
+def _with_time(made: Made, every: int) -> xr.Coordinates:
+    """Coordinates of a result; making indices anew takes as long as a thousand samples."""
+    time = made.recording["time"]
+    if every > 1:
+        time = time[::every]
+    indices = {**made.coordinates.xindexes, "time": time.xindexes["time"]}
+    variables = {name: c.variable for name, c in made.coordinates.items()}
+    return xr.Coordinates({**variables, "time": time.variable}, indexes=indices)
 
 
-def _with_forces(result: xr.Dataset, model: Model) -> xr.Dataset:
-    """Add units, positions, and standard deviations where only the covariance is given."""
-    known = {s.name: s for s in model.parameters}
-    forces = [known[str(name)] for name in result["force"].values]
-    result = result.assign_coords(force_unit=("force", [s.unit for s in forces]))
-    positions = [s.position for s in forces if s.position is not None]
-    if len(positions) == len(forces):
-        result = result.assign_coords(force_position=("force", positions))
-    if "P_d" in result:
-        variance = np.einsum("kii->ki", result["P_d"].values)
-        result["d_std"] = (("time", "force"), np.sqrt(np.maximum(variance, 0.0)))
-    return result
+def coordinates(model: Model, channels: Iterable[Channel]) -> xr.Coordinates:
+    """Names, units and roles along all dimensions of a result but time."""
+    names, resting = [s.name for s in model.states], model.resting
+    outputs = [s.name for s in model.outputs]
+    found: dict[str, Any] = {
+        "state": names,
+        "state_": names,
+        "output": outputs,
+        "output_": outputs,
+        "input": [s.name for s in model.inputs],
+        "state_unit": ("state", [s.unit for s in model.states]),
+        ROLE: ("state", [UNKNOWN if n in resting else "motion" for n in names]),
+        "output_unit": ("output", [s.unit for s in model.outputs]),
+        "input_unit": ("input", [s.unit for s in model.inputs]),
+    }
+    found |= {c.dims[0]: list(c.labels) for c in channels if c.labels}
+    if "force" in found:
+        known = {s.name: s for s in model.parameters}
+        forces = [known[name] for name in found["force"]]
+        found["force_unit"] = ("force", [s.unit for s in forces])
+        positions = [s.position for s in forces if s.position is not None]
+        if len(positions) == len(forces):
+            found["force_position"] = ("force", positions)
+    return xr.Dataset(coords=found).coords
+
+
+def _truth(made: Made, thin: slice) -> xr.DataArray:
+    names = [s.name for s in made.model.states]
+    truth = made.recording["x_true"].isel(time=thin)
+    known = [n for n in names if n in truth["state"].values]
+    return truth.sel(state=known).reindex(state=names).transpose("time", "state")
+
+
+_BITS = [bit for bit in Status if bit]
+_FLAGS = {
+    "flag_masks": [int(bit) for bit in _BITS],
+    "flag_meanings": " ".join(bit.name.lower() for bit in _BITS if bit.name),
+}
 
 
 def _long_name(variable: str) -> str:
