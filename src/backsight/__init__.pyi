@@ -56,5 +56,6 @@ from backsight.run.estimation import solve_window as solve_window
 from backsight.run.estimation import stream as stream
 from backsight.run.simulation import simulate as simulate
 from backsight.run.simulation import simulate_closed_loop as simulate_closed_loop
+from backsight.run.summaries import estimate_summaries as estimate_summaries
 
 __version__: str

@@ -99,9 +99,14 @@ def _jacobian(model: Model) -> tuple[ca.Function, NDArray[np.bool_], NDArray[np.
     return ca.Function("jacobian", [x, u], [J]), of_x, of_u
 
 
+@functools.lru_cache(maxsize=16)
+def _at_many(jacobian: ca.Function, count: int) -> ca.Function:
+    return jacobian.map(count)
+
+
 def _modes(jacobian: ca.Function, x: Array, u: Array, model: Model) -> Modes:
     n, count = model.nx, len(x)
-    every = np.array(jacobian.map(count)(x.T, u.T)).reshape(n, count, n).transpose(1, 0, 2)
+    every = np.array(_at_many(jacobian, count)(x.T, u.T)).reshape(n, count, n).transpose(1, 0, 2)
     finite = every[np.isfinite(every).all(axis=(1, 2))]
     if not len(finite):
         return NO_MODES

@@ -10,11 +10,17 @@ from backsight.run.estimation._estimate import ready as ready
 from backsight.run.estimation._match import match as match
 from backsight.run.estimation._match import matched_inputs as matched_inputs
 from backsight.run.estimation._mhe_window import solve_window as solve_window
+from backsight.run.estimation._prepared import Prepared as Prepared
 from backsight.run.estimation._smooth import SmoothingTask as SmoothingTask
 from backsight.run.estimation._smooth import carry_out_smoothing as carry_out_smoothing
 from backsight.run.estimation._smooth import ready_to_smooth as ready_to_smooth
 from backsight.run.estimation._smooth import smooth as smooth
 from backsight.run.estimation._stream import stream as stream
+from backsight.run.estimation._values import ABSURD as ABSURD
+from backsight.run.estimation._values import HUGE as HUGE
 from backsight.run.estimation.carrying import run_on as run_on
 from backsight.run.estimation.many import estimate_many as estimate_many
+from backsight.run.estimation.many import tasks_of as tasks_of
+from backsight.run.estimation.outputs import ALL as ALL
+from backsight.run.estimation.outputs import Outputs as Outputs
 from backsight.run.estimation.result import as_result as as_result

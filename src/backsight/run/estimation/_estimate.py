@@ -24,6 +24,9 @@ from backsight.run.estimation.result import Made, result_of
 from backsight.schema import FAILURES, STATUS_TEXT
 from backsight.types import Array
 
+LITTLE = 1e7
+"""Bytes for which nobody asks how much memory there is: asking takes time, too."""
+
 
 @checked()
 def estimate(
@@ -188,8 +191,7 @@ def carry_out(
         engine=chosen,
         seconds=time.perf_counter() - started,
     )
-    failed = np.flatnonzero(result["status"].values & int(FAILURES))
-    if throw and len(failed):
+    if throw and (store.values["status"] & int(FAILURES)).any():
         raise EstimationError(failure(result), result)
     return result
 
@@ -242,7 +244,10 @@ def numbers_kept(recursion: Recursion, outputs: Outputs) -> float:
 
 def check_memory(numbers: Sequence[float], samples: int) -> None:
     """Raise `DataError` if results of so many numbers a sample would not fit into memory."""
-    needed, available = 8 * sum(numbers) * samples, psutil.virtual_memory().available
+    needed = 8 * sum(numbers) * samples
+    if needed < LITTLE:
+        return
+    available = psutil.virtual_memory().available
     if needed > available:
         results = "result" if len(numbers) == 1 else f"{len(numbers)} results"
         raise DataError(

@@ -39,7 +39,7 @@ def with_integration(
     if chosen is None:
         return result
     result.attrs[INTEGRATION] = in_words(chosen)
-    x = result["x_hat"].values
+    x = result.variables["x_hat"].values
     finite = np.flatnonzero(np.isfinite(x).all(axis=1))
     count = FEW if model.nx > MANY else POINTS
     rows = finite[np.linspace(0, len(finite) - 1, min(count, len(finite))).astype(int)]

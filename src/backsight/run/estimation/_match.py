@@ -95,9 +95,11 @@ def _weighs(estimator: AbstractEstimator | None) -> bool:
 def _columns(recording: xr.Dataset, variable: str, dim: str, *, of: tuple[Signal, ...]) -> Array:
     if variable not in recording:
         raise DataError(f"the recording has no variable '{variable}'; make it with `bs.read`")
-    names = [str(n) for n in recording[dim].values]
+    # Variables, not arrays with coordinates: making one takes as long as a hundred samples.
+    known = recording.variables
+    names = [str(n) for n in known[dim].values]
     for s in of:
         if s.name not in names:
             raise DataError(f"the recording has no {dim} '{s.name}': {nearest(s.name, names)}")
     order = [names.index(s.name) for s in of]
-    return np.ascontiguousarray(recording[variable].values[:, order], dtype=float)
+    return np.ascontiguousarray(known[variable].values[:, order], dtype=float)

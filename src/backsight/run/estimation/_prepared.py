@@ -23,9 +23,9 @@ KEPT = 32
 """Number of recursions that are kept; the one not used for the longest time goes first."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Prepared:
-    """A compiled estimator.
+    """A compiled estimator, equal to itself only: what is made of it is found by it.
 
     Parameters
     ----------
@@ -57,7 +57,8 @@ def compile_once(
     TuningError, ModelError
         If the estimator does not fit the model, or has no such outputs.
     """
-    key = content(estimator, model, dt, outputs.variables, restart)
+    # With the method itself: reloading in a notebook changes it inside the same class.
+    key = content(estimator, model, dt, outputs.variables, restart, type(estimator).build)
     with _lock:
         if key is not None and key in _made:
             _made.move_to_end(key)

@@ -17,10 +17,10 @@ from backsight.run.estimation._estimate import (
     failure,
 )
 from backsight.run.estimation._match import match
-from backsight.run.estimation._prepared import compile_once
+from backsight.run.estimation._prepared import Prepared, compile_once
 from backsight.run.estimation._values import Measured, looked_at, named
 from backsight.run.estimation.carrying import Block, Store, from_first_sample, run_on
-from backsight.run.estimation.outputs import Kept, as_outputs
+from backsight.run.estimation.outputs import Kept, Outputs, as_outputs
 from backsight.run.estimation.result import result_of
 from backsight.types import Array
 
@@ -76,24 +76,10 @@ def estimate_many(
     """
     from backsight.engine.lanes import run_many  # brings the compiler along
 
-    if not recordings:
-        raise DataError("there is no recording")
-    periods = [float(r.attrs["dt"]) for r in recordings]
-    for k, dt in enumerate(periods):
-        if abs(dt / periods[0] - 1) > 1e-9:
-            raise DataError(
-                f"recording {k} has the sampling period {dt:g} s, recording 0 {periods[0]:g} s; "
-                "resample one of them"
-            )
-    kept = as_outputs(outputs)
-    compiled = compile_once(estimator, model, periods[0], outputs=kept, restart=restart)
+    compiled, tasks = tasks_of(
+        estimator, model, recordings, outputs=as_outputs(outputs), restart=restart
+    )
     recursion = compiled.recursion
-    tasks = [
-        Task(estimator, model, r, compiled, _matched(model, r, estimator, k), kept)
-        for k, r in enumerate(recordings)
-    ]
-    for task in tasks:
-        check_length(recursion, task.samples)
     samples = sum(task.samples for task in tasks)
     check_memory([sum(recursion.output_sizes) + tasks[0].numbers], samples)
     started = time.perf_counter()
@@ -114,6 +100,34 @@ def estimate_many(
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise EstimationError(failed[0] + more, results)
     return results
+
+
+def tasks_of(
+    estimator: AbstractEstimator,
+    model: Model,
+    recordings: Sequence[xr.Dataset],
+    *,
+    outputs: Outputs,
+    restart: bool,
+) -> tuple[Prepared, list[Task]]:
+    """Check recordings and compile the estimator for all of them; errors as of `estimate_many`."""
+    if not recordings:
+        raise DataError("there is no recording")
+    periods = [float(r.attrs["dt"]) for r in recordings]
+    for k, dt in enumerate(periods):
+        if abs(dt / periods[0] - 1) > 1e-9:
+            raise DataError(
+                f"recording {k} has the sampling period {dt:g} s, recording 0 {periods[0]:g} s; "
+                "resample one of them"
+            )
+    compiled = compile_once(estimator, model, periods[0], outputs=outputs, restart=restart)
+    tasks = [
+        Task(estimator, model, r, compiled, _matched(model, r, estimator, k), outputs)
+        for k, r in enumerate(recordings)
+    ]
+    for task in tasks:
+        check_length(compiled.recursion, task.samples)
+    return compiled, tasks
 
 
 def _matched(model: Model, recording: xr.Dataset, estimator: AbstractEstimator, k: int) -> tuple:

@@ -169,7 +169,7 @@ def _dataset(
         if channel.ago:
             variables[channel.name].attrs[AGO] = channel.ago
     variables["status"].attrs |= _FLAGS
-    thin = slice(None, None, outputs.every)
+    thin = _every(outputs.every)
     recorded = {"u": (("time", "input"), made.u), "y": (("time", "output"), made.y)}
     if SIGMA_FACTOR in made.recording and outputs.keeps(SIGMA_FACTOR):
         factors = outputs_of(made.model, made.recording, SIGMA_FACTOR)
@@ -188,12 +188,14 @@ def _dataset(
 
 def _with_time(made: Made, every: int) -> xr.Coordinates:
     """Coordinates of a result; making indices anew takes as long as a thousand samples."""
-    time = made.recording["time"]
-    if every > 1:
-        time = time[::every]
-    indices = {**made.coordinates.xindexes, "time": time.xindexes["time"]}
-    variables = {name: c.variable for name, c in made.coordinates.items()}
-    return xr.Coordinates({**variables, "time": time.variable}, indexes=indices)
+    recording = made.recording if every == 1 else made.recording[["time"]].isel(time=_every(every))
+    indices = {**made.coordinates.xindexes, "time": recording.xindexes["time"]}
+    variables = {**made.coordinates.variables, "time": recording.variables["time"]}
+    return xr.Coordinates(variables, indexes=indices)
+
+
+def _every(count: int) -> slice:
+    return slice(None, None, count)
 
 
 def coordinates(model: Model, channels: Iterable[Channel]) -> xr.Coordinates:
