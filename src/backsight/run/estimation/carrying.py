@@ -89,7 +89,7 @@ class Store:
     def __init__(self, outputs: Outputs, channels: Sequence[Channel], samples: int) -> None:
         self._outputs, self._count = outputs, -(-samples // outputs.every)
         self._names = [c.name for c in channels if outputs.keeps(c.name)]
-        self.values: dict[str, Array] = {}
+        self.values: dict[str, np.ndarray] = {}
 
     def add(self, block: Block) -> None:
         """Take in the results of a block; blocks come in their order."""

@@ -53,11 +53,12 @@ def estimate_summaries(
     Returns
     -------
     xarray.Dataset
-        Of every ``recording``: ``x_hat, x_std (recording, state)`` after the last sample, the mean
-        ``x_mean`` of those that are finite; ``mean_nis`` with its expectation ``nis_expected``, ``mean_log_likelihood``,
-        ``rms_innovation (recording, output)``, ``measured`` (values that were taken in);
-        ``samples``, ``status`` (all bits that were raised), ``status_count (recording, flag)``, and
-        ``failed_at``, the first sample whose estimate is worthless, or -1.
+        Of every ``recording``: ``x_hat, x_std (recording, state)`` after the last sample and the
+        mean ``x_mean`` of those that are finite; ``mean_nis`` with its expectation
+        ``nis_expected``, ``mean_log_likelihood``, ``rms_innovation (recording, output)``,
+        ``measured``, the number of values that were taken in; ``samples``, ``status`` (all bits
+        that were raised), ``status_count (recording, flag)``, and ``failed_at``, the first sample
+        whose estimate is worthless, or -1.
 
     Raises
     ------
