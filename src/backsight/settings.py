@@ -10,6 +10,6 @@ from backsight.estimators.observers import AdaptiveGain as AdaptiveGain
 from backsight.estimators.outliers import Gate as Gate
 from backsight.estimators.outliers import Huber as Huber
 from backsight.estimators.outliers import StudentT as StudentT
-from backsight.run.estimation.outputs import Outputs as Outputs
+from backsight.run.estimation.results.outputs import Outputs as Outputs
 from backsight.solvers.box import GaussNewton as GaussNewton
 from backsight.solvers.box import QuasiNewton as QuasiNewton

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import backsight as bs
+from backsight.estimators import ESTIMATORS
 from backsight.models.lti import lti
 from relations.linear import Run
 
@@ -112,7 +113,65 @@ def test_interpolated_inputs_of_linear_models(monkeypatch):
 def test_covariances_that_cannot_hold_it_are_refused():
     H, R = SENSORS["two equal"]
     model, noise, _ = posed(H, R)
-    for kind in (bs.IEKF, bs.MHO):
+    for kind in (bs.IEKF, bs.MHO, bs.MHE, bs.LinearMHE):
         kind(noise, bs.Prior(sigma_x0=1e-4)).compile(model, float(DT))
         with pytest.raises(bs.errors.TuningError, match="narrow the prior"):
             kind(noise, bs.Prior(sigma_x0=10.0)).compile(model, float(DT))
+
+
+@pytest.mark.parametrize("kind", ["joint_input", "csmhe"])
+def test_estimators_of_forces_refuse_them_too(kind):
+    plant = bs.Model(
+        f=lambda x, u, p: [x.v, -400 * x.q - 2 * x.v + p.push],
+        h=lambda x, u, p: [x.q],
+        states={"q": "", "v": ""},
+        outputs={"y": ""},
+        parameters={"push": 0.0},
+    )
+    more = {"csmhe": {"lam": 1.0}}.get(kind, {})
+    made = [
+        ESTIMATORS[kind](bs.Noise(sigma_y=1e-9), bs.Prior(sigma_x0=s), forces=("push",), **more)
+        for s in (1e-4, 10.0)
+    ]
+    made[0].compile(plant, 0.01)
+    with pytest.raises(bs.errors.TuningError, match="narrow the prior"):
+        made[1].compile(plant, 0.01)
+
+
+@pytest.mark.parametrize("sensors", SENSORS)
+@pytest.mark.parametrize("width", [2.0**-17, 2.0**-13, 2.0**-10])
+@pytest.mark.parametrize("kind", ["smoothed", "EKF", "whole"])
+def test_windows_are_right_up_to_a_million_times_the_noise(kind, width, sensors):
+    H, R = SENSORS[sensors]
+    model, noise, Y = posed(H, R)
+    prior = bs.Prior(sigma_x0=[width, 128 * width])
+    made = {
+        "smoothed": bs.MHE(noise, prior, N=5),
+        "EKF": bs.MHE(noise, prior, N=5, arrival=bs.settings.EKFArrival()),
+        "whole": bs.LinearMHE(noise, prior, N=5, arrival_weight=1.0),
+    }[kind]
+    means, deviations = exact(H, R, [width, 128 * width], Y)
+    result = Run(made, model, float(DT))(np.zeros((N, 0)), Y)
+    found = np.sqrt(np.diagonal(result["P"], axis1=1, axis2=2))
+    np.testing.assert_allclose(found, deviations, rtol=1e-3)
+    assert np.abs((result["x_hat"] - means) / deviations).max() < 1e-3
+
+
+@pytest.mark.parametrize("width", [2.0**-17, 2.0**-13, 2.0**-10])
+def test_a_window_without_arrival_cost_forgets_a_wide_prior(width):
+    """It gave bands twice as wide, and was 1.5 of them off, from 10^5 times the noise on."""
+    H, R = SENSORS["two unequal"]
+    model, noise, Y = posed(H, R)
+    prior = bs.Prior(sigma_x0=[width, 128 * width])
+    alone, by_points = (
+        Run(e, model, float(DT))(np.zeros((N, 0)), Y)
+        for e in (
+            bs.LinearMHE(noise, prior, N=5),
+            bs.MHE(noise, prior, N=5, arrival=bs.settings.NoArrival()),
+        )
+    )
+    spread, theirs = (
+        np.sqrt(np.diagonal(r["P"], axis1=1, axis2=2))[6:] for r in (by_points, alone)
+    )
+    np.testing.assert_allclose(spread, theirs, rtol=1e-3)
+    assert np.abs((by_points["x_hat"] - alone["x_hat"])[6:] / theirs).max() < 1e-3

@@ -1,5 +1,6 @@
 import dataclasses
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -7,7 +8,9 @@ from scipy.linalg import expm
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import native, vm
 from backsight.errors import TuningError
-from backsight.estimators import UKF, Noise, Prior
+from backsight.estimators import UKF, KalmanFilter, Noise, Prior
+from backsight.models.augment import augment
+from backsight.models.lti import lti
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.run.estimation import estimate
@@ -142,6 +145,75 @@ def test_what_says_nothing_of_a_parameter_does_not_make_it_surer():
     result = Run(estimator, plant, 1.0)(np.zeros((1, 0)), np.array([[0.2]]))
     np.testing.assert_allclose(result["x_hat"][0], [0.1, 0.0], atol=1e-12)
     np.testing.assert_allclose(result["P"][0], np.diag([0.005, 9.0]), atol=1e-12)
+
+
+def chain(n: int, **bounds: float) -> Model:
+    """Places that slopes carry away; the first slope and all that follow it are bounded."""
+    F = np.eye(n) + np.diag(np.full(n - 1, 0.5), 1)
+    states = {"x0": "", **{f"x{i}": Signal(**bounds) for i in range(1, n)}}
+    return lti(
+        F, np.ones((n, 1)), np.eye(2, n), states=states, inputs={"u": ""},
+        outputs={"y": "", "z": ""}, dt=1.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("bounds", [{"lower": 0.0}, {"upper": 0.0}, {"lower": -0.1, "upper": 0.2}])
+@pytest.mark.parametrize("n", [2, 14])
+def test_at_a_bound_the_first_sample_is_that_of_the_kalman_filter(n, bounds):
+    """Few states and many; the points are two to four deviations beyond the bounds."""
+    settings = {"noise": Noise(sigma_y=0.3, sigma_w=0.1), "prior": Prior(sigma_x0=1.0)}
+    u, y = np.zeros((2, 1)), np.array([[0.4, 0.1], [np.nan, np.nan]])
+    ours, theirs = (
+        Run(kind(**settings), chain(n, **bounds), 1.0)(u, y) for kind in (UKF, KalmanFilter)
+    )
+    for name in ("P", "S", "e"):
+        np.testing.assert_allclose(ours[name], theirs[name], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(ours["x_hat"], theirs["x_hat"], atol=1e-12)
+    assert np.all(ours["status"].astype(int) & int(Status.CLIPPED))
+
+
+def test_a_slope_at_its_bound_is_that_of_the_kalman_filter():
+    """Sample by sample; clipped points draw it away and make its band too narrow."""
+    rng, settings = np.random.default_rng(3), {
+        "noise": Noise(sigma_y=1.0, sigma_w={"x0": 0.1}), "prior": Prior(sigma_x0=[1.0, 0.3])
+    }  # fmt: skip
+    u, y = np.zeros((60, 1)), rng.standard_normal((60, 2))
+    y[:, 1] = np.nan
+    kalman, moved, clipped = (
+        Run(e, chain(2, lower=0.0), 1.0)(u, y)
+        for e in (KalmanFilter(**settings), UKF(**settings), UKF(**settings, outside="clipped"))
+    )
+    np.testing.assert_allclose(moved["x_hat"], kalman["x_hat"], atol=1e-12)
+    np.testing.assert_allclose(moved["P"], kalman["P"], atol=1e-12)
+    assert clipped["x_hat"][-1, 1] > moved["x_hat"][-1, 1] + 1e-3
+    assert clipped["P"][-1, 1, 1] < 0.9 * moved["P"][-1, 1, 1]
+
+
+def test_a_gap_that_is_open_at_the_prior_is_found():
+    """The stop at 0.5 pushes back beyond it only; at the prior's mean of 3 nothing has a slope."""
+    plant = augment(
+        Model(
+            f=lambda x, u, p: [x.v, -100 * x.x - 2 * x.v - 1e3 * ca.fmax(x.x - p.g, 0) + u.F],
+            h=lambda x, u, p: [x.x],
+            states={"x": "", "v": ""},
+            inputs={"F": ""},
+            outputs={"y": ""},
+            parameters={"g": Signal(value=3.0, lower=0.0)},
+        ),
+        ["g"],
+    )
+    dt, n, rng, x = 0.01, 300, np.random.default_rng(1), np.zeros(2)
+    u, y = 100 * np.sin(8 * dt * np.arange(n))[:, None], np.zeros((n, 1))
+    for k in range(n):
+        y[k] = x[0] + 1e-3 * rng.standard_normal()
+        for _ in range(20):
+            push = u[k, 0] - 1e3 * max(x[0] - 0.5, 0)
+            x = x + dt / 20 * np.array([x[1], push - 100 * x[0] - 2 * x[1]])
+    prior = Prior(sigma_x0={"x": 0.1, "v": 0.1, "g": 1.5})
+    result = Run(UKF(Noise(sigma_y=1e-3, sigma_w={"v": 0.3}), prior), plant, dt)(u, y)
+    g, std = result["x_hat"][-1, 2], np.sqrt(result["P"][-1, 2, 2])
+    assert abs(g - 0.5) < 0.02
+    assert std < 0.02
 
 
 @pytest.mark.parametrize("first", ["measured", "posterior"])

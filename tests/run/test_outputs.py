@@ -9,7 +9,7 @@ from backsight.description import content
 from backsight.errors import EstimationError, TuningError
 from backsight.estimators import EKF, MHE
 from backsight.run.estimation import _prepared, carrying, estimate, estimate_many
-from backsight.run.estimation.outputs import Outputs
+from backsight.run.estimation.results.outputs import Outputs
 from backsight.schema import Status, check_estimates
 from backsight.testing import TrialProblem
 

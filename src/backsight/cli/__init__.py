@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
+from backsight.cli import _recordings
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.errors import ProblemError, nearest
 
@@ -34,6 +35,8 @@ study = typer.Typer(
     context_settings=SHORT,
 )
 app.add_typer(study, name="study")
+app.command("columns")(_recordings.show_columns)
+app.command("init")(_recordings.write_problem)
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
 Force = Annotated[
@@ -125,24 +128,25 @@ def check(
     the problem or the recording is at fault.
     """
     with told():
-        from backsight.problem import load
+        from backsight.problem import load, seeing
         from backsight.problem.recorded import recording_of
-        from backsight.problem.seeing import coarse_steps, examine, integration
         from backsight.run.diagnosis import aligned, expected
         from backsight.run.diagnosis import certify as certified
 
         read = load(problem)
         chosen = None if certify is None else _estimator(certify, read.estimators)
         data = recording_of(read, outside=outside or ())
-        found = examine(read, data)
+        found = seeing.examine(read, data)
         timing = aligned(read.estimators, read.model, data)
         bands = expected(read.estimators, read.model, data) if found.observable else None
-        steps, coarse = integration(read, data), coarse_steps(read, data)
+        steps, coarse = seeing.integration(read, data), seeing.coarse_steps(read, data)
         say(f"{read.title}\n\n{read.model}\n")
         for sentence in [
             *found.lines(),
             *(bands.lines() if bands else []),
             *(timing.lines() if timing else []),
+            *seeing.priors_at_poles(read),
+            *(timing.remedies(float(data.attrs["dt"])) if timing else []),
             *steps,
             *coarse,
         ]:
@@ -222,6 +226,20 @@ def list_methods(
         from backsight.problem.methods import method, methods
 
         say(methods(tell=warn) if name is None else method(name))
+
+
+@app.command("schema")
+def print_schema() -> None:
+    """Print a JSON schema of problem files, for editors that complete and check TOML.
+
+    Name it in the first line of a problem file, #:schema problem.schema.json
+    """
+    import json
+
+    from backsight.problem.json_schema import json_schema
+
+    # As it is: it holds no text of a file, and a line is a line.
+    typer.echo(json.dumps(json_schema(tell=warn), indent=2))
 
 
 @study.command("list")

@@ -246,8 +246,18 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
         for (int i = 0; i < z.n; ++i) fitted[i] = 0;
         for (int i = 0; i < A.count; ++i) fitted[A.column[i] % z.n] += A.a[i];
         cs_window_forces(&z, arg[ARG_PSI], fitted, found, threshold, shown, forces);
+        real *shift = biased + z.forces, *both = shift + 2 * nx, *room_left = both + 2 * nx * nx;
+        const int output = known + nx; /* and behind it the state after the window */
+        cs_window_first(&A, x0, room_left);
+        cs_window_explain(&tab, &A, v, x0, output, rows - output, shift);
         cs_window_alternatives(&z, &tab, &prior, &A, v, g, shut);
         cs_window_spread(&z, &A, arg[ARG_PSI], shown, spread);
+        cs_window_covariances(&tab, &A, output, X, A.effect, rows, A.L + nx * A.stride, A.stride,
+                              both, room_left);
+        for (int i = 0; i < nx; ++i) shift[i] -= x[nx + i];
+        for (int i = 0; i < nx; ++i)
+            for (int j = 0; j < nx; ++j)
+                P[nx * nx + i + j * nx] = both[i + j * nx] + shift[i] * shift[j];
         for (int f = 0; f < z.forces; ++f) { /* the l1 norm could hide as much */
             const real bias = forces[z.forces + f] - biased[f];
             spread[f] += bias * bias;

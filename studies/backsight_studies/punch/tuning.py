@@ -118,10 +118,14 @@ def ekf(
 def ukf(
     label: str, reading: Reading, start: Mapping[str, float], q: tuple[float, float]
 ) -> Variant:
-    """Unscented Kalman filter, likewise."""
+    """Unscented Kalman filter, likewise.
+
+    Its sigma points are clipped: with a prior of 1/m twice as wide as 1/m is far from zero, the
+    others lose the spring in some runs, as the extended Kalman filter does.
+    """
     noise = Noise(sigma_y=SIGMA_Y, Q=DT * _density(reading, q))
     prior = _prior(reading, start)
-    return Variant(label, UKF(noise, prior, RK4), filter_model(reading))
+    return Variant(label, UKF(noise, prior, RK4, outside="clipped"), filter_model(reading))
 
 
 def filter_model(reading: Reading) -> Model:

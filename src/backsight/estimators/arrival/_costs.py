@@ -12,6 +12,7 @@ from backsight.description import Called, Positive, Sound, alike
 from backsight.estimators.arrival._base import AbstractArrival, Arrival, Fitting, Leaving
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman import ekf, ukf
+from backsight.estimators.kalman.square_root import WIDE, width_of_prior
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.uncertainty import covariance, covariance_faults
 from backsight.schema import Innovations
@@ -30,7 +31,8 @@ class NoArrival(AbstractArrival):
     Parameters
     ----------
     width : float
-        Also the size of what the covariance says of directions that are not determined.
+        Also the size of what the covariance says of directions that are not determined. Less is
+        taken of a prior that is wide by itself.
     """
 
     width: Annotated[Positive, Called("the width of the prior")] = 1e3
@@ -42,7 +44,9 @@ class NoArrival(AbstractArrival):
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        wide = ca.MX(to.chain.stored(to.s.P0) * self.width**2)
+        # A covariance does not hold both the noise and a prior more than a million times as wide.
+        width = min(self.width, max(1.0, WIDE / max(width_of_prior(to.s), 1.0)))
+        wide = ca.MX(to.chain.stored(to.s.P0) * width**2)
         return Arrival(
             spread0=to.chain.stored(to.s.P0),
             covariance=_same(to.chain),
@@ -191,13 +195,9 @@ def _filter(halves: Halves, covariance: ca.Function) -> Arrival:
 def _along(chain: Chain, Q: Array) -> ca.Function:
     """Kalman filter step with given derivatives, no limits."""
     nx = chain.nx
+    no_noise, no_limits = np.zeros((0, nx)), np.zeros(0)
     free = dataclasses.replace(
-        chain,
-        Q=Q,
-        noise=np.zeros((0, nx)),
-        A=ca.Sparsity(0, nx),
-        softness=np.zeros(0),
-        slack=np.zeros(0),
+        chain, Q=Q, noise=no_noise, A=ca.Sparsity(0, nx), softness=no_limits, slack=no_limits
     )
     x, P = ca.MX.sym("x", nx), ca.MX.sym("P", chain.size_P)
     first, second = ca.MX.sym("first", nx), ca.MX.sym("second", nx)

@@ -1,10 +1,14 @@
 """One sample of the compressive-sensing estimator: move the window, solve it, hand on."""
 
+import dataclasses
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import vech
 from backsight.engine.recursion import Channel, Recursion
+from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe._arrival import next_covariance
 from backsight.estimators.cs_mhe._window import (
@@ -44,22 +48,19 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
     )
 
     # 2. the problem of eq. 8-14
-    found = solver.solve(
-        [residuals, M, absent],
-        m.P_start,
-        _weights(solver, carryover, m.mean, m.variance),
-        m.warm,
-    )
+    window, weights = [residuals, M, absent], _weights(solver, carryover, m.mean, m.variance)
+    found = solver.solve(window, m.P_start, weights, m.warm)
+    bands = _bands(solver, window, weights, found, m, slid)
 
     # 3. the estimate, `lag` samples before the end
     here = N - lag
     now = named_results(
         _output(forced),
         states[:, here] + found.x[1],
-        found.P[1],
+        bands.P,
         U[:, here],
         m.tail[:, here] if m.tail.numel() else ca.MX.zeros(nf),
-        found.forces,
+        bands.forces,
     )
     (e, S), late = queued(m.late, [e, S], lag)
     told = named_results(_told(solver.lam), *found.info)
@@ -80,7 +81,7 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
             "x_start": x_start,
             "P_start": P_start,
             "x_next": last + found.x[2],
-            "P_next": found.P[2],
+            "P_next": bands.P_next,
             "U": U,
             "Y": Y,
             "M": M,
@@ -88,6 +89,7 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
             "tail": tail,
             "late": late,
             **_handed_on(solver, carryover, slid, found, m),
+            **bands.next,
         },
         outputs={
             **estimate,
@@ -106,6 +108,7 @@ def _memory(solver: Solver, carryover: Carryover | None) -> Memory:
     nf, ny = len(solver.forced.names), len(s.sy)
     atoms, steps = solver.shape
     expected = np.zeros((atoms, steps if carryover else 0))
+    once = {"P_once": s.P0} if _counts_again(solver) else {}
     return Memory(
         x_start=s.x0,
         P_start=s.P0,
@@ -120,7 +123,63 @@ def _memory(solver: Solver, carryover: Carryover | None) -> Memory:
         mean=expected,
         variance=expected,
         late=empty_queue(s, solver.lag),
+        **once,
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Bands:
+    """Covariances of the state of the output and after the window, forces, and what is kept."""
+
+    P: ca.MX
+    P_next: ca.MX
+    forces: ca.MX
+    next: dict[str, ca.MX]
+
+
+def _counts_again(solver: Solver) -> bool:
+    """Whether the arrival cost knows less of its error than its covariance says."""
+    return solver.refits and solver.arrival == SmoothedArrival(naive=True)
+
+
+def _bands(
+    solver: Solver,
+    window: Sequence[ca.MX],
+    weights: Sequence[ca.MX],
+    found: WindowSolution,
+    m: Memory,
+    slid: ca.MX,
+) -> _Bands:
+    """How large the errors are.
+
+    An arrival cost that counts its measurements in every window gives nearly the estimate of one
+    that counts them once, and a covariance that is far too small. The covariance that counts them
+    once is kept beside, and the window solved with it, too: the error is the one that this window
+    has, and how far the two are apart.
+    """
+    if not _counts_again(solver):
+        return _Bands(found.P[1], found.P[2], found.forces, {})
+    once = dataclasses.replace(solver, arrival=SmoothedArrival())
+    beside = once.solve(list(window), m.P_once, list(weights), found.alpha)
+    (P_once,) = choose(slid, [beside.P[0]], [m.P_once])
+    apart = _apart(len(solver.forced.names), P_once.shape[0])
+    P, forces = apart(found.x[1], beside.x[1], beside.P[1], found.forces, beside.forces)
+    return _Bands(P, beside.P[2], forces, {"P_once": P_once})
+
+
+def _apart(nf: int, nx: int) -> ca.Function:
+    """Covariance and forces of one window with the errors of another, and the distance to it."""
+
+    def formula(
+        x: ca.SX, x_once: ca.SX, whole: ca.SX, forces: ca.SX, forces_once: ca.SX
+    ) -> Results:
+        apart = (forces[:, 1] - forces_once[:, 1]) ** 2
+        return {
+            "spread": whole + (x - x_once) @ (x - x_once).T,
+            "found": ca.horzcat(forces[:, :2], forces_once[:, 2] + apart),
+        }
+
+    return leaf("apart", {"x": nx, "whole": (nx, nx), "forces": (nf, 3)}, formula)
 
 
 def _channels(names: tuple[str, ...]) -> tuple[Channel, ...]:

@@ -29,13 +29,14 @@ from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import Innovations
 from backsight.types import Array, ByName
 
@@ -97,8 +98,9 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         found are shown as fitted without it, by least squares in which the others stay zero;
         `threshold` judges them by the l1 norm. Their deviation then counts what the l1 norm had
         taken away, and the atoms that could nearly as well have been chosen (whose optimality
-        condition is used up to a half). ``kept`` shows the optimum of the cost itself, as in the
-        paper, with a deviation that knows nothing of both. States are the same.
+        condition is used up to a half), and so does the covariance of the states. ``kept`` shows
+        the optimum of the cost itself, as in the paper, with deviations that know nothing of both.
+        The states themselves are the same.
     lag : int or "N"
         The estimate of a sample is made when `lag` more have been measured, as for `MHE`; with "N"
         from the start of the window. The newest forces cannot be told apart yet.
@@ -116,7 +118,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     The solution is exact: a warm-started active set. Covariances of the states are those of the
     least-squares problem in which the forces that are zero stay zero and the others are free. With
-    ``SmoothedArrival(naive=True)`` they are too small, since its measurements count several times.
+    ``SmoothedArrival(naive=True)`` and ``bias="kept"`` they are too small, since its measurements
+    count several times; with ``bias="removed"`` they count them once.
 
     A window that is not full yet, or has gaps, is one with samples that were not measured.
 
@@ -185,7 +188,9 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        return cs_recursion(self.key, self._solver(self.forced(model, dt)), self.carryover)
+        forced = self.forced(model, dt)
+        refuse_too_wide(forced.system.s, "CompressiveSensingMHE")
+        return cs_recursion(self.key, self._solver(forced), self.carryover)
 
     def forced(self, model: Model, dt: float) -> Forced:
         """See `AbstractForceEstimator.forced`."""

@@ -19,6 +19,7 @@ from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights
 from backsight.algebra.update import masked
 from backsight.estimators.base import Setting
+from backsight.estimators.kalman.square_root import noise_drowns
 from backsight.estimators.parts.covariance import Term, times_transposed, transposed
 from backsight.estimators.parts.factors import (
     deviation_factor,
@@ -78,6 +79,7 @@ def unscented_looks(
     looked = half("unscented_seen", s, seen, sizes)(*rows, opened(spread))
     return Linearised(
         root=opened,
+        by_root=noise_drowns(s),
         ahead=ca.Function("ahead", [x, spread, u, u_next], list(on)),
         seen=ca.Function("seen", [x, spread, x_post, u, y, mask], list(looked)),
     )

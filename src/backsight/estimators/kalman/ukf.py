@@ -9,16 +9,22 @@ import numpy as np
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights, weights
 from backsight.algebra.triangular import forward
-from backsight.algebra.update import masked, measured, noise_of
+from backsight.algebra.update import masked, measured
 from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
+from backsight.estimators.kalman._sigma_pairs import Outside, Points, SigmaPoints
 from backsight.estimators.kalman._unscented import unscented_looks
 from backsight.estimators.kalman.square_root import covariance_of_factor
-from backsight.estimators.parts.covariance import Covariance, Term, times_transposed
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    Term,
+    scatter_and_noise,
+    times_transposed,
+)
 from backsight.estimators.parts.factors import (
     Factor,
     cholesky_factor,
@@ -26,7 +32,6 @@ from backsight.estimators.parts.factors import (
     each_column,
     joint_factor,
     minus,
-    sigma_columns,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
@@ -47,12 +52,10 @@ class UKF(AbstractEstimator):
     derivative; process and measurement noise are additive. The covariance is kept as its lower
     factor, :math:`P = L L'`, and is therefore positive semidefinite always.
 
-    Sigma points outside the bounds of the states are set to them before they are used, so that a
-    parameter that must be positive (a mass) never becomes negative in the model, however wide its
-    spread; in the prediction this also moves the mean away from the bound, and the sample's status
-    says that it was clipped. A measurement takes the whole spread, also what is outside the bound.
-    If a covariance has no factor, which needs a negative weight (small alpha), the update is left
-    out and the status says so.
+    The model is never asked outside the bounds of the states, however wide their spread, so that a
+    parameter that must be positive (a mass) is. See `outside`; the sample's status says *clipped*.
+    A mean outside is set to the bound. If a covariance has no factor, which needs a negative weight
+    (small alpha), the update is left out and the status says so.
 
     Parameters
     ----------
@@ -64,6 +67,12 @@ class UKF(AbstractEstimator):
     alpha, beta, kappa : float
         Spread of the sigma points: alpha > 0 scales it, beta = 2 is best for Gaussians, kappa
         fine-tunes it. With the defaults no weight of the covariance is negative.
+    outside : {"moved", "clipped"}
+        Of sigma points outside the bounds. ``moved``: pairs are moved inside and tell the slope of
+        the model; the spread is that without bounds, as in the other filters, see
+        `backsight.estimators.kalman._sigma_pairs`. ``clipped``: each is set to the bound; that
+        draws the mean away from it in every prediction and makes the bands too narrow there, but
+        may hold parameters in place that a strongly nonlinear model would lose with a wide prior.
 
     References
     ----------
@@ -82,6 +91,7 @@ class UKF(AbstractEstimator):
     alpha: Positive = 1.0
     beta: float = 2.0
     kappa: float = 0.0
+    outside: Outside = "moved"
 
     @property
     def innovations(self) -> Innovations:
@@ -91,90 +101,92 @@ class UKF(AbstractEstimator):
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
-        points = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
-        return assemble(self.key, s, ukf_halves(s, s.integrator, points))
+        return assemble(self.key, s, ukf_halves(s, s.integrator, self._points(s)))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
-        w = points_of(s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
+        points = self._points(s)
         looks = unscented_looks(
             s,
-            w,
+            points.weights,
             opened=_opened(s),
-            moved=_images(s, w, s.integrator),
-            shown=_shown(s, w),
+            moved=_images(s, points, s.integrator),
+            shown=_shown(s, points),
             Q=_noise_root(s),
         )
-        parts = ukf_halves(s, s.integrator, w)
+        parts = ukf_halves(s, s.integrator, points)
         return passes(self.key, s, parts, looks, covariance=covariance)
 
+    def _points(self, s: Setting) -> SigmaPoints:
+        return points_of(
+            s, alpha=self.alpha, beta=self.beta, kappa=self.kappa, outside=self.outside
+        )
 
-def points_of(s: Setting, *, alpha: float, beta: float, kappa: float) -> Weights:
-    """Spread and weights of the sigma points for a model; raises `TuningError`, see `UKF`."""
+
+def points_of(
+    s: Setting, *, alpha: float, beta: float, kappa: float, outside: Outside = "moved"
+) -> SigmaPoints:
+    """How the sigma points of a model are chosen; raises `TuningError`, see `UKF`."""
     n = s.model.nx
     if not n + kappa > 0:
         raise TuningError(f"kappa is {kappa}; it must be above -{n} for {n} states")
-    return weights(n, alpha=alpha, beta=beta, kappa=kappa)
+    return SigmaPoints(weights(n, alpha=alpha, beta=beta, kappa=kappa), outside)
 
 
-def ukf_halves(s: Setting, integrator: Integrator, w: Weights) -> Halves:
+def ukf_halves(s: Setting, integrator: Integrator, points: SigmaPoints) -> Halves:
     """Measurement update and time update, see `UKF`; the spread is that of `Factor`."""
     kept = Factor(Covariance(s.model.nx))
     return Halves(
         spread0=np.append(kept.of(cholesky_factor(s.P0)), 0.0),
-        innovation=_innovation(s, w),
-        correct=_correct(s, w),
-        predict=_predict(s, w, integrator),
+        innovation=_innovation(s, points),
+        correct=_correct(s, points),
+        predict=_predict(s, points, integrator),
         covariance=covariance_of_factor(s),
         ramp=integrator.hold == "foh",
     )
 
 
-def _points(s: Setting, w: Weights, x: Term, spread: Term) -> tuple[Term, Term]:
-    """Sigma points inside the bounds of the states, and how far that moved them."""
-    L = Factor(Covariance(s.model.nx)).opened(spread)
-    within = leaf(
-        "within",
-        notation(s),
-        lambda x: {"x_in": within_bounds(s, x), "off": within_bounds(s, x) - x},
-    )
-    points, off = each_column(within, sigma_columns(x, L, w.spread))
-    return points, off
+def _around(s: Setting, points: SigmaPoints, x: Term, spread: Term) -> Points:
+    """Sigma points of what the filter keeps."""
+    return points.around(s, x, Factor(Covariance(s.model.nx)).opened(spread))
 
 
-def _outputs(s: Setting, w: Weights, points: Term, u: Term) -> tuple[Term, Term]:
+def _outputs(s: Setting, points: SigmaPoints, chosen: Points, u: Term) -> Term:
+    """Outputs (ny, 2 n + 1) at sigma points."""
+    output = leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)})
+    return points.told(s, each_column(output, chosen.inside, u)[0], chosen.pairs)
+
+
+def _from_mean(Y: Term, w: Weights) -> tuple[Term, Term]:
     """Mean output (ny,) and deviations from it (ny, 2 n + 1)."""
-    (Y,) = each_column(
-        leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)}), points, u
-    )
     mean = Y @ w.mean
     return mean, minus(Y, mean)
 
 
-def _innovation(s: Setting, w: Weights) -> ca.Function:
-    def seen(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
-        S = dY @ ca.diag(ca.SX(w.covariance)) @ dY.T + noise_of(ca.SX(s.R), mask)
-        return {"e": measured(mask) * (y - y_mean), "covariance": S}
+def _innovation(s: Setting, points: SigmaPoints) -> ca.Function:
+    w, sizes = points.weights, {"spread": Factor(Covariance(s.model.nx)).size, "y_mean": s.model.ny}
 
-    sizes = {"dY": (s.model.ny, len(w.mean)), "spread": Factor(Covariance(s.model.nx)).size}
-    compare = leaf("compare", {**notation(s), **sizes}, seen)
+    def seen(y: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
+        return {"e": measured(mask) * (y - y_mean)}
+
+    missed = leaf("missed", {**notation(s), **sizes}, seen)
 
     def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
-        y_mean, dY = _outputs(s, w, _points(s, w, x, spread)[0], u)
-        e, S = compare(y, dY, y_mean, mask)
-        return {"e": e, "S": S}
+        y_mean, dY = _from_mean(_outputs(s, points, _around(s, points, x, spread), u), w)
+        S = scatter_and_noise(dY, w.covariance, s.R, mask)
+        return {"e": missed(y, y_mean, mask), "S": S}
 
     return half("innovation", s, formula, sizes)
 
 
-def _correct(s: Setting, w: Weights) -> ca.Function:
+def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
     """Measurement update from one triangular factor.
 
     The joint factor of outputs and states, [[Sy, 0], [K Sy, L+]], holds the gain and the factor of
     the posterior, so that nothing is ever subtracted from a covariance.
     """
-    nx, ny, kept = s.model.nx, s.model.ny, Factor(Covariance(s.model.nx))
+    nx, ny, kept, w = s.model.nx, s.model.ny, Factor(Covariance(s.model.nx)), points.weights
     sizes = {
         **notation(s), "dY": (ny, len(w.mean)), "KSy": (nx, ny), "Sy": (ny, ny), "held": 1,
         "definite": 1, "failed": 1, "spread": kept.size,
@@ -197,25 +209,25 @@ def _correct(s: Setting, w: Weights) -> ca.Function:
     weigh, settle = leaf("weigh", sizes, rows), leaf("settle", sizes, settled)
 
     def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
-        points, off = _points(s, w, x, spread)
-        held = ca.if_else(ca.norm_1(ca.vec(off)) > 0, 1, 0)
-        y_mean, dY = _outputs(s, w, points, u)
+        chosen = _around(s, points, x, spread)
+        y_mean, dY = _from_mean(_outputs(s, points, chosen, u), w)
         dY, e, noise = weigh(y, dY, y_mean, mask)
         # The outputs see points inside the bounds, the spread is that of the state: or else every
         # sample would make it smaller next to a bound, whatever was measured.
         joint, definite = joint_factor(dY, kept.opened(spread), w, noise)
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
-        x_post, flags = settle(x, KSy, Sy, e, held, definite, spread[-1])
+        x_post, flags = settle(x, KSy, Sy, e, chosen.held, definite, spread[-1])
         L_next = ca.if_else(definite, kept.closed(L_post), spread[:-1])
         return {"x_post": x_post, "spread_post": ca.vertcat(L_next, 0), "flags": flags}
 
     return half("correct", s, formula, {"spread": kept.size})
 
 
-def _images(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
+def _images(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
     """Sigma points one sample later, ``(x, spread, u, u_next) -> X``."""
     size, h = Factor(Covariance(s.model.nx)).size, s.dt / integrator.steps
-    sizes = {"spread": size, "X": (s.model.nx, len(w.mean))}
+    count = len(points.weights.mean)
+    sizes = {"spread": size, "X": (s.model.nx, count), "pairs": (2, s.model.nx)}
 
     def advance(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
         if not s.model.continuous:
@@ -229,27 +241,35 @@ def _images(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
         lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
         sizes,
     )
-    start = half("sigma_points", s, lambda x, spread: {"X": _points(s, w, x, spread)[0]}, sizes)
+
+    def placed(x: Term, spread: Term) -> Results:
+        chosen = _around(s, points, x, spread)
+        return {"X": chosen.inside, "pairs": chosen.pairs}
+
+    start = half("sigma_points", s, placed, sizes)
+    end = half("told", s, lambda X, pairs: {"X_end": points.told(s, X, pairs)}, sizes)
     x, spread = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", size)
     u, u_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
     xs, held = substep_inputs(integrator, u, u_next)
     steps = integrator.steps if s.model.continuous else 1
-    (end,), _ = scan(all_points, steps, carry=[start(x, spread)], xs=xs, constants=held)
-    return ca.Function("images", [x, spread, u, u_next], [end])
+    X, pairs = start(x, spread)
+    (moved,), _ = scan(all_points, steps, carry=[X], xs=xs, constants=held)
+    return ca.Function("images", [x, spread, u, u_next], [end(moved, pairs)])
 
 
-def _predict(s: Setting, w: Weights, integrator: Integrator) -> ca.Function:
+def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
-    kept, noise = Factor(Covariance(s.model.nx)), _noise_root(s)
+    kept, noise, w = Factor(Covariance(s.model.nx)), _noise_root(s), points.weights
+    inside = leaf("within", notation(s), lambda x: {"x_in": within_bounds(s, x)})
 
     def gathered(X: Term, spread: Term) -> Results:
         mean = times_transposed(X, ca.DM(w.mean).T)
         L, definite = deviation_factor(minus(X, mean), w, type(X)(ca.DM(noise)))
         L_next = ca.if_else(definite, kept.closed(L), spread[:-1])
-        return {"x_next": mean, "spread_next": ca.vertcat(L_next, 1 - definite)}
+        return {"x_next": inside(mean), "spread_next": ca.vertcat(L_next, 1 - definite)}
 
     gather = half("gather", s, gathered, {"spread": kept.size, "X": (s.model.nx, len(w.mean))})
-    images = _images(s, w, integrator)
+    images = _images(s, points, integrator)
     given = [ca.MX.sym(images.name_in(i), images.numel_in(i)) for i in range(4)]
     return ca.Function("predict", given, gather.call([images(*given), given[1]]))
 
@@ -266,12 +286,12 @@ def _opened(s: Setting) -> ca.Function:
     return half("opened", s, lambda spread: {"L": ca.densify(kept.opened(spread))}, sizes)
 
 
-def _shown(s: Setting, w: Weights) -> ca.Function:
+def _shown(s: Setting, points: SigmaPoints) -> ca.Function:
     """Outputs at the sigma points, ``(x, spread, u) -> Y``."""
 
     def formula(x: Term, spread: Term, u: Term) -> Results:
-        output = leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)})
-        return {"Y": each_column(output, _points(s, w, x, spread)[0], u)[0]}
+        return {"Y": _outputs(s, points, _around(s, points, x, spread), u)}
 
-    sizes = {"spread": Factor(Covariance(s.model.nx)).size, "Y": (s.model.ny, len(w.mean))}
+    count = len(points.weights.mean)
+    sizes = {"spread": Factor(Covariance(s.model.nx)).size, "Y": (s.model.ny, count)}
     return half("shown", s, formula, sizes)

@@ -22,6 +22,7 @@ from backsight.estimators.arrival import (
     arrival_name,
 )
 from backsight.estimators.base import AbstractEstimator, setting
+from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.mhe._inspect import inspection
 from backsight.estimators.mhe._sample import Parts, recursion
 from backsight.estimators.mhe._window import transition_pattern
@@ -153,6 +154,7 @@ class MHE(AbstractEstimator):
         whole = setting(
             model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator
         ).sampled()
+        refuse_too_wide(whole, "MHE")
         s = hard_bounds(whole, self.soft)
         names = [x.name for x in s.model.states]
         for name in self.constant:

@@ -16,6 +16,7 @@ from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.diagnosis._identifiability import check_identifiability
 from backsight.run.diagnosis._judges import Judges
+from backsight.run.diagnosis._sense import surprises
 from backsight.run.diagnosis._walks import Walks
 
 
@@ -50,12 +51,12 @@ def doubts_found(
     estimators: Mapping[str, AbstractEstimator],
     judges: Judges,
 ) -> dict[str, list[str]]:
-    """Say of every result which parameters the recording hardly tells, or not from a force."""
+    """Say of every result which parameters make no sense, are hardly told, or not from a force."""
     walks, large = Walks(judges), judges.model.nx > MOST_STATES
     return {
         name: []
         if large or estimator.innovations == "forced" or failed(results[name])
-        else walks.doubts(estimator, results[name])
+        else [*surprises(estimator, judges, results[name]), *walks.doubts(estimator, results[name])]
         for name, estimator in estimators.items()
     }
 
@@ -67,14 +68,14 @@ def noise_found(
 ) -> dict[str, NoiseFactors | None]:
     """By how much the noise of every estimator is wrong, where that can be told.
 
-    From its own innovations if they are those of a Kalman filter. The innovations of another gain
-    are coloured whatever the noise is: its noise is judged by the Kalman filter that believes in
-    the same.
+    From its own innovations and covariances if they are those of a Kalman filter. The innovations
+    of another gain are coloured whatever the noise is, and with a lag the covariance is not that of
+    the newest sample: the noise is then judged by the Kalman filter that believes in the same.
     """
     model = judges.model
     found: dict[str, NoiseFactors | None] = {}
     for name, estimator in estimators.items():
-        if estimator.innovations == "white":
+        if estimator.innovations == "white" and not estimator.delay:
             found[name] = factors_of(results[name], estimator, model)
         elif estimator.innovations == "forced" or model.nx > MOST_STATES:
             found[name] = None

@@ -16,11 +16,11 @@ from backsight.run.estimation._smooth import carry_out_smoothing as carry_out_sm
 from backsight.run.estimation._smooth import ready_to_smooth as ready_to_smooth
 from backsight.run.estimation._smooth import smooth as smooth
 from backsight.run.estimation._stream import stream as stream
-from backsight.run.estimation._values import ABSURD as ABSURD
-from backsight.run.estimation._values import HUGE as HUGE
 from backsight.run.estimation.carrying import run_on as run_on
 from backsight.run.estimation.many import estimate_many as estimate_many
 from backsight.run.estimation.many import tasks_of as tasks_of
-from backsight.run.estimation.outputs import ALL as ALL
-from backsight.run.estimation.outputs import Outputs as Outputs
-from backsight.run.estimation.result import as_result as as_result
+from backsight.run.estimation.results.outputs import ALL as ALL
+from backsight.run.estimation.results.outputs import Outputs as Outputs
+from backsight.run.estimation.results.result import as_result as as_result
+from backsight.run.estimation.results.values import ABSURD as ABSURD
+from backsight.run.estimation.results.values import HUGE as HUGE

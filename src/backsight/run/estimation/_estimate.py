@@ -17,11 +17,11 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._match import match
 from backsight.run.estimation._prepared import Prepared, compile_once
-from backsight.run.estimation._values import Measured, looked_at
 from backsight.run.estimation.carrying import Store, carried
-from backsight.run.estimation.outputs import ALL, Kept, Outputs, as_outputs
-from backsight.run.estimation.result import Made, result_of
-from backsight.schema import FAILURES, STATUS_TEXT
+from backsight.run.estimation.results.outputs import ALL, Kept, Outputs, as_outputs
+from backsight.run.estimation.results.result import Made, result_of
+from backsight.run.estimation.results.values import Measured, looked_at
+from backsight.schema import CULPRIT, FAILURES, STATUS_TEXT
 from backsight.types import Array
 
 LITTLE = 1e7
@@ -142,7 +142,7 @@ def ready(
 ) -> Task:
     """Check all but the memory that the result takes, see `estimate`."""
     data = match(model, recording, estimator=estimator)
-    _warn_of_useless_rule(estimator, model, data)
+    warn_of_useless_rule(estimator, model, data)
     check_window(estimator, len(data[0]))
     dt = float(recording.attrs["dt"])
     compiled = compile_once(estimator, model, dt, outputs=outputs, restart=restart)
@@ -150,7 +150,7 @@ def ready(
     return Task(estimator, model, recording, compiled, data, outputs)
 
 
-def _warn_of_useless_rule(
+def warn_of_useless_rule(
     estimator: AbstractEstimator, model: Model, data: tuple[Array, Array, Array]
 ) -> None:
     """Warn of outputs of which no value can be an outlier: the noise alone is allowed more."""
@@ -205,7 +205,8 @@ def failure(result: xr.Dataset) -> str:
     k = int(failed[0])
     causes = [text for bit, text in STATUS_TEXT.items() if bit & FAILURES & int(status[k])]
     moment = float(result["time"][k])
-    return f"{result.attrs['estimator']} failed at sample {k} (t = {moment:g} s): {causes[0]}"
+    cause = result.attrs.get(CULPRIT, causes[0])
+    return f"{result.attrs['estimator']} failed at sample {k} (t = {moment:g} s): {cause}"
 
 
 def check_window(estimator: AbstractEstimator, samples: int) -> None:

@@ -16,8 +16,8 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation.outputs import Outputs, putting_out
-from backsight.run.estimation.result import coordinates
+from backsight.run.estimation.results.outputs import Outputs, putting_out
+from backsight.run.estimation.results.result import coordinates
 
 KEPT = 32
 """Number of recursions that are kept; the one not used for the longest time goes first."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from backsight.engine.execute import run_part
 from backsight.engine.recursion import Channel, Recursion
-from backsight.run.estimation._values import named
-from backsight.run.estimation.outputs import Outputs
+from backsight.run.estimation.results.outputs import Outputs
+from backsight.run.estimation.results.values import named
 from backsight.types import Array
 
 BLOCK = 4096

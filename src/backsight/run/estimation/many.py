@@ -18,10 +18,10 @@ from backsight.run.estimation._estimate import (
 )
 from backsight.run.estimation._match import match
 from backsight.run.estimation._prepared import Prepared, compile_once
-from backsight.run.estimation._values import Measured, looked_at, named
 from backsight.run.estimation.carrying import Block, Store, from_first_sample, run_on
-from backsight.run.estimation.outputs import Kept, Outputs, as_outputs
-from backsight.run.estimation.result import result_of
+from backsight.run.estimation.results.outputs import Kept, Outputs, as_outputs
+from backsight.run.estimation.results.result import result_of
+from backsight.run.estimation.results.values import Measured, looked_at, named
 from backsight.types import Array
 
 

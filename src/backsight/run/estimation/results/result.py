@@ -15,14 +15,16 @@ from backsight.engine.recursion import Channel
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
-from backsight.run.estimation._integration import with_integration
 from backsight.run.estimation._match import output_mask, outputs_of
-from backsight.run.estimation._values import Measured, deviation, looked_at, named
-from backsight.run.estimation.outputs import Outputs
+from backsight.run.estimation.results._culprit import with_culprit
+from backsight.run.estimation.results._integration import with_integration
+from backsight.run.estimation.results.outputs import Outputs
+from backsight.run.estimation.results.values import Measured, deviation, looked_at, named
 from backsight.schema import (
     AGO,
     EVERY,
     INNOVATIONS,
+    POSITIVE,
     RESULT_VARIABLES,
     ROLE,
     SCHEMA_VERSION,
@@ -148,8 +150,11 @@ def result_of(
             THRESHOLD: rule.threshold,
             OUTLIER_WEIGHT: DOUBTED,
         }
-    u = made.u[:: outputs.every]
+    if positive := [s.name for s in made.model.states if s.positive]:
+        result.attrs[POSITIVE] = " ".join(positive)
+    u = made.u[_every(outputs.every)]
     result = with_integration(result, made.integrator, made.model, u=u, dt=dt)
+    result = with_culprit(result, estimator, made.model, u=u)
     remarks = force_remarks(result)
     if remarks:
         result.attrs[REMARKS] = "\n".join(remarks)
@@ -179,6 +184,10 @@ def _dataset(
             stored = numbers[thin].astype(outputs.dtype, copy=False)
             variables[name] = xr.Variable(where, stored)
     result = xr.Dataset(variables, coords=_with_time(made, outputs.every))
+    if any(s.positive for s in made.model.states) and "x_std" in result:
+        ends = _bands(values["x_hat"], values["x_std"], made.model)
+        for name, end in zip(("x_low", "x_high"), ends, strict=True):
+            result[name] = (("time", "state"), end, {"long_name": _long_name(name)})
     if "d_std" not in result and "P_d" in result:
         result["d_std"] = (("time", "force"), deviation(result["P_d"].values))
     if "x_true" in made.recording and outputs.keeps("x_true"):
@@ -222,6 +231,15 @@ def coordinates(model: Model, channels: Iterable[Channel]) -> xr.Coordinates:
         if len(positions) == len(forces):
             found["force_position"] = ("force", positions)
     return xr.Dataset(coords=found).coords
+
+
+def _bands(x: Array, std: Array, model: Model) -> tuple[Array, Array]:
+    """Ends of the bands of one standard deviation; of positive states as factors."""
+    positive = np.array([s.positive for s in model.states])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        factor = np.exp(std / x)
+        low, high = np.where(positive, x / factor, x - std), np.where(positive, x * factor, x + std)
+    return low, high
 
 
 def _truth(made: Made, thin: slice) -> xr.DataArray:

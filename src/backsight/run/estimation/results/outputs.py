@@ -34,8 +34,8 @@ class Outputs(Description):
     ----------
     variables : sequence of str, optional
         Names of variables of the result, such as ``x_std``, ``e`` or ``y``, and ``e_std``, the
-        standard deviations of the innovations; `x_hat` and `status` are always kept. All but
-        ``e_std`` if not given.
+        standard deviations of the innovations; `x_hat` and `status` are always kept. With ``x_std``
+        come the ends of the bands of states that are positive. All but ``e_std`` if not given.
     every : int
         Keep every so many samples, from the first one on. The status of a sample that is kept tells
         what happened from there to the next one.

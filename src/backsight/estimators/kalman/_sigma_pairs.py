@@ -1,0 +1,165 @@
+r"""Pairs of sigma points where the states have bounds.
+
+A pair :math:`\hat x \pm d` that leaves the bounds is not asked for. In its place the model is asked
+at :math:`c \pm \tau d`: around the mean c that every state has between its bounds, the mean of the
+truncated normal distribution, and with the largest :math:`\tau \le 1` that stays inside. There it
+tells its slope along d, and no longer how it bends: with the images a and b of the pair and
+:math:`f_0` of the mean, the two points have the images :math:`f_0 \pm (a - b) / (2 \tau)`.
+
+So the model is never asked outside the bounds, and of a linear one the points tell everything: mean
+and covariance are those of the Kalman filter. Points that are clipped, set to the bounds one by one
+(Kandepu, Foss, Imsland, 2008, doi:10.1016/j.jprocont.2007.11.004), pull the mean away from a bound
+and make the spread smaller in every prediction, whatever is measured.
+"""
+
+import dataclasses
+from typing import Literal, TypeAlias
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra.sigma import Weights
+from backsight.estimators.base import Setting
+from backsight.estimators.parts.covariance import Term, transposed
+from backsight.estimators.parts.factors import each_column, on_top, sigma_columns
+from backsight.estimators.parts.leaf import Results, leaf, notation
+from backsight.estimators.parts.substeps import within_bounds
+
+Outside: TypeAlias = Literal["moved", "clipped"]
+"""What is done with sigma points outside the bounds of the states."""
+
+NARROW = 1e-3
+"""Bounds that are closer than that, in standard deviations, leave a uniform distribution."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Points:
+    """Sigma points.
+
+    Parameters
+    ----------
+    inside : (n, 2 n + 1)
+        Where the model is asked: mean, points in the direction of each column, opposite points.
+    pairs : (2, n)
+        Of every pair the share of its distance that was left, and 1 if it was moved.
+    held : scalar
+        1 if a point is outside the bounds.
+    """
+
+    inside: Term
+    pairs: Term
+    held: Term
+
+
+@dataclasses.dataclass(frozen=True)
+class SigmaPoints:
+    """How the points of a mean and a factor are chosen.
+
+    Parameters
+    ----------
+    weights : Weights
+    outside : {"moved", "clipped"}
+        See `UKF`.
+    """
+
+    weights: Weights
+    outside: Outside
+
+    def around(self, s: Setting, x: Term, L: Term) -> Points:
+        """Points of a mean inside the bounds and a lower factor (n, n)."""
+        if not _bounded(s):
+            plain = sigma_columns(x, L, self.weights.spread)
+            return Points(plain, _as_they_are(s, x), type(x)(0))
+        choose = _moved if self.outside == "moved" else _clipped
+        return choose(s, self.weights, x, L)
+
+    def told(self, s: Setting, images: Term, pairs: Term) -> Term:
+        """Images (m, 2 n + 1) of the sigma points, from those of `Points.inside`."""
+        if self.outside == "clipped" or not _bounded(s):
+            return images
+        m, n = images.shape[0], s.model.nx
+        column = leaf("extrapolate_pair", {"pair": 2 * m + 2, "centre": m}, _extrapolated)
+        both = on_top([images[:, 1 : n + 1], images[:, n + 1 :], pairs])
+        high, low = each_column(column, both, images[:, 0])
+        return ca.horzcat(images[:, 0], high, low)
+
+
+def _bounded(s: Setting) -> bool:
+    return bool(np.isfinite(s.lower).any() or np.isfinite(s.upper).any())
+
+
+def _as_they_are(s: Setting, like: Term) -> Term:
+    return type(like)(ca.DM(np.outer([1.0, 0.0], np.ones(s.model.nx))))
+
+
+def _moved(s: Setting, w: Weights, x: Term, L: Term) -> Points:
+    """Pairs that leave the bounds are moved inside."""
+    n = s.model.nx
+    sizes = {**notation(s), "d": n, "c": n, "sigma": n}
+    norm = leaf("row_size", sizes, lambda d: {"size": ca.norm_2(d)})
+    between = leaf("truncated", sizes, lambda x, sigma: _between(s, x, sigma))
+    place = leaf("place_pair", sizes, lambda d, x, c: _placed(s, d, x, c))
+    c = between(x, transposed(each_column(norm, transposed(L))[0]))
+    high, low, pairs = each_column(place, w.spread * L, x, c)
+    return Points(ca.horzcat(x, high, low), pairs, ca.mmax(pairs[1, :]))
+
+
+def _clipped(s: Setting, w: Weights, x: Term, L: Term) -> Points:
+    """Each point is set to the bounds that it is beyond."""
+    plain = sigma_columns(x, L, w.spread)
+    within = leaf("within", notation(s), lambda x: {"x_in": within_bounds(s, x)})
+    (inside,) = each_column(within, plain)
+    held = ca.if_else(ca.norm_1(ca.vec(inside - plain)) > 0, 1, 0)
+    return Points(inside, _as_they_are(s, x), held)
+
+
+def _between(s: Setting, x: ca.SX, sigma: ca.SX) -> Results:
+    """Mean of every state if its normal distribution is cut off at its bounds."""
+    c = ca.SX(x)
+    for i, (low, high) in enumerate(zip(s.lower, s.upper, strict=True)):
+        if not (np.isfinite(low) or np.isfinite(high)):
+            continue
+        size = ca.if_else(sigma[i] > 0, sigma[i], 1)
+        density, share = [0.0, 0.0], [0.0, 1.0]
+        for end, bound in enumerate((low, high)):
+            if np.isfinite(bound):
+                z = (bound - x[i]) / size
+                density[end] = ca.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+                share[end] = (1 + ca.erf(z / np.sqrt(2))) / 2
+        wide = high - low > NARROW * size
+        cut = x[i] + size * (density[0] - density[1]) / ca.if_else(wide, share[1] - share[0], 1)
+        middle = (low + high) / 2 if np.isfinite(high - low) else 0.0
+        c[i] = ca.if_else(sigma[i] > 0, ca.if_else(wide, cut, middle), x[i])
+    return {"centre": within_bounds(s, c)}
+
+
+def _placed(s: Setting, d: ca.SX, x: ca.SX, c: ca.SX) -> Results:
+    """The pair x +- d, or c +- share d if it leaves the bounds."""
+    outside, share = ca.SX(0), ca.SX(1)
+    for i, (low, high) in enumerate(zip(s.lower, s.upper, strict=True)):
+        if np.isfinite(low) or np.isfinite(high):
+            size = ca.fabs(d[i])
+            outside = ca.if_else(size > _room(x[i], low, high), 1, outside)
+            room = _room(c[i], low, high)
+            share = ca.fmin(share, ca.if_else(size > room, room / size, 1))
+    share = ca.if_else(outside, share, 1)
+    centre = ca.if_else(outside, c, x)
+    # Sums are rounded; the bounds are not.
+    ends = (within_bounds(s, centre + share * d), within_bounds(s, centre - share * d))
+    return {"high": ends[0], "low": ends[1], "pairs": ca.vertcat(share, outside)}
+
+
+def _room(x: ca.SX, low: float, high: float) -> ca.SX:
+    """Distance to the nearer bound."""
+    above = x - low if np.isfinite(low) else ca.SX(np.inf)
+    return ca.fmin(above, high - x) if np.isfinite(high) else above
+
+
+def _extrapolated(pair: ca.SX, centre: ca.SX) -> Results:
+    m = centre.numel()
+    a, b, share, moved = ca.vertsplit(pair, [0, m, 2 * m, 2 * m + 1, 2 * m + 2])
+    slope = (a - b) / (2 * share)
+    return {
+        "high": ca.if_else(moved, centre + slope, a),
+        "low": ca.if_else(moved, centre - slope, b),
+    }
