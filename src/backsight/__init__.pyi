@@ -55,6 +55,8 @@ from backsight.run.estimation import estimate_many as estimate_many
 from backsight.run.estimation import smooth as smooth
 from backsight.run.estimation import solve_window as solve_window
 from backsight.run.estimation import stream as stream
+from backsight.run.parts import estimate_parts as estimate_parts
+from backsight.run.parts import read_store as read_store
 from backsight.run.simulation import simulate as simulate
 from backsight.run.simulation import simulate_closed_loop as simulate_closed_loop
 from backsight.run.summaries import estimate_summaries as estimate_summaries

@@ -68,13 +68,20 @@ def test_results_do_not_depend_on_blocks_also_with_a_lag(monkeypatch, method):
 
 def test_what_happens_at_samples_that_are_not_kept_is_told():
     hit = RECORDING.copy(deep=True)
-    hit["u"][43] = 1e308
+    hit["u"][43] = 1e308  # samples 0, 40 and 80 are kept
     with pytest.raises(EstimationError, match="failed at sample"):
         estimate(METHOD, PROBLEM.model, hit, engine="vm", outputs=Outputs(every=40))
     some = estimate(
         METHOD, PROBLEM.model, hit, engine="vm", outputs=Outputs(every=40), restart=True
     )
-    assert [bool(s & Status.NOT_FINITE) for s in some["status"].values] == [False, True, False]
+    assert [bool(s & Status.NOT_FINITE) for s in some["status"].values] == [False, False, True]
+
+
+def test_what_happens_after_the_last_sample_that_is_kept_is_told():
+    hit = RECORDING.copy(deep=True)
+    hit["u"][85] = 1e308
+    some = estimate(METHOD, PROBLEM.model, hit, engine="vm", outputs=Outputs(every=40), throw=False)
+    assert [bool(s & Status.NOT_FINITE) for s in some["status"].values] == [False, False, True]
 
 
 def test_wrong_outputs_are_refused():

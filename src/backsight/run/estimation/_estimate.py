@@ -24,9 +24,6 @@ from backsight.run.estimation.results.values import Measured, looked_at
 from backsight.schema import CULPRIT, FAILURES, STATUS_TEXT
 from backsight.types import Array
 
-LITTLE = 1e7
-"""Bytes for which nobody asks how much memory there is: asking takes time, too."""
-
 
 @checked()
 def estimate(
@@ -178,7 +175,7 @@ def carry_out(
     chosen = choose_engine(engine, task.samples)
     prepare(recursion, chosen)
     measured = Measured.of(made.y)
-    store = Store(task.outputs, recursion.channels, task.samples)
+    store = Store(task.outputs, task.samples)
     started = time.perf_counter()
     for block in carried(recursion, task.data, engine=chosen, progress=progress):
         part = measured[block.start : block.stop]
@@ -245,10 +242,7 @@ def numbers_kept(recursion: Recursion, outputs: Outputs) -> float:
 
 def check_memory(numbers: Sequence[float], samples: int) -> None:
     """Raise `DataError` if results of so many numbers a sample would not fit into memory."""
-    needed = 8 * sum(numbers) * samples
-    if needed < LITTLE:
-        return
-    available = psutil.virtual_memory().available
+    needed, available = 8 * sum(numbers) * samples, psutil.virtual_memory().available
     if needed > available:
         results = "result" if len(numbers) == 1 else f"{len(numbers)} results"
         raise DataError(

@@ -16,7 +16,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation.results.outputs import Outputs, putting_out
+from backsight.run.estimation.results.outputs import JUDGED, Outputs, putting_out
 from backsight.run.estimation.results.result import coordinates
 
 KEPT = 32
@@ -49,8 +49,11 @@ def compile_once(
     *,
     outputs: Outputs,
     restart: bool = False,
+    needed: tuple[str, ...] = JUDGED,
 ) -> Prepared:
     """Compile an estimator, or take what was made of the same descriptions before.
+
+    Beside the `outputs` it puts out what is `needed`, if there is such a thing.
 
     Raises
     ------
@@ -58,13 +61,13 @@ def compile_once(
         If the estimator does not fit the model, or has no such outputs.
     """
     # With the method itself: reloading in a notebook changes it inside the same class.
-    key = content(estimator, model, dt, outputs.variables, restart, type(estimator).build)
+    key = content(estimator, model, dt, outputs.variables, restart, needed, type(estimator).build)
     with _lock:
         if key is not None and key in _made:
             _made.move_to_end(key)
             return _made[key]
     recursion = estimator.compile(model, dt)
-    visible = putting_out(recursion.restarting() if restart else recursion, outputs)
+    visible = putting_out(recursion.restarting() if restart else recursion, outputs, needed)
     kept = [c for c in visible.channels if outputs.keeps(c.name)]
     made = Prepared(
         recursion=visible,

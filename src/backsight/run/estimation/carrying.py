@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from backsight.engine.execute import run_part
-from backsight.engine.recursion import Channel, Recursion
+from backsight.engine.recursion import Recursion
 from backsight.run.estimation.results.outputs import Outputs
 from backsight.run.estimation.results.values import named
 from backsight.types import Array
@@ -74,42 +74,73 @@ def carried(
             yield Block(start + early - lag, stop - lag, named(found, recursion.channels))
 
 
+class Thinning:
+    """Take every so many samples of successive blocks, with what happened between them.
+
+    Parameters
+    ----------
+    outputs : Outputs
+    missed : int
+        Status bits of samples since the last one that was taken.
+    """
+
+    def __init__(self, outputs: Outputs, missed: int = 0) -> None:
+        self._outputs, self.missed = outputs, missed
+
+    def taken(self, block: Block) -> tuple[int, dict[str, np.ndarray]]:
+        """Number of the first sample that is taken, by those that are; and what is kept of them.
+
+        The status tells of all samples since the one that was taken before.
+        """
+        every, status = self._outputs.every, block.values["status"]
+        before, first = -block.start % every, -(-block.start // every)
+        kept = {
+            name: _stored(values[before::every], self._outputs.dtype)
+            for name, values in block.values.items()
+            if self._outputs.keeps(name)
+        }
+        if every > 1:
+            kept["status"] = self._gathered(status, before)
+        return first, kept
+
+    def _gathered(self, status: np.ndarray, before: int) -> np.ndarray:
+        every = self._outputs.every
+        count = len(range(before, len(status), every))
+        starts = np.concatenate([[0], before + 1 + every * np.arange(count)])
+        inside = starts[starts < len(status)]
+        # Up to every sample that is taken, and what comes after the last one.
+        told = np.zeros(count + 1, np.int32)
+        told[: len(inside)] = np.bitwise_or.reduceat(status, inside)
+        told[0] |= self.missed
+        self.missed = int(told[count])
+        return told[:count]
+
+
+def _stored(values: np.ndarray, dtype: str) -> np.ndarray:
+    return values.astype(values.dtype if values.dtype == np.int32 else dtype, copy=False)
+
+
 class Store:
     """Results in memory, of the samples that are kept.
 
     Parameters
     ----------
     outputs : Outputs
-    channels : sequence of Channel
-        What there is.
     samples : int
         Of the recording.
     """
 
-    def __init__(self, outputs: Outputs, channels: Sequence[Channel], samples: int) -> None:
-        self._outputs, self._count = outputs, -(-samples // outputs.every)
-        self._names = [c.name for c in channels if outputs.keeps(c.name)]
+    def __init__(self, outputs: Outputs, samples: int) -> None:
+        self._samples, self._count = samples, -(-samples // outputs.every)
+        self._thinning = Thinning(outputs)
         self.values: dict[str, np.ndarray] = {}
 
     def add(self, block: Block) -> None:
         """Take in the results of a block; blocks come in their order."""
-        every = self._outputs.every
-        before, first = -block.start % every, -(-block.start // every)
-        for name in self._names:
-            values = block.values[name]
+        first, kept = self._thinning.taken(block)
+        for name, values in kept.items():
             if name not in self.values:
-                kind = np.int32 if name == "status" else self._outputs.dtype
-                self.values[name] = np.empty((self._count, *values.shape[1:]), kind)
-            kept = values[before::every]
-            self.values[name][first : first + len(kept)] = kept
-        if every > 1:
-            self._gather_status(block.values["status"], before, first)
-
-    def _gather_status(self, status: Array, before: int, first: int) -> None:
-        """Add what happened at samples that are not kept to the sample that is kept before them."""
-        told = self.values["status"]
-        if before:
-            told[first - 1] |= np.bitwise_or.reduce(status[:before])
-        starts = np.arange(before, len(status), self._outputs.every)
-        if len(starts):
-            told[first : first + len(starts)] = np.bitwise_or.reduceat(status, starts)
+                self.values[name] = np.empty((self._count, *values.shape[1:]), values.dtype)
+            self.values[name][first : first + len(values)] = values
+        if block.stop == self._samples:  # what came after the last sample that is kept
+            self.values["status"][-1] |= self._thinning.missed

@@ -140,7 +140,7 @@ def _matched(model: Model, recording: xr.Dataset, estimator: AbstractEstimator, 
 def _result(task: Task, found: Sequence[Array], *, seconds: float) -> xr.Dataset:
     recursion, made = task.recursion, task.made
     values = named(from_first_sample(found, recursion.lag), recursion.channels)
-    store = Store(task.outputs, recursion.channels, task.samples)
+    store = Store(task.outputs, task.samples)
     store.add(Block(0, task.samples, looked_at(values, Measured.of(made.y))))
     return result_of(
         store.values,

@@ -2,7 +2,7 @@
 
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,7 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation import ALL, Prepared, Task, run_on, tasks_of
+from backsight.run.estimation import ALL, Prepared, run_on, tasks_of
 from backsight.run.summaries._totals import BITS, Totals, largest, totalling
 from backsight.schema import ROLE, Status
 from backsight.types import Array
@@ -91,7 +91,14 @@ def estimate_summaries(
     )
     parts = [totals.split(memory) for memory, _ in outcomes]
     found = {name: np.stack([p[name] for p in parts]) for name in totals.sizes}
-    return _table(found, tasks, compiled)
+    return summed_up(
+        found,
+        np.array([task.samples for task in tasks]),
+        inputs=np.stack([task.data[0].mean(axis=0) for task in tasks]),
+        compiled=compiled,
+        estimator=estimator,
+        model=model,
+    )
 
 
 @functools.lru_cache(maxsize=16)
@@ -100,24 +107,43 @@ def _totalling(compiled: Prepared) -> tuple[Recursion, Totals]:
     return totalling(compiled.recursion)
 
 
-def _table(found: dict[str, Array], tasks: Sequence[Task], compiled: Prepared) -> xr.Dataset:
-    """Totals of all recordings as what they say."""
-    first = tasks[0]
-    samples = np.array([task.samples for task in tasks])
+def summed_up(
+    found: Mapping[str, Array],
+    samples: Array,
+    *,
+    inputs: Array,
+    compiled: Prepared,
+    estimator: AbstractEstimator,
+    model: Model,
+) -> xr.Dataset:
+    """Totals of recordings as what they say.
+
+    Parameters
+    ----------
+    found : dict of (recordings, k) arrays
+        The parts of `Totals`.
+    samples : (recordings,) array
+        Their lengths.
+    inputs : (recordings, nu) array
+        Their mean inputs.
+    compiled, estimator, model
+        What was run.
+    """
     counts = {name: found[name][:, 0] for name in ("with_nis", "channels", "nis", "log_likelihood")}
     with np.errstate(divide="ignore", invalid="ignore"):
         per_sample = {name: value / counts["with_nis"] for name, value in counts.items()}
         rms = np.sqrt(found["squares"] / found["measured"])
         mean = found["x_sum"] / found["finite"]
     bits = found["bits"].astype(np.int64)
-    coarse = _coarse(tasks, compiled, np.stack([mean, found["x_last"]], axis=1))
+    states = np.stack([mean, found["x_last"]], axis=1)
+    coarse = _coarse(compiled, model, states, inputs)
     bits[:, BITS.index(Status.COARSE_STEP)] = np.where(
         coarse, samples, bits[:, BITS.index(Status.COARSE_STEP)]
     )
     status = ((bits > 0) * np.array([int(bit) for bit in BITS])).sum(axis=1).astype(np.int32)
     of_state, of_output = ("recording", "state"), ("recording", "output")
     flags = [(bit.name or "").lower() for bit in BITS]
-    table = xr.Dataset(
+    rows = xr.Dataset(
         {
             "x_hat": (of_state, found["x_last"]),
             "x_std": (of_state, found["std_last"]),
@@ -133,7 +159,7 @@ def _table(found: dict[str, Array], tasks: Sequence[Task], compiled: Prepared) -
             "failed_at": ("recording", found["failed_at"][:, 0].astype(np.int64)),
         },
         coords={
-            "recording": np.arange(len(tasks)),
+            "recording": np.arange(len(samples)),
             "flag": flags,
             **{
                 name: compiled.coordinates[name]
@@ -141,18 +167,15 @@ def _table(found: dict[str, Array], tasks: Sequence[Task], compiled: Prepared) -
             },
         },
     )
-    return table.assign_attrs(
-        estimator=first.estimator.key, model=first.model.name, dt=first.recursion.dt
-    )
+    return rows.assign_attrs(estimator=estimator.key, model=model.name, dt=compiled.recursion.dt)
 
 
-def _coarse(tasks: Sequence[Task], compiled: Prepared, x: Array) -> Array:
+def _coarse(compiled: Prepared, model: Model, x: Array, inputs: Array) -> Array:
     """Whether the integration step is too coarse at these states (recordings, k, nx)."""
-    chosen, model, dt = compiled.integrator, tasks[0].model, compiled.recursion.dt
-    none = np.zeros(len(tasks), bool)
+    chosen, dt = compiled.integrator, compiled.recursion.dt
+    none = np.zeros(len(x), bool)
     if chosen is None:
         return none
-    inputs = np.stack([task.data[0].mean(axis=0) for task in tasks])
 
     def complains(which: slice) -> bool:
         states, u = x[which], np.repeat(inputs[which], x.shape[1], axis=0)
@@ -160,4 +183,4 @@ def _coarse(tasks: Sequence[Task], compiled: Prepared, x: Array) -> Array:
 
     if not complains(slice(None)):
         return none
-    return np.array([complains(slice(k, k + 1)) for k in range(len(tasks))])
+    return np.array([complains(slice(k, k + 1)) for k in range(len(x))])

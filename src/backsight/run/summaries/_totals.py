@@ -77,6 +77,13 @@ class Totals:
         parts |= {"largest": largest, "failed_at": np.array([NEVER])}
         return np.concatenate([inside, *parts.values()])
 
+    def enlarged(self, memory: Array, largest: Array) -> Array:
+        """Memory that knows of larger outputs, (ny,)."""
+        changed = memory.copy()
+        parts = self.split(changed)  # views
+        np.maximum(parts["largest"], largest, out=parts["largest"])
+        return changed
+
     def split(self, memory: Array) -> dict[str, Array]:
         """The parts of a memory by name."""
         sizes = self.sizes
@@ -84,8 +91,8 @@ class Totals:
         return dict(zip(sizes, np.split(memory[-sum(sizes.values()) :], ends), strict=True))
 
 
-def totalling(recursion: Recursion) -> tuple[Recursion, Totals]:
-    """The same steps, of which only the totals are left.
+def totalling(recursion: Recursion, *, outputs: bool = False) -> tuple[Recursion, Totals]:
+    """The same steps with totals, of which nothing else is left unless `outputs` are kept, too.
 
     Parameters
     ----------
@@ -96,7 +103,8 @@ def totalling(recursion: Recursion) -> tuple[Recursion, Totals]:
     Returns
     -------
     Recursion
-        Without outputs; where it begins depends on the recording, see `Totals.begin`.
+        Its outputs are those of `recursion`, or none. Where it begins depends on the recording, see
+        `Totals.begin`.
     Totals
         What is in that memory.
     """
@@ -113,15 +121,18 @@ def totalling(recursion: Recursion) -> tuple[Recursion, Totals]:
     queue = ca.vertcat(given["waiting"], y, mask)
     about, waiting = queue[: 2 * totals.ny], queue[2 * totals.ny :]
     seen = dict(zip(sizes, values, strict=True))
-    function = _taken_in(totals, {name: sizes[name] for name in _USED if name in sizes})
+    function = _taken_in(totals, {name: sizes[name] for name in USED if name in sizes})
     changed = function(
         *(v for k, v in given.items() if k != "waiting"),
-        *(seen[name] for name in _USED if name in seen),
+        *(seen[name] for name in USED if name in seen),
         about,
     )
-    step = ca.Function(recursion.name, [carry, u, y, mask], [ca.vertcat(after, waiting, *changed)])
+    results = values if outputs else []
+    moved = ca.vertcat(after, waiting, *changed)
+    step = ca.Function(recursion.name, [carry, u, y, mask], [moved, *results])
     carry0 = totals.begin(recursion.carry0, np.zeros(totals.ny))
-    return dataclasses.replace(recursion, step=step, carry0=carry0, channels=()), totals
+    channels = recursion.channels if outputs else ()
+    return dataclasses.replace(recursion, step=step, carry0=carry0, channels=channels), totals
 
 
 def largest(data: Sequence[Array]) -> Array:
@@ -130,7 +141,8 @@ def largest(data: Sequence[Array]) -> Array:
     return np.maximum(y.max(axis=0, initial=0.0), -y.min(axis=0, initial=0.0))
 
 
-_USED = ("x_hat", "x_std", "y_hat", "e", "e_std", "S", "status", WEIGHT)
+USED = ("x_hat", "x_std", "y_hat", "e", "e_std", "S", "status", WEIGHT)
+"""What the totals are made of; the weight only of an estimator with a rule for outliers."""
 
 
 def _taken_in(totals: Totals, sizes: Mapping[str, int]) -> ca.Function:

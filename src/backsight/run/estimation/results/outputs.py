@@ -1,7 +1,7 @@
 """What of a result is kept; the rest is neither stored nor, as far as that is cheap, computed."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Annotated, Literal, TypeAlias
 
 import casadi as ca
@@ -38,7 +38,7 @@ class Outputs(Description):
         come the ends of the bands of states that are positive. All but ``e_std`` if not given.
     every : int
         Keep every so many samples, from the first one on. The status of a sample that is kept tells
-        what happened from there to the next one.
+        what happened since the one before; that of the last one, to the end.
     dtype : {"float64", "float32"}
         How numbers are stored; they are computed as ``float64`` in any case.
 
@@ -78,8 +78,10 @@ def as_outputs(given: Kept | None) -> Outputs:
     return given if isinstance(given, Outputs) else Outputs(tuple(given))
 
 
-def putting_out(recursion: Recursion, outputs: Outputs) -> Recursion:
-    """A recursion that puts out what is kept, as it stands in a result, and what is `JUDGED`.
+def putting_out(
+    recursion: Recursion, outputs: Outputs, needed: Collection[str] = JUDGED
+) -> Recursion:
+    """A recursion that puts out what is kept, as it stands in a result, and what is `needed`.
 
     Symmetric matrices of few rows are whole, so that nobody has to unfold them afterwards.
 
@@ -94,7 +96,7 @@ def putting_out(recursion: Recursion, outputs: Outputs) -> Recursion:
     for name in outputs.variables or ():
         if name not in there:
             raise TuningError(f"outputs: there is no variable '{name}', {nearest(name, there)}")
-    wanted = [n for n in [*channels, *from_others] if outputs.keeps(n) or n in JUDGED]
+    wanted = [n for n in [*channels, *from_others] if outputs.keeps(n) or n in needed]
     symbols = [ca.MX.sym(f"i{k}", recursion.step.numel_in(k)) for k in range(recursion.step.n_in())]
     after, *every = recursion.step.call(symbols, True, False)
     values = dict(zip(channels, every, strict=True))

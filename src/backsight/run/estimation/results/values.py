@@ -1,6 +1,7 @@
 """The numbers of a result by name, and whether they can be believed."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -85,7 +86,7 @@ def _worthless(values: Mapping[str, Array], measured: Measured) -> NDArray[np.bo
     for name, limit in LIMITS.items():
         if name not in values:
             continue
-        part = values[name].reshape(n, -1)
+        part = values[name].reshape(n, math.prod(values[name].shape[1:]))
         # Nearly always all of it is: two passes without a copy tell so. NaN is not below anything.
         if part.size and not (-limit < part.min() and part.max() < limit):
             sound &= (np.abs(part) < limit).all(axis=1)
