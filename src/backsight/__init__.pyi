@@ -9,6 +9,7 @@ from backsight import errors as errors
 from backsight import export as export
 from backsight import extend as extend
 from backsight import forces as forces
+from backsight import large as large
 from backsight import models as models
 from backsight import plot as plot
 from backsight import settings as settings
@@ -48,6 +49,7 @@ from backsight.models import modal as modal
 from backsight.models import reduced as reduced
 from backsight.models import sdof as sdof
 from backsight.models import second_order as second_order
+from backsight.models import with_virtual as with_virtual
 from backsight.report import report as report
 from backsight.run.compare import compare as compare
 from backsight.run.estimation import estimate as estimate
@@ -55,10 +57,7 @@ from backsight.run.estimation import estimate_many as estimate_many
 from backsight.run.estimation import smooth as smooth
 from backsight.run.estimation import solve_window as solve_window
 from backsight.run.estimation import stream as stream
-from backsight.run.parts import estimate_parts as estimate_parts
-from backsight.run.parts import read_store as read_store
 from backsight.run.simulation import simulate as simulate
 from backsight.run.simulation import simulate_closed_loop as simulate_closed_loop
-from backsight.run.summaries import estimate_summaries as estimate_summaries
 
 __version__: str

@@ -1,4 +1,4 @@
-"""Parts of estimators: limits, arrival costs, rules for outliers, solvers, gains; what is kept."""
+"""Parts of estimators: limits, arrival costs, rules for outliers, solvers, gains."""
 
 from backsight.estimators import ConstantArrival as ConstantArrival
 from backsight.estimators import EKFArrival as EKFArrival
@@ -10,6 +10,5 @@ from backsight.estimators.observers import AdaptiveGain as AdaptiveGain
 from backsight.estimators.outliers import Gate as Gate
 from backsight.estimators.outliers import Huber as Huber
 from backsight.estimators.outliers import StudentT as StudentT
-from backsight.run.estimation.results.outputs import Outputs as Outputs
 from backsight.solvers.box import GaussNewton as GaussNewton
 from backsight.solvers.box import QuasiNewton as QuasiNewton

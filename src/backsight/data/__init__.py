@@ -14,7 +14,6 @@ from backsight.data.finite_elements import (
 from backsight.data.increments import increments
 from backsight.data.listing import list_columns
 from backsight.data.merging import merge
-from backsight.data.parts import RecordingParts, read_parts
 from backsight.data.reader import read
 from backsight.data.recording import from_arrays
 from backsight.data.resampling import resample, to_grid
@@ -23,7 +22,6 @@ __all__ = [
     "Column",
     "Matrix",
     "ModeShapes",
-    "RecordingParts",
     "SensorList",
     "convert_units",
     "from_arrays",
@@ -34,7 +32,6 @@ __all__ = [
     "read_forces",
     "read_matrix",
     "read_modes",
-    "read_parts",
     "read_sensors",
     "remove_delays",
     "resample",

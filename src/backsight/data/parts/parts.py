@@ -127,7 +127,7 @@ def read_parts(
     samples: Count = 1_000_000,
     format: str | None = None,  # noqa: A002  the word of problem files
 ) -> RecordingParts:
-    """Open a recording that need not fit into memory; see `backsight.estimate_parts`.
+    """Open a recording that need not fit into memory; see `backsight.large.estimate_parts`.
 
     Parameters
     ----------

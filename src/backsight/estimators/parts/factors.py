@@ -21,7 +21,7 @@ from backsight.algebra.symmetric import vech
 from backsight.engine import dense
 from backsight.engine.dense import VECTOR, add_product, transpose
 from backsight.engine.loops import scan
-from backsight.estimators.parts.covariance import Covariance, Term, packed
+from backsight.estimators.parts.covariance import Covariance, Term, packed, times_transposed
 from backsight.types import Array
 
 
@@ -44,6 +44,10 @@ class Factor:
     def of(self, L: Array) -> Array:
         """A factor in numbers as it is kept, without the last entry."""
         return L.ravel(order="F") if self.like.whole else packed(L)
+
+    def spread(self, P: Array) -> Array:
+        """The factor of a covariance in numbers as it is kept, (`size`,)."""
+        return np.append(self.of(cholesky_factor(P)), 0.0)
 
     def opened(self, spread: Term) -> Term:
         """The factor (n, n)."""
@@ -117,6 +121,17 @@ def downdate_factor(L: Term, v: Term) -> tuple[Term, Term]:
     if not isinstance(L, ca.MX):
         return triangular.downdate(L, v)
     return dense.downdated(ca.densify(L), v)
+
+
+def mean_and_deviations(images: Term, w: Weights) -> tuple[Term, Term]:
+    """Mean (m,) of images of sigma points (m, 2 n + 1), and what these deviate from it.
+
+    The weights sum up to one but are large and of both signs: what is averaged is how far the
+    images lie from the first one, so that rounding is that of the spread and not of the mean.
+    """
+    d = minus(images, images[:, 0])
+    mean = times_transposed(d, ca.DM(w.mean).T) if isinstance(d, ca.MX) else d @ w.mean
+    return images[:, 0] + mean, minus(d, mean)
 
 
 def deviation_factor(deviations: Term, w: Weights, noise: Term) -> tuple[Term, Term]:

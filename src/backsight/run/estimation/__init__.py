@@ -10,6 +10,8 @@ from backsight.run.estimation._estimate import failure as failure
 from backsight.run.estimation._estimate import ready as ready
 from backsight.run.estimation._match import match as match
 from backsight.run.estimation._match import matched_inputs as matched_inputs
+from backsight.run.estimation._match import measured_outputs as measured_outputs
+from backsight.run.estimation._match import sensed_outputs as sensed_outputs
 from backsight.run.estimation._mhe_window import solve_window as solve_window
 from backsight.run.estimation._prepared import Prepared as Prepared
 from backsight.run.estimation._prepared import compile_once as compile_once

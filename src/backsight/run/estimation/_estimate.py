@@ -15,7 +15,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightWarning, DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation._match import match
+from backsight.run.estimation._match import match, sensed_outputs
 from backsight.run.estimation._prepared import Prepared, compile_once
 from backsight.run.estimation.carrying import Store, carried
 from backsight.run.estimation.results.outputs import ALL, Kept, Outputs, as_outputs
@@ -51,7 +51,7 @@ def estimate(
         From `read`, `from_arrays` or `simulate`; ``NaN`` in an output is "not measured". With a
         variable ``sigma_factor`` single samples have a noise of their own.
     outputs : sequence of str or Outputs, optional
-        Variables to keep beside ``x_hat`` and ``status``, see `backsight.settings.Outputs`, which
+        Variables to keep beside ``x_hat`` and ``status``, see `backsight.large.Outputs`, which
         also thins the samples and stores single precision; by default all of them. What is left
         out is not computed either, as far as that is cheap.
     engine : {"native", "vm"}, optional
@@ -123,7 +123,7 @@ class Task:
             self.model,
             self.recording,
             u=u,
-            y=np.where(mask > 0, y, np.nan),
+            y=sensed_outputs(self.model, y, mask),
             integrator=self.prepared.integrator,
             coordinates=self.prepared.coordinates,
         )
@@ -157,7 +157,11 @@ def warn_of_useless_rule(
     sigma = np.sqrt(np.diag(estimator.assumed[0].measurement(model)))
     for i, output in enumerate(model.outputs):
         seen = y[mask[:, i] > 0, i]
-        if seen.size > 1 and np.ptp(seen) < estimator.outliers.threshold * sigma[i]:
+        if (
+            output.dummy is None
+            and seen.size > 1
+            and np.ptp(seen) < estimator.outliers.threshold * sigma[i]
+        ):
             warnings.warn(
                 f"the rule for outliers of '{output.name}' can never act: all values lie within "
                 f"{np.ptp(seen):.3g}, and a deviation of "
@@ -179,7 +183,7 @@ def carry_out(
     started = time.perf_counter()
     for block in carried(recursion, task.data, engine=chosen, progress=progress):
         part = measured[block.start : block.stop]
-        store.add(dataclasses.replace(block, values=looked_at(block.values, part)))
+        store.add(dataclasses.replace(block, values=looked_at(block.values, part, task.model)))
     result = result_of(
         store.values,
         recursion.channels,

@@ -141,7 +141,7 @@ def _result(task: Task, found: Sequence[Array], *, seconds: float) -> xr.Dataset
     recursion, made = task.recursion, task.made
     values = named(from_first_sample(found, recursion.lag), recursion.channels)
     store = Store(task.outputs, task.samples)
-    store.add(Block(0, task.samples, looked_at(values, Measured.of(made.y))))
+    store.add(Block(0, task.samples, looked_at(values, Measured.of(made.y), task.model)))
     return result_of(
         store.values,
         recursion.channels,

@@ -34,6 +34,7 @@ from backsight.run.estimation import (
     named,
     result_of,
     run_on,
+    sensed_outputs,
 )
 from backsight.run.parts._state import PartsRun, State
 from backsight.run.parts._store import PartStore, opened_store
@@ -65,7 +66,7 @@ def estimate_parts(
     estimator : AbstractEstimator
     model : Model
     parts : RecordingParts
-        From `backsight.data.read_parts`.
+        From `backsight.large.read_parts`.
     out : path
         Folder; missing ones are made. One with other results is refused.
     outputs : sequence of str or Outputs, optional
@@ -79,7 +80,7 @@ def estimate_parts(
     -------
     xarray.Dataset
         What sums up the whole recording, as a row of `estimate_summaries`; it is also written.
-        `backsight.data.read_store` reads the results.
+        `backsight.large.read_store` reads the results.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def estimate_parts(
     dt = float(first.attrs["dt"])
     match(model, first, estimator=estimator)
     compiled = compile_once(estimator, model, dt, outputs=kept, needed=USED)
-    recursion, totals = _with_totals(compiled)
+    recursion, totals = _with_totals(compiled, model)
     prepare(recursion, engine)
     run = PartsRun(estimator, model, compiled, kept, dt, parts.time is not None or parts.rows > 0)
     with opened_store(Path(out), said=said) as store:
@@ -134,8 +135,8 @@ def estimate_parts(
 
 
 @functools.lru_cache(maxsize=16)
-def _with_totals(compiled: Prepared) -> tuple[Recursion, Totals]:
-    return totalling(compiled.recursion, outputs=True)
+def _with_totals(compiled: Prepared, model: Model) -> tuple[Recursion, Totals]:
+    return totalling(compiled.recursion, model, outputs=True)
 
 
 def _said(
@@ -201,7 +202,7 @@ def _advance(
     stamps: np.ndarray,
 ) -> State:
     """Estimate one part and keep its results and what is handed on."""
-    recursion, totals = _with_totals(run.compiled)
+    recursion, totals = _with_totals(run.compiled, run.model)
     data = match(run.model, recording, estimator=run.estimator)
     u, y, mask = data
     carry = totals.enlarged(state.carry, largest(data))
@@ -210,14 +211,16 @@ def _advance(
     # What the outputs are about: samples that waited, and those of this part.
     time = np.concatenate([state.time, recording["time"].values])
     us = np.vstack([state.u, u])
-    ys = np.vstack([state.y, np.where(mask > 0, y, np.nan)])
+    ys = np.vstack([state.y, sensed_outputs(run.model, y, mask)])
     early = max(recursion.lag - state.samples, 0)
     found = [output[early:] for output in outputs]
     count = len(found[0])
     start = state.samples - len(state.time)
     measured = Measured(ys[:count], totals.split(carry)["largest"])
     thinning = Thinning(run.outputs, state.missed)
-    block = Block(start, start + count, looked_at(named(found, recursion.channels), measured))
+    block = Block(
+        start, start + count, looked_at(named(found, recursion.channels), measured, run.model)
+    )
     first, kept = thinning.taken(block)
     number = len(kept["status"])
     if last and number:

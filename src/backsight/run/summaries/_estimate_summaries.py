@@ -80,7 +80,7 @@ def estimate_summaries(
             "estimate_many with outputs=['e', 'S', 'y']"
         )
     compiled, tasks = tasks_of(estimator, model, recordings, outputs=ALL, restart=restart)
-    recursion, totals = _totalling(compiled)
+    recursion, totals = _totalling(compiled, model)
     data = [run_on(task.data, recursion.lag) for task in tasks]
     outcomes = run_many(
         recursion,
@@ -102,9 +102,9 @@ def estimate_summaries(
 
 
 @functools.lru_cache(maxsize=16)
-def _totalling(compiled: Prepared) -> tuple[Recursion, Totals]:
+def _totalling(compiled: Prepared, model: Model) -> tuple[Recursion, Totals]:
     """Made once for a compiled estimator, like the estimator itself."""
-    return totalling(compiled.recursion)
+    return totalling(compiled.recursion, model)
 
 
 def summed_up(

@@ -12,6 +12,8 @@ import numpy as np
 from backsight.algebra.factor import ldl
 from backsight.engine.recursion import Recursion
 from backsight.estimators.outliers import DOUBTED
+from backsight.models.model import Model
+from backsight.models.signals import Signal
 from backsight.run.estimation import ABSURD, HUGE
 from backsight.schema import WEIGHT, Status
 from backsight.types import Array
@@ -91,7 +93,9 @@ class Totals:
         return dict(zip(sizes, np.split(memory[-sum(sizes.values()) :], ends), strict=True))
 
 
-def totalling(recursion: Recursion, *, outputs: bool = False) -> tuple[Recursion, Totals]:
+def totalling(
+    recursion: Recursion, model: Model, *, outputs: bool = False
+) -> tuple[Recursion, Totals]:
     """The same steps with totals, of which nothing else is left unless `outputs` are kept, too.
 
     Parameters
@@ -99,6 +103,9 @@ def totalling(recursion: Recursion, *, outputs: bool = False) -> tuple[Recursion
     recursion : Recursion
         ``(carry, u, y, mask)`` with the channels of every estimator; see `putting_out`, which makes
         ``x_std`` and ``e_std`` of covariances.
+    model : Model
+    outputs : bool
+        Whether to put out what `recursion` does.
 
     Returns
     -------
@@ -121,7 +128,9 @@ def totalling(recursion: Recursion, *, outputs: bool = False) -> tuple[Recursion
     queue = ca.vertcat(given["waiting"], y, mask)
     about, waiting = queue[: 2 * totals.ny], queue[2 * totals.ny :]
     seen = dict(zip(sizes, values, strict=True))
-    function = _taken_in(totals, {name: sizes[name] for name in USED if name in sizes})
+    function = _taken_in(
+        totals, model.outputs, {name: sizes[name] for name in USED if name in sizes}
+    )
     changed = function(
         *(v for k, v in given.items() if k != "waiting"),
         *(seen[name] for name in USED if name in seen),
@@ -132,7 +141,8 @@ def totalling(recursion: Recursion, *, outputs: bool = False) -> tuple[Recursion
     step = ca.Function(recursion.name, [carry, u, y, mask], [moved, *results])
     carry0 = totals.begin(recursion.carry0, np.zeros(totals.ny))
     channels = recursion.channels if outputs else ()
-    return dataclasses.replace(recursion, step=step, carry0=carry0, channels=channels), totals
+    made = {"step": step, "carry0": carry0, "channels": channels, "start": None}
+    return dataclasses.replace(recursion, **made), totals
 
 
 def largest(data: Sequence[Array]) -> Array:
@@ -145,12 +155,15 @@ USED = ("x_hat", "x_std", "y_hat", "e", "e_std", "S", "status", WEIGHT)
 """What the totals are made of; the weight only of an estimator with a rule for outliers."""
 
 
-def _taken_in(totals: Totals, sizes: Mapping[str, int]) -> ca.Function:
+def _taken_in(totals: Totals, signals: Sequence[Signal], sizes: Mapping[str, int]) -> ca.Function:
     """``(totals, values of a sample, its y and mask) -> totals``."""
     before = {n: ca.SX.sym(n, k) for n, k in totals.sizes.items() if n != "waiting"}
     now = {name: ca.SX.sym(f"of_{name}", size) for name, size in sizes.items()}
     about = ca.SX.sym("about", 2 * totals.ny)
     y, mask = about[: totals.ny], about[totals.ny :]
+    y = ca.vertcat(*(_near(y[i], now["y_hat"][i], s.wrap) for i, s in enumerate(signals)))
+    # No sensor measures a dummy.
+    mask = mask * ca.DM([float(s.dummy is None) for s in signals])
     # The first outputs of an estimator that looks back are about no sample.
     counts = before["steps"] >= totals.lag
     seen = ca.logic_and(mask > 0, counts)
@@ -183,6 +196,11 @@ def _taken_in(totals: Totals, sizes: Mapping[str, int]) -> ca.Function:
         ),
     }
     return ca.Function("take_in", [*before.values(), *now.values(), about], [*after.values()])
+
+
+def _near(y: ca.SX, estimate: ca.SX, wrap: float | None) -> ca.SX:
+    """An angle with the turns that bring it near to its estimate."""
+    return y if wrap is None else y + wrap * ca.floor((estimate - y) / wrap + 0.5)
 
 
 def _whitened(e: ca.SX, whole: ca.SX, taken: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -15,7 +15,7 @@ from backsight.engine.recursion import Channel
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
-from backsight.run.estimation._match import output_mask, outputs_of
+from backsight.run.estimation._match import measured_outputs, output_mask, sensed_outputs
 from backsight.run.estimation.results._culprit import with_culprit
 from backsight.run.estimation.results._integration import with_integration
 from backsight.run.estimation.results.outputs import Outputs
@@ -30,6 +30,7 @@ from backsight.schema import (
     SCHEMA_VERSION,
     SIGMA_FACTOR,
     UNKNOWN,
+    VIRTUAL_TRUE,
     Status,
 )
 from backsight.types import Array
@@ -43,7 +44,7 @@ class Made:
     ----------
     estimator, model, recording
     u, y : arrays
-        Inputs (n, nu) and outputs (n, ny) in the order of the model; NaN where not measured.
+        Inputs (n, nu) and outputs (n, ny) in the order of the model; NaN where no sensor measured.
     integrator : Integrator, optional
         How the model was carried from sample to sample.
     coordinates : xarray.Coordinates
@@ -84,7 +85,8 @@ def as_result(
         Time that the run took.
     """
     values = named(outputs, channels)
-    measured = measured_outputs(model, recording)
+    y = measured_outputs(model, recording)
+    measured = sensed_outputs(model, y, output_mask(model, recording))
     if "P" in values:
         channels = (*channels, Channel("x_std", ("state",)))
         values["x_std"] = deviation(values["P"])
@@ -97,13 +99,8 @@ def as_result(
         integrator=estimator.chosen(model, float(recording.attrs["dt"])),
         coordinates=coordinates(model, channels),
     )
-    believed = looked_at(values, Measured.of(measured))
+    believed = looked_at(values, Measured.of(measured), model)
     return result_of(believed, channels, made, outputs=Outputs(), engine=engine, seconds=seconds)
-
-
-def measured_outputs(model: Model, recording: xr.Dataset) -> Array:
-    """Outputs in the order of the model (n, ny), NaN where not measured."""
-    return np.where(output_mask(model, recording) > 0, outputs_of(model, recording), np.nan)
 
 
 def result_of(
@@ -175,14 +172,17 @@ def _dataset(
             variables[channel.name].attrs[AGO] = channel.ago
     variables["status"].attrs |= _FLAGS
     thin = _every(outputs.every)
-    recorded = {"u": (("time", "input"), made.u), "y": (("time", "output"), made.y)}
+    if outputs.keeps("u"):
+        inputs = made.u[thin].astype(outputs.dtype, copy=False)
+        variables["u"] = xr.Variable(("time", "input"), inputs)
+    if "y" in values and outputs.keeps("y"):
+        variables["y"] = xr.Variable(("time", "output"), values["y"])
     if SIGMA_FACTOR in made.recording and outputs.keeps(SIGMA_FACTOR):
-        factors = outputs_of(made.model, made.recording, SIGMA_FACTOR)
-        recorded[SIGMA_FACTOR] = (("time", "output"), factors)
-    for name, (where, numbers) in recorded.items():
-        if outputs.keeps(name):
-            stored = numbers[thin].astype(outputs.dtype, copy=False)
-            variables[name] = xr.Variable(where, stored)
+        names = [s.name for s in made.model.outputs]
+        factors = made.recording[SIGMA_FACTOR].reindex(output=names).values[thin]
+        variables[SIGMA_FACTOR] = xr.Variable(
+            ("time", "output"), factors.astype(outputs.dtype, copy=False)
+        )
     result = xr.Dataset(variables, coords=_with_time(made, outputs.every))
     if any(s.positive for s in made.model.states) and "x_std" in result:
         ends = _bands(values["x_hat"], values["x_std"], made.model)
@@ -192,6 +192,8 @@ def _dataset(
         result["d_std"] = (("time", "force"), deviation(result["P_d"].values))
     if "x_true" in made.recording and outputs.keeps("x_true"):
         result["x_true"] = _truth(made, thin).astype(outputs.dtype)
+        if made.model.virtual is not None and "virtual" in result.dims:
+            result[VIRTUAL_TRUE] = _virtual_truth(made, thin).astype(outputs.dtype)
     return result
 
 
@@ -223,6 +225,8 @@ def coordinates(model: Model, channels: Iterable[Channel]) -> xr.Coordinates:
         "input_unit": ("input", [s.unit for s in model.inputs]),
     }
     found |= {c.dims[0]: list(c.labels) for c in channels if c.labels}
+    if model.virtual is not None and "virtual" in found:
+        found["virtual_unit"] = ("virtual", [s.unit for s in model.virtual.signals])
     if "force" in found:
         known = {s.name: s for s in model.parameters}
         forces = [known[name] for name in found["force"]]
@@ -247,6 +251,16 @@ def _truth(made: Made, thin: slice) -> xr.DataArray:
     truth = made.recording["x_true"].isel(time=thin)
     known = [n for n in names if n in truth["state"].values]
     return truth.sel(state=known).reindex(state=names).transpose("time", "state")
+
+
+def _virtual_truth(made: Made, thin: slice) -> xr.DataArray:
+    """True values of virtual outputs, NaN where they are not known."""
+    virtual = made.model.virtual
+    names = [s.name for s in virtual.signals] if virtual is not None else []
+    truth = made.recording["x_true"].isel(time=thin)
+    known = truth.sel(state=[n for n in names if n in truth["state"].values])
+    columns = known.reindex(state=names).transpose("time", "state").values
+    return xr.DataArray(columns, dims=("time", "virtual"), coords={"time": truth["time"]})
 
 
 _BITS = [bit for bit in Status if bit]

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backsight.engine.recursion import Channel
+from backsight.models.model import Model
+from backsight.run.estimation._match import with_turns
 from backsight.schema import WEIGHT, Status
 from backsight.types import Array
 
@@ -62,8 +64,16 @@ class Measured:
         return Measured(self.y[part], self.largest)
 
 
-def looked_at(values: Mapping[str, Array], measured: Measured) -> dict[str, np.ndarray]:
-    """The same with the innovations of what was measured only, and a status that tells failures."""
+def looked_at(
+    values: Mapping[str, Array], measured: Measured, model: Model
+) -> dict[str, np.ndarray]:
+    """The same with the innovations of what was measured only, and a status that tells failures.
+
+    With ``y``, what was measured; of angles that start anew after a turn with the turns that bring
+    them near to their estimates.
+    """
+    y = with_turns(model, measured.y, values["y_hat"])
+    measured = dataclasses.replace(measured, y=y)
     seen = {
         name: np.where(np.isfinite(measured.y), values[name], np.nan)
         for name in ("e", WEIGHT)
@@ -72,7 +82,7 @@ def looked_at(values: Mapping[str, Array], measured: Measured) -> dict[str, np.n
     raised = np.nan_to_num(values["status"]).astype(np.int32)
     worthless = _worthless(values, measured)
     status = raised | np.where(worthless, np.int32(Status.NOT_FINITE), np.int32(0))
-    return {**values, **seen, "status": status}
+    return {**values, **seen, "y": y, "status": status}
 
 
 def _worthless(values: Mapping[str, Array], measured: Measured) -> NDArray[np.bool_]:
