@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from backsight.analysis.comparison import summary
-from backsight.data import from_arrays, read_parts
+from backsight.data import from_arrays
+from backsight.data.parts import read_parts
 from backsight.errors import DataError, OutputError, TuningError
 from backsight.estimators import EKF, MHE
 from backsight.run.estimation import Outputs, estimate
