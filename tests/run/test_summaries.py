@@ -113,3 +113,22 @@ def test_wrong_recordings_and_too_many_outputs_are_told():
     wide = discrete(outputs=13)
     with pytest.raises(TuningError, match="up to 12 outputs, this one has 13"):
         estimate_summaries(estimator, wide, two)
+
+
+def test_angles_that_start_anew_are_those_of_the_result():
+    """The plain row is the oracle: only the turns differ, which the estimate gives back."""
+    turn, data = 0.09, recordings(PROBLEM, 2)
+    first = dataclasses.replace(PROBLEM.model.outputs[0], wrap=turn)
+    model = dataclasses.replace(PROBLEM.model, outputs=(first, *PROBLEM.model.outputs[1:]))
+    told = []
+    for recording in data:
+        y = recording["y"].copy()
+        y[:, 0] = (y[:, 0] + turn / 2) % turn - turn / 2
+        told.append(recording.assign(y=y))
+    told[1]["y"][40, 0] = data[1]["y"][40, 0] = np.nan  # a spike of many turns
+    estimator = EKF(PROBLEM.noise, PROBLEM.prior)
+    plain = estimate_summaries(estimator, PROBLEM.model, data)
+    table = estimate_summaries(estimator, model, told)
+    for name in ("x_hat", "mean_nis", "mean_log_likelihood", "rms_innovation", "measured"):
+        np.testing.assert_allclose(table[name], plain[name], rtol=1e-6, atol=1e-9)
+    assert (table["failed_at"] == -1).all()
