@@ -9,6 +9,7 @@ from backsight import errors as errors
 from backsight import export as export
 from backsight import extend as extend
 from backsight import forces as forces
+from backsight import large as large
 from backsight import models as models
 from backsight import plot as plot
 from backsight import settings as settings

@@ -147,6 +147,9 @@ full, 0 left out; between, its noise was taken so much larger. NaN where not mea
 SMALLEST_FACTOR = 1e-6
 """A smaller one would make a sample exact beside the others."""
 
+EVERY = "every"
+"""Attribute of a result of which only every so many samples were kept; not there if it is all."""
+
 INTEGRATION = "integration"
 """Attribute of a result: how the model was carried from sample to sample."""
 
@@ -230,6 +233,7 @@ def check_estimates(result: xr.Dataset, where: str) -> None:
         if name == "P" and name not in result:
             continue
         if name not in result:
-            raise DataError(f"{where} has no variable '{name}': it is not a result")
+            kept = " with all that is asked of it (outputs=)" if "status" in result else ""
+            raise DataError(f"{where} has no variable '{name}': it is not a result{kept}")
         if result[name].dims != dims:
             raise DataError(f"variable '{name}' has the dimensions {result[name].dims}, not {dims}")

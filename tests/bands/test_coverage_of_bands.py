@@ -5,7 +5,7 @@ import pytest
 
 from backsight.engine.lanes import run_many
 from backsight.estimators import ESTIMATORS
-from backsight.run.estimation.lag import from_first_sample, run_on
+from backsight.run.estimation.carrying import from_first_sample, run_on
 from bands.plants import Plant, Runs, drawn
 from bands.rows import PLANTS, ROWS, Row
 

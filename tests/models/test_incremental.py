@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from backsight.models.views.incremental import incremental
 
 from backsight.data.increments import increments
 from backsight.errors import ModelError
@@ -10,6 +9,7 @@ from backsight.estimators.linear_windows import LinearMHE
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.builtin import sdof
 from backsight.models.lti import lti, state_space
+from backsight.models.views.incremental import incremental
 from backsight.run.estimation import estimate
 from backsight.schema import recording
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from backsight.models.views.scale import scale
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import vm
@@ -19,6 +18,7 @@ from backsight.models.canonical.affine import affine_form
 from backsight.models.canonical.observer_form import gain_vector
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.models.views.scale import scale
 from backsight.signals import punch_strokes
 from backsight.tune import propose_gamma
 from backsight_studies.punch.plant import (

@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from backsight.models.views.some_outputs import some_outputs
 
 import backsight as bs
 from backsight.errors import ModelError, TuningError
 from backsight.models.lti import state_space
+from backsight.models.views.some_outputs import some_outputs
 from oracles import struck_beam
 from tune.struck_beam_recordings import estimator
 

@@ -8,6 +8,7 @@ numbers; `Description` checks every field against it and tells all that is wrong
 from backsight.description._alike import alike
 from backsight.description._arguments import checked
 from backsight.description._base import Description, Sound
+from backsight.description._content import content, digest
 from backsight.description._docstring import first_sentence, meanings_of, without_marks
 from backsight.description._fits import fault
 from backsight.description._html import equations_of, page_of, preformatted
@@ -48,7 +49,9 @@ __all__ = [
     "Whole",
     "alike",
     "checked",
+    "content",
     "described",
+    "digest",
     "equations_of",
     "fault",
     "first_sentence",

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Sequence
+from typing import overload
 
 import casadi as ca
 import numpy as np
@@ -28,12 +30,12 @@ class Modes:
     ----------
     values : (m,) complex array
         Eigenvalues [1/s].
-    names : tuple of str
+    names : sequence of str
         What moves most in every one.
     """
 
     values: NDArray[np.complex128]
-    names: tuple[str, ...]
+    names: Sequence[str]
 
     def told(self, k: int) -> str:
         """Mode k in words."""
@@ -43,7 +45,7 @@ class Modes:
 
     def __add__(self, other: Modes) -> Modes:
         """Both together."""
-        return Modes(np.append(self.values, other.values), self.names + other.names)
+        return Modes(np.append(self.values, other.values), (*self.names, *other.names))
 
 
 NO_MODES = Modes(np.zeros(0, complex), ())
@@ -54,7 +56,7 @@ def modes_at(model: Model, x: Array, u: Array) -> Modes:
 
     Points at which the Jacobian is not finite do not count.
     """
-    return _modes(_jacobian(model)[0], zip(x, u, strict=True), model)
+    return _modes(_jacobian(model)[0], x, u, model)
 
 
 def modes_over(model: Model, x0: Array, deviation: Array) -> Modes:
@@ -79,10 +81,12 @@ def modes_over(model: Model, x0: Array, deviation: Array) -> Modes:
     points = np.vstack([x0, np.clip(x0 + moved, lower, upper), np.clip(x0 - moved, lower, upper)])
     scale = np.array([s.scale or 1.0 for s in model.inputs]) * of_u
     inputs = np.unique([0 * scale, scale, -scale], axis=0)
-    pairs = itertools.product(np.unique(points, axis=0), inputs)
-    return _modes(jacobian, pairs, model)
+    pairs = list(itertools.product(np.unique(points, axis=0), inputs))
+    x, u = (np.array(side) for side in zip(*pairs, strict=True))
+    return _modes(jacobian, x, u, model)
 
 
+@functools.lru_cache(maxsize=16)
 def _jacobian(model: Model) -> tuple[ca.Function, NDArray[np.bool_], NDArray[np.bool_]]:
     """``(x, u) -> (nx, nx)``, and the states and inputs on which it depends."""
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
@@ -95,18 +99,45 @@ def _jacobian(model: Model) -> tuple[ca.Function, NDArray[np.bool_], NDArray[np.
     return ca.Function("jacobian", [x, u], [J]), of_x, of_u
 
 
-def _modes(jacobian: ca.Function, pairs: Sequence | zip | itertools.product, model: Model) -> Modes:
-    names = [s.name for s in model.states]
-    values, movers = [], []
-    seen: set[bytes] = set()
-    for x, u in pairs:
-        matrix = np.array(jacobian(x, u))
-        if not np.isfinite(matrix).all() or matrix.tobytes() in seen:
-            continue
-        seen.add(matrix.tobytes())
-        found, vectors = np.linalg.eig(matrix)
-        values.append(found.astype(complex))
+@functools.lru_cache(maxsize=16)
+def _at_many(jacobian: ca.Function, count: int) -> ca.Function:
+    return jacobian.map(count)
+
+
+def _modes(jacobian: ca.Function, x: Array, u: Array, model: Model) -> Modes:
+    n, count = model.nx, len(x)
+    every = np.array(_at_many(jacobian, count)(x.T, u.T)).reshape(n, count, n).transpose(1, 0, 2)
+    finite = every[np.isfinite(every).all(axis=(1, 2))]
+    if not len(finite):
+        return NO_MODES
+    # Of a linear model all are the same.
+    matrices = finite[:1] if (finite == finite[0]).all() else finite
+    values = np.linalg.eigvals(matrices).astype(complex)
+    return Modes(values.ravel(), _Movers(matrices, tuple(s.name for s in model.states)))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Movers(Sequence[str]):
+    """What moves most in every mode of matrices (m, n, n); found out when it is asked for."""
+
+    matrices: Array
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.matrices) * len(self.names)
+
+    @overload
+    def __getitem__(self, k: int) -> str: ...
+    @overload
+    def __getitem__(self, k: slice) -> tuple[str, ...]: ...
+    def __getitem__(self, k: int | slice) -> str | tuple[str, ...]:
+        if isinstance(k, slice):
+            return tuple(self[i] for i in range(*k.indices(len(self))))
+        which, mode = divmod(range(len(self))[k], len(self.names))
+        values, vectors = np.linalg.eig(self.matrices[which])
+        # The order is that of `eigvals`, but for rounding: the nearest one.
+        wanted = np.linalg.eigvals(self.matrices[which])[mode]
+        nearest = int(np.argmin(np.abs(values - wanted)))
         # Participation factors, which do not depend on the units of the states.
-        share = np.abs(vectors * np.linalg.pinv(vectors).T)
-        movers += [f"'{names[i]}'" for i in share.argmax(axis=0)]
-    return Modes(np.concatenate(values), tuple(movers)) if values else NO_MODES
+        share = np.abs(vectors[:, nearest] * np.linalg.pinv(vectors)[nearest])
+        return f"'{self.names[int(share.argmax())]}'"

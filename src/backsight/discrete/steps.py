@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backsight.discrete.exact import foh, zoh
-from backsight.discrete.modes import Modes
+from backsight.discrete.modes import NO_MODES, Modes
 from backsight.discrete.runge_kutta import TABLEAUS, Integrator, RungeKutta
 from backsight.errors import TuningError
 from backsight.models.lti import state_equation
@@ -45,15 +45,21 @@ class Accuracy:
     ----------
     error : float
         Largest error of a mode, relative to its size.
-    mode : str
-        The mode in words, with its eigenvalue.
     stable : bool
         Whether every mode that decays also decays in the method.
+    modes, worst : Modes, int
+        The modes, and which of them has that error.
     """
 
     error: float = 0.0
-    mode: str = ""
     stable: bool = True
+    modes: Modes = NO_MODES
+    worst: int = 0
+
+    @property
+    def mode(self) -> str:
+        """The mode with the largest error in words, with its eigenvalue."""
+        return self.modes.told(self.worst) if self.modes.values.size else ""
 
     @property
     def coarse(self) -> bool:
@@ -94,7 +100,7 @@ def accuracy(scheme: RungeKutta, modes: Modes, *, dt: float, steps: int) -> Accu
     grows = np.abs(R[z.real <= 0]) > 1 + 1e-9
     # What grows by less than is aimed at in a period (an undamped mode) counts as stable.
     stable = not grows.any() or float(error[worst]) <= ACCURATE
-    return Accuracy(error=float(error[worst]), mode=modes.told(worst), stable=stable)
+    return Accuracy(error=float(error[worst]), stable=stable, modes=modes, worst=worst)
 
 
 def steps_needed(scheme: RungeKutta, modes: Modes, *, dt: float) -> int | None:

@@ -64,12 +64,20 @@ def run_recursion(
 
 
 def run_part(
-    recursion: Recursion, carry: Array, data: Sequence[Array], *, engine: str
+    recursion: Recursion,
+    carry: Array,
+    data: Sequence[Array],
+    *,
+    engine: str,
+    block: int | None = None,
 ) -> tuple[Array, list[Array]]:
-    """Apply the step to some samples: the memory after them, and the outputs, a row each."""
+    """Apply the step to some samples: the memory after them, and the outputs, a row each.
+
+    With `block`, so many samples are run in one call, that is, without looking up.
+    """
     run: Run = _module(engine).run
     with library.one_thread():
-        return run(recursion, data, carry=carry)
+        return run(recursion, data, carry=carry, block=block)
 
 
 def stepper(recursion: Recursion, engine: str) -> native.Stepper | vm.Stepper:

@@ -98,7 +98,7 @@ def _places(lengths: Sequence[int], sizes: Sequence[int]) -> list[list[Array]]:
         whole[a:b].reshape(shape)
         for (a, b), shape in zip(itertools.pairwise(ends), shapes, strict=True)
     ]
-    return [arrays[k : k + len(sizes)] for k in range(0, len(arrays), len(sizes))]
+    return [arrays[k * len(sizes) : (k + 1) * len(sizes)] for k in range(len(lengths))]
 
 
 def _run_groups(

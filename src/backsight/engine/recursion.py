@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from backsight.algebra.symmetric import side
 from backsight.description import Description, Whole
@@ -23,7 +25,7 @@ class Channel(Description):
     ----------
     name : str
     dims : tuple of str
-        Dimensions of one sample's value, () for a number.
+        Dimensions of one sample's value, () for a number; two for a square matrix.
     symmetric : bool
         The value is the lower triangle of a symmetric matrix with dimensions `dims`.
     labels : tuple of str
@@ -42,14 +44,20 @@ class Channel(Description):
         """Values of all samples (n, length) in the shape of `dims`."""
         if not self.dims:
             return values[:, 0]
-        if not self.symmetric:
+        if self.symmetric:
+            values = np.take(values, self.entries(values.shape[1]).ravel(), axis=1)
+        if len(self.dims) < 2:
             return values
-        m = side(values.shape[1])
+        m = math.isqrt(values.shape[1])
+        return values.reshape(len(values), m, m)
+
+    def entries(self, length: int) -> NDArray[np.intp]:
+        """Where the entries of a symmetric matrix are in its triangle of this length, (m, m)."""
+        m = side(length)
         rows, columns = np.triu_indices(m)
-        full = np.empty((len(values), m, m))
-        full[:, rows, columns] = values
-        full[:, columns, rows] = values
-        return full
+        where = np.empty((m, m), np.intp)
+        where[rows, columns] = where[columns, rows] = np.arange(length)
+        return where
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,7 +17,7 @@ def run(
     *,
     carry: Array,
     progress: Callable[[int], None] = lambda _: None,
-    block: int = BLOCK,
+    block: int | None = None,
 ) -> tuple[Array, list[Array]]:
     """Apply the step to every sample.
 
@@ -30,8 +30,8 @@ def run(
         The memory before the first of these samples.
     progress : callable
         Told the number of samples done.
-    block : int
-        Samples per call of the virtual machine; does not change the result.
+    block : int, optional
+        Samples per call of the virtual machine, `BLOCK` by default; does not change the result.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def run(
         The memory after the last sample.
     outputs : list of (n, l_j) arrays
     """
-    n = len(data[0])
+    n, block = len(data[0]), block or BLOCK
     outputs = [np.empty((n, size)) for size in recursion.output_sizes]
     steps = {size: recursion.step.mapaccum(size) for size in {min(block, n), n % block} - {0}}
     for start in range(0, n, block):

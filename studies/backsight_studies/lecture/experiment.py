@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Sequence
 
 import numpy as np
-from backsight.models.views.incremental import incremental
 
 from backsight.data.increments import increments
 from backsight.estimators.base import AbstractEstimator
@@ -13,6 +12,7 @@ from backsight.estimators.kalman import KalmanFilter
 from backsight.estimators.linear_windows import LinearMHE, RecursiveMHE
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
+from backsight.models.views.incremental import incremental
 from backsight.run.estimation import estimate
 from backsight.types import Array
 from backsight_studies.lecture.plants import (

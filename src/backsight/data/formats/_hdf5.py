@@ -26,7 +26,9 @@ FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32", 4: "szip", 5: "nbit", 6:
 """Those that the libraries bring along, by their registered numbers."""
 
 
-def datasets(file: "h5py.File", wanted: Sequence[str], outside: Collection[str]) -> dict[str, Any]:
+def datasets(
+    file: "h5py.File", wanted: Sequence[str], outside: Collection[str], *, whole: bool = True
+) -> dict[str, Any]:
     """Return all datasets by name, without MATLAB's own; those that are wanted are safe to read.
 
     Parameters
@@ -36,6 +38,8 @@ def datasets(file: "h5py.File", wanted: Sequence[str], outside: Collection[str])
         Names, also as ``name[2]``.
     outside : collection of str
         Other files, as the file calls them, from which it may take measurements.
+    whole : bool
+        They will be read whole, so that they must fit into memory.
 
     Raises
     ------
@@ -49,7 +53,7 @@ def datasets(file: "h5py.File", wanted: Sequence[str], outside: Collection[str])
     for name in wanted_names(wanted, found):
         table, _, field = name.rpartition("/")
         if name not in found and table in found and field in (found[table].dtype.names or ()):
-            check_dataset(found[table], table, outside, field=field)
+            check_dataset(found[table], table, outside, field=field, whole=whole)
             found[name] = Field(found[table], field)
             continue
         if name not in found:
@@ -57,7 +61,7 @@ def datasets(file: "h5py.File", wanted: Sequence[str], outside: Collection[str])
             if not isinstance(entry, h5py.Dataset):
                 continue
             found[name] = entry
-        check_dataset(found[name], name, outside)
+        check_dataset(found[name], name, outside, whole=whole)
     return found
 
 
@@ -123,11 +127,17 @@ class Field:
 
 
 def check_dataset(
-    entry: "h5py.Dataset", name: str, outside: Collection[str], *, field: str | None = None
+    entry: "h5py.Dataset",
+    name: str,
+    outside: Collection[str],
+    *,
+    field: str | None = None,
+    whole: bool = True,
 ) -> None:
     """Raise `DataError` unless a dataset can be read without harm and holds numbers.
 
-    Of a table, `field` is the column that is wanted.
+    Of a table, `field` is the column that is wanted. If it is not read as a `whole`, it need not
+    fit into memory.
     """
     import h5py
 
@@ -158,7 +168,8 @@ def check_dataset(
     claimed = math.prod(entry.shape) * max(entry.dtype.itemsize, np.dtype(float).itemsize)
     if not elsewhere:
         check_density(claimed, entry.id.get_storage_size(), f"'{name}'")
-    check_room(claimed, f"'{name}'")
+    if whole:
+        check_room(claimed, f"'{name}'")
 
 
 def _linked(file: "h5py.File", name: str, outside: Collection[str]) -> Any:

@@ -61,7 +61,9 @@ class Code:
 
     def bound(self, samples: int, arrays: Sequence[np.ndarray]) -> Callable[[], None]:
         """Return a call that runs on the memory of these arrays again and again."""
-        addresses = (ctypes.c_void_p * len(arrays))(*[a.ctypes.data for a in arrays])
+        # Not `ctypes.data`, which takes several times as long.
+        places = [a.__array_interface__["data"][0] for a in arrays]
+        addresses = (ctypes.c_void_p * len(arrays))(*places)
         kept = (addresses, *arrays)
 
         def call() -> None:

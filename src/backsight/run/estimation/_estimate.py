@@ -10,14 +10,17 @@ import psutil
 import xarray as xr
 
 from backsight.description import checked
-from backsight.engine.execute import Engine, choose_engine, prepare, run_recursion
+from backsight.engine.execute import Engine, choose_engine, prepare
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import BacksightWarning, DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.estimation._match import match
-from backsight.run.estimation.lag import from_first_sample, run_on
-from backsight.run.estimation.result import as_result
+from backsight.run.estimation._match import match, sensed_outputs
+from backsight.run.estimation._prepared import Prepared, compile_once
+from backsight.run.estimation.carrying import Store, carried
+from backsight.run.estimation.results.outputs import ALL, Kept, Outputs, as_outputs
+from backsight.run.estimation.results.result import Made, result_of
+from backsight.run.estimation.results.values import Measured, looked_at
 from backsight.schema import CULPRIT, FAILURES, STATUS_TEXT
 from backsight.types import Array
 
@@ -28,12 +31,16 @@ def estimate(
     model: Model,
     recording: xr.Dataset,
     *,
+    outputs: Kept | None = None,
     engine: Engine | None = None,
     throw: bool = True,
     restart: bool = False,
     progress: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
     """Estimate the states of a model from a recording.
+
+    What is made of an estimator and a model before the first sample is kept: the next recording
+    with the same period costs little more than its samples.
 
     Parameters
     ----------
@@ -43,6 +50,10 @@ def estimate(
     recording : xarray.Dataset
         From `read`, `from_arrays` or `simulate`; ``NaN`` in an output is "not measured". With a
         variable ``sigma_factor`` single samples have a noise of their own.
+    outputs : sequence of str or Outputs, optional
+        Variables to keep beside ``x_hat`` and ``status``, see `backsight.large.Outputs`, which
+        also thins the samples and stores single precision; by default all of them. What is left
+        out is not computed either, as far as that is cheap.
     engine : {"native", "vm"}, optional
         Machine code, or CasADi's virtual machine; by default what finishes first, which is the
         virtual machine for less than a thousand samples. The results agree to rounding.
@@ -63,7 +74,7 @@ def estimate(
     Raises
     ------
     TuningError, ModelError
-        If estimator and model do not fit.
+        If estimator and model do not fit, or the result has no such variable.
     EngineError
         If the engine is unknown or cannot compile the estimator.
     DataError
@@ -71,10 +82,9 @@ def estimate(
     EstimationError
         If the estimate became non-finite; the exception carries the results.
     """
-    task = ready(estimator, model, recording)
+    kept = as_outputs(outputs)
+    task = ready(estimator, model, recording, outputs=kept, restart=restart)
     check_memory([task.numbers], task.samples)
-    if restart:
-        task = dataclasses.replace(task, recursion=task.recursion.restarting())
     return carry_out(task, engine=engine, throw=throw and not restart, progress=progress)
 
 
@@ -85,8 +95,14 @@ class Task:
     estimator: AbstractEstimator
     model: Model
     recording: xr.Dataset
-    recursion: Recursion
+    prepared: Prepared
     data: tuple[Array, Array, Array]
+    outputs: Outputs
+
+    @property
+    def recursion(self) -> Recursion:
+        """Step of the estimator, which puts out what is kept."""
+        return self.prepared.recursion
 
     @property
     def samples(self) -> int:
@@ -94,19 +110,41 @@ class Task:
         return len(self.data[0])
 
     @property
-    def numbers(self) -> int:
+    def numbers(self) -> float:
         """Numbers that are needed for a sample of the result."""
-        return numbers_of(self.recursion.channels, self.recursion.output_sizes)
+        return numbers_kept(self.recursion, self.outputs)
+
+    @property
+    def made(self) -> Made:
+        """What the result comes from."""
+        u, y, mask = self.data
+        return Made(
+            self.estimator,
+            self.model,
+            self.recording,
+            u=u,
+            y=sensed_outputs(self.model, y, mask),
+            integrator=self.prepared.integrator,
+            coordinates=self.prepared.coordinates,
+        )
 
 
-def ready(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> Task:
+def ready(
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    outputs: Outputs = ALL,
+    restart: bool = False,
+) -> Task:
     """Check all but the memory that the result takes, see `estimate`."""
     data = match(model, recording, estimator=estimator)
     warn_of_useless_rule(estimator, model, data)
     check_window(estimator, len(data[0]))
-    recursion = estimator.compile(model, float(recording.attrs["dt"]))
-    check_length(recursion, len(data[0]))
-    return Task(estimator, model, recording, recursion, data)
+    dt = float(recording.attrs["dt"])
+    compiled = compile_once(estimator, model, dt, outputs=outputs, restart=restart)
+    check_length(compiled.recursion, len(data[0]))
+    return Task(estimator, model, recording, compiled, data, outputs)
 
 
 def warn_of_useless_rule(
@@ -137,26 +175,24 @@ def carry_out(
     task: Task, *, engine: str | None, throw: bool, progress: Callable[[int], None]
 ) -> xr.Dataset:
     """Run what is ready, see `estimate`."""
-    recursion, samples = task.recursion, task.samples
-    chosen = choose_engine(engine, samples)
+    recursion, made = task.recursion, task.made
+    chosen = choose_engine(engine, task.samples)
     prepare(recursion, chosen)
+    measured = Measured.of(made.y)
+    store = Store(task.outputs, task.samples)
     started = time.perf_counter()
-    data = run_on(list(task.data), recursion.lag)
-    outputs = run_recursion(
-        recursion, data, engine=chosen, progress=lambda done: progress(min(done, samples))
-    )
-    seconds = time.perf_counter() - started
-    result = as_result(
-        from_first_sample(outputs, recursion.lag),
+    for block in carried(recursion, task.data, engine=chosen, progress=progress):
+        part = measured[block.start : block.stop]
+        store.add(dataclasses.replace(block, values=looked_at(block.values, part, task.model)))
+    result = result_of(
+        store.values,
         recursion.channels,
-        task.estimator,
-        task.model,
-        task.recording,
+        made,
+        outputs=task.outputs,
         engine=chosen,
-        seconds=seconds,
+        seconds=time.perf_counter() - started,
     )
-    failed = np.flatnonzero(result["status"].values & int(FAILURES))
-    if throw and len(failed):
+    if throw and (store.values["status"] & int(FAILURES)).any():
         raise EstimationError(failure(result), result)
     return result
 
@@ -200,7 +236,15 @@ def numbers_of(channels: Sequence[Channel], sizes: Sequence[int]) -> int:
     )
 
 
-def check_memory(numbers: Sequence[int], samples: int) -> None:
+def numbers_kept(recursion: Recursion, outputs: Outputs) -> float:
+    """Numbers that the results of a recursion with what is `putting_out` take per sample."""
+    sizes = zip(recursion.channels, recursion.output_sizes, strict=True)
+    # Room for each symmetric matrix while it is unfolded.
+    stored = sum(n * (2 if c.symmetric else 1) for c, n in sizes if outputs.keeps(c.name))
+    return (sum(recursion.input_sizes) + stored) / outputs.every
+
+
+def check_memory(numbers: Sequence[float], samples: int) -> None:
     """Raise `DataError` if results of so many numbers a sample would not fit into memory."""
     needed, available = 8 * sum(numbers) * samples, psutil.virtual_memory().available
     if needed > available:

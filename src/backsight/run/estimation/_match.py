@@ -88,6 +88,8 @@ def measured_outputs(model: Model, recording: xr.Dataset) -> Array:
 
 def with_turns(model: Model, y: Array, near: Array) -> Array:
     """Outputs (n, ny), those that start anew after a turn with as many as bring them `near`."""
+    if all(s.wrap is None for s in model.outputs):
+        return y
     turned = y.copy()
     for i, s in enumerate(model.outputs):
         if s.wrap is not None:
@@ -99,6 +101,11 @@ def with_turns(model: Model, y: Array, near: Array) -> Array:
 def dummies(model: Model) -> np.ndarray:
     """Which outputs are dummy measurements, (ny,)."""
     return np.array([s.dummy is not None for s in model.outputs])
+
+
+def sensed_outputs(model: Model, y: Array, mask: Array) -> Array:
+    """Outputs (n, ny) that a sensor has measured, NaN elsewhere and where they are dummies."""
+    return np.where((mask > 0) & ~dummies(model), y, np.nan)
 
 
 def output_mask(model: Model, recording: xr.Dataset) -> Array:
@@ -126,16 +133,18 @@ def _weighs(estimator: AbstractEstimator | None) -> bool:
 def _columns(recording: xr.Dataset, variable: str, dim: str, *, of: tuple[Signal, ...]) -> Array:
     if variable not in recording:
         raise DataError(f"the recording has no variable '{variable}'; make it with `bs.read`")
-    names = [str(n) for n in recording[dim].values]
+    # Variables, not arrays with coordinates: making one takes as long as a hundred samples.
+    known = recording.variables
+    names = [str(n) for n in known[dim].values]
     for s in of:
         if s.name not in names:
             raise DataError(f"the recording has no {dim} '{s.name}': {nearest(s.name, names)}")
     order = [names.index(s.name) for s in of]
-    units = recording[f"{dim}_unit"].values.tolist() if f"{dim}_unit" in recording.coords else []
+    units = known[f"{dim}_unit"].values.tolist() if f"{dim}_unit" in known else []
     for s, k in zip(of, order, strict=True) if units else ():
         if s.unit and units[k] and s.unit != units[k] and _scaled(units[k], s.unit):
             raise DataError(
                 f"{dim} '{s.name}' is in {units[k]}, the model takes {s.unit}; convert it, "
                 f"bs.data.convert_units(recording, {{'{s.name}': '{s.unit}'}})"
             )
-    return np.ascontiguousarray(recording[variable].values[:, order], dtype=float)
+    return np.ascontiguousarray(known[variable].values[:, order], dtype=float)

@@ -21,7 +21,7 @@ from backsight.run.estimation._estimate import (
     warn_of_useless_rule,
 )
 from backsight.run.estimation._match import match, with_turns
-from backsight.run.estimation.result import as_result
+from backsight.run.estimation.results.result import as_result
 from backsight.types import Array
 
 LEAST_BLOCK = 1000

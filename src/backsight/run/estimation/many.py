@@ -11,14 +11,18 @@ from backsight.errors import DataError, EstimationError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation._estimate import (
+    Task,
     check_length,
     check_memory,
     failure,
-    numbers_of,
 )
 from backsight.run.estimation._match import match
-from backsight.run.estimation.lag import from_first_sample, run_on
-from backsight.run.estimation.result import as_result
+from backsight.run.estimation._prepared import Prepared, compile_once
+from backsight.run.estimation.carrying import Block, Store, from_first_sample, run_on
+from backsight.run.estimation.results.outputs import Kept, Outputs, as_outputs
+from backsight.run.estimation.results.result import result_of
+from backsight.run.estimation.results.values import Measured, looked_at, named
+from backsight.types import Array
 
 
 @checked()
@@ -27,6 +31,7 @@ def estimate_many(
     model: Model,
     recordings: Sequence[xr.Dataset],
     *,
+    outputs: Kept | None = None,
     threads: Count | None = None,
     throw: bool = True,
     restart: bool = False,
@@ -44,6 +49,8 @@ def estimate_many(
     model : Model
     recordings : sequence of xarray.Dataset
         All with the same sampling period.
+    outputs : sequence of str or Outputs, optional
+        What to keep of every result, see `estimate`.
     threads : int, optional
         One per processor core by default.
     throw : bool
@@ -69,6 +76,41 @@ def estimate_many(
     """
     from backsight.engine.lanes import run_many  # brings the compiler along
 
+    compiled, tasks = tasks_of(
+        estimator, model, recordings, outputs=as_outputs(outputs), restart=restart
+    )
+    recursion = compiled.recursion
+    samples = sum(task.samples for task in tasks)
+    check_memory([sum(recursion.output_sizes) + tasks[0].numbers], samples)
+    started = time.perf_counter()
+    outcomes = run_many(
+        recursion,
+        [run_on(task.data, recursion.lag) for task in tasks],
+        carries=[recursion.carry0] * len(tasks),
+        threads=threads or os.cpu_count(),
+        progress=progress,
+    )
+    each = (time.perf_counter() - started) / samples
+    results = [
+        _result(task, found, seconds=each * task.samples)
+        for task, (_, found) in zip(tasks, outcomes, strict=True)
+    ]
+    failed = [f"recording {k}: {failure(r)}" for k, r in enumerate(results) if failure(r)]
+    if throw and failed and not restart:
+        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
+        raise EstimationError(failed[0] + more, results)
+    return results
+
+
+def tasks_of(
+    estimator: AbstractEstimator,
+    model: Model,
+    recordings: Sequence[xr.Dataset],
+    *,
+    outputs: Outputs,
+    restart: bool,
+) -> tuple[Prepared, list[Task]]:
+    """Check recordings and compile the estimator for all of them; errors as of `estimate_many`."""
     if not recordings:
         raise DataError("there is no recording")
     periods = [float(r.attrs["dt"]) for r in recordings]
@@ -78,40 +120,14 @@ def estimate_many(
                 f"recording {k} has the sampling period {dt:g} s, recording 0 {periods[0]:g} s; "
                 "resample one of them"
             )
-    data = [_matched(model, r, estimator, k) for k, r in enumerate(recordings)]
-    samples = sum(len(rows[0]) for rows in data)
-    recursion = estimator.compile(model, periods[0])
-    for rows in data:
-        check_length(recursion, len(rows[0]))
-    check_memory([numbers_of(recursion.channels, recursion.output_sizes)], samples)
-    if restart:
-        recursion = recursion.restarting()
-    started = time.perf_counter()
-    outcomes = run_many(
-        recursion,
-        [run_on(rows, recursion.lag) for rows in data],
-        carries=[recursion.carry0] * len(data),
-        threads=threads or os.cpu_count(),
-        progress=progress,
-    )
-    seconds = time.perf_counter() - started
-    results = [
-        as_result(
-            from_first_sample(outputs, recursion.lag),
-            recursion.channels,
-            estimator,
-            model,
-            recording,
-            engine="native",
-            seconds=seconds * len(rows[0]) / samples,
-        )
-        for (_, outputs), recording, rows in zip(outcomes, recordings, data, strict=True)
+    compiled = compile_once(estimator, model, periods[0], outputs=outputs, restart=restart)
+    tasks = [
+        Task(estimator, model, r, compiled, _matched(model, r, estimator, k), outputs)
+        for k, r in enumerate(recordings)
     ]
-    failed = [f"recording {k}: {failure(r)}" for k, r in enumerate(results) if failure(r)]
-    if throw and failed and not restart:
-        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
-        raise EstimationError(failed[0] + more, results)
-    return results
+    for task in tasks:
+        check_length(compiled.recursion, task.samples)
+    return compiled, tasks
 
 
 def _matched(model: Model, recording: xr.Dataset, estimator: AbstractEstimator, k: int) -> tuple:
@@ -119,3 +135,18 @@ def _matched(model: Model, recording: xr.Dataset, estimator: AbstractEstimator, 
         return match(model, recording, estimator=estimator)
     except DataError as error:
         raise DataError(f"recording {k}: {error}") from None
+
+
+def _result(task: Task, found: Sequence[Array], *, seconds: float) -> xr.Dataset:
+    recursion, made = task.recursion, task.made
+    values = named(from_first_sample(found, recursion.lag), recursion.channels)
+    store = Store(task.outputs, task.samples)
+    store.add(Block(0, task.samples, looked_at(values, Measured.of(made.y), task.model)))
+    return result_of(
+        store.values,
+        recursion.channels,
+        made,
+        outputs=task.outputs,
+        engine="native",
+        seconds=seconds,
+    )

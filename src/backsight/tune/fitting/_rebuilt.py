@@ -10,7 +10,7 @@ from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation import run_on
-from backsight.run.estimation.lag import from_first_sample
+from backsight.run.estimation.carrying import from_first_sample
 from backsight.tune.fitting._lanes import Data, decorrelated
 from backsight.tune.fitting.values import Unknown, placed
 from backsight.types import Array

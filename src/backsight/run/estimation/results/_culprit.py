@@ -15,13 +15,18 @@ MOST_SHOWN = 6
 """States whose values are shown beside the equation."""
 
 
-def with_culprit(result: xr.Dataset, estimator: AbstractEstimator, model: Model) -> xr.Dataset:
-    """Result with the attribute `schema.CULPRIT` if an equation was not finite where it failed."""
-    lost = np.flatnonzero(result["status"].values & int(Status.NOT_FINITE))
+def with_culprit(
+    result: xr.Dataset, estimator: AbstractEstimator, model: Model, *, u: Array
+) -> xr.Dataset:
+    """Result with the attribute `schema.CULPRIT` if an equation was not finite where it failed.
+
+    The inputs u (n, nu) are those of the samples of the result.
+    """
+    lost = np.flatnonzero(result.variables["status"].values & int(Status.NOT_FINITE))
     if not len(lost):
         return result
     k = int(lost[0])
-    x, u = result["x_hat"].values, result["u"].values
+    x = result["x_hat"].values
     points = [(x[i], u[j]) for i, j in ((k, k), (k - 1, k - 1), (k - 1, k)) if i >= 0]
     if k == 0:
         try:

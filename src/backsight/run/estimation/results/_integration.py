@@ -4,10 +4,11 @@ import numpy as np
 import xarray as xr
 
 from backsight.discrete.modes import modes_at
+from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import complaint, in_words
-from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.schema import COARSE, INTEGRATION, Status
+from backsight.types import Array
 
 POINTS, FEW = 50, 5
 """Samples along the estimates at which the modes are looked at, and of a model with many states."""
@@ -16,24 +17,35 @@ MANY = 60
 """States from which on they are few."""
 
 
-def with_integration(result: xr.Dataset, estimator: AbstractEstimator, model: Model) -> xr.Dataset:
+def with_integration(
+    result: xr.Dataset, chosen: Integrator | None, model: Model, *, u: Array, dt: float
+) -> xr.Dataset:
     """Result with the integrator as an attribute.
 
     If it was too coarse for the modes of the model along the estimates, all samples say so in their
     status, and an attribute says for which mode and what would do.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+    chosen : Integrator, optional
+        None if the estimator or the model needs none.
+    model : Model
+    u : (n, nu) array
+        Inputs of the samples of the result.
+    dt : float
+        Period of the estimator [s].
     """
-    dt = float(result.attrs["dt"])
-    chosen = estimator.chosen(model, dt)
     if chosen is None:
         return result
-    result = result.assign_attrs({INTEGRATION: in_words(chosen)})
-    finite = np.flatnonzero(np.isfinite(result["x_hat"].values).all(axis=1))
+    result.attrs[INTEGRATION] = in_words(chosen)
+    x = result.variables["x_hat"].values
+    finite = np.flatnonzero(np.isfinite(x).all(axis=1))
     count = FEW if model.nx > MANY else POINTS
     rows = finite[np.linspace(0, len(finite) - 1, min(count, len(finite))).astype(int)]
     if not len(rows):
         return result
-    x, u = result["x_hat"].values[rows], result["u"].values[rows]
-    coarse = complaint(chosen, lambda: modes_at(model, x, u), dt=dt)
+    coarse = complaint(chosen, lambda: modes_at(model, x[rows], u[rows]), dt=dt)
     if not coarse:
         return result
     raised = result["status"] | int(Status.COARSE_STEP)

@@ -1,0 +1,91 @@
+"""What descriptions say, as a key: to find again what was made of the same ones."""
+
+import dataclasses
+import hashlib
+import io
+import pickle
+import types
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+_PLAIN = (bool, int, float, complex, str, bytes, np.generic)
+_BY_IDENTITY = (type, types.FunctionType, types.BuiltinFunctionType, types.ModuleType)
+
+
+def content(*values: object) -> Hashable | None:
+    """Key of what these descriptions, models and numbers say; None if that cannot be told.
+
+    Arrays count by their numbers, also after they were changed in place; classes and functions by
+    which they are, so that a class that was defined anew is another one.
+    """
+    file = io.BytesIO()
+    pickler = _Content(file, protocol=5)
+    try:
+        pickler.dump(values)
+    except Exception:  # whatever a class of somebody else raises when it is pickled
+        return None
+    return file.getvalue(), tuple(pickler.met)
+
+
+class _Content(pickle.Pickler):
+    def __init__(self, file: io.BytesIO, protocol: int) -> None:
+        super().__init__(file, protocol)
+        self.met: list[Hashable] = []
+
+    def persistent_id(self, obj: Any) -> int | None:
+        if not isinstance(obj, _BY_IDENTITY):
+            return None
+        if getattr(obj, "__closure__", None):
+            raise pickle.PicklingError("what a closure holds cannot be told")
+        self.met.append(obj)
+        return len(self.met)
+
+
+def digest(*values: object) -> str:
+    """Digest of what descriptions, models and numbers say, the same in every process.
+
+    Classes count by their names.
+
+    Raises
+    ------
+    TypeError
+        If a value is none of those that descriptions are made of.
+    """
+    made = hashlib.sha256()
+    for token in _tokens(values):
+        # With its length, so that no two sequences of tokens are the same bytes.
+        made.update(f"{len(token)} ".encode() + token)
+    return made.hexdigest()
+
+
+def _tokens(value: Any) -> Iterator[bytes]:
+    kind: type = type(value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        yield f"{kind.__module__}.{kind.__qualname__}".encode()
+        for field in dataclasses.fields(value):
+            yield field.name.encode()
+            yield from _tokens(getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        yield f"mapping {len(value)}".encode()
+        for key, entry in value.items():
+            yield from _tokens(key)
+            yield from _tokens(entry)
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype.str} {value.shape}".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif isinstance(value, Sequence | set | frozenset) and not isinstance(value, str | bytes):
+        entries = sorted(value, key=repr) if isinstance(value, set | frozenset) else value
+        yield f"sequence {len(entries)}".encode()
+        for entry in entries:
+            yield from _tokens(entry)
+    elif value is None or isinstance(
+        value, bool | int | float | complex | str | bytes | np.generic
+    ):
+        plain = value.item() if isinstance(value, np.generic) else value
+        yield repr(plain).encode()
+    elif hasattr(value, "serialize") and not isinstance(value, type):  # a function of CasADi
+        yield value.serialize().encode()
+    else:
+        raise TypeError(f"no digest of {kind.__module__}.{kind.__qualname__}")

@@ -1,0 +1,1 @@
+"""From the numbers of a recursion to a result: what is kept, by name, and what it is worth."""

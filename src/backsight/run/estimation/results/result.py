@@ -1,0 +1,274 @@
+"""Outputs of a recursion as a result dataset."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from backsight.analysis.forces import REMARKS, force_remarks
+from backsight.analysis.outliers import DOUBTED as OUTLIER_WEIGHT
+from backsight.analysis.outliers import RULE, THRESHOLD
+from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.recursion import Channel
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.outliers import DOUBTED
+from backsight.models.model import Model
+from backsight.run.estimation._match import measured_outputs, output_mask, sensed_outputs
+from backsight.run.estimation.results._culprit import with_culprit
+from backsight.run.estimation.results._integration import with_integration
+from backsight.run.estimation.results.outputs import Outputs
+from backsight.run.estimation.results.values import Measured, deviation, looked_at, named
+from backsight.schema import (
+    AGO,
+    EVERY,
+    INNOVATIONS,
+    POSITIVE,
+    RESULT_VARIABLES,
+    ROLE,
+    SCHEMA_VERSION,
+    SIGMA_FACTOR,
+    UNKNOWN,
+    VIRTUAL_TRUE,
+    Status,
+)
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """What a result comes from.
+
+    Parameters
+    ----------
+    estimator, model, recording
+    u, y : arrays
+        Inputs (n, nu) and outputs (n, ny) in the order of the model; NaN where no sensor measured.
+    integrator : Integrator, optional
+        How the model was carried from sample to sample.
+    coordinates : xarray.Coordinates
+        Names and units along all dimensions but time.
+    """
+
+    estimator: AbstractEstimator
+    model: Model
+    recording: xr.Dataset
+    u: Array
+    y: Array
+    integrator: Integrator | None
+    coordinates: xr.Coordinates
+
+
+def as_result(
+    outputs: Sequence[Array],
+    channels: Sequence[Channel],
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    engine: str,
+    seconds: float,
+) -> xr.Dataset:
+    """Name the outputs, add units, standard deviations, the recording and what made them.
+
+    Parameters
+    ----------
+    outputs : sequence of (n, l) arrays
+        One row per sample.
+    channels : sequence of Channel
+        What they are.
+    estimator, model, recording
+        What they come from.
+    engine : str
+    seconds : float
+        Time that the run took.
+    """
+    values = named(outputs, channels)
+    y = measured_outputs(model, recording)
+    measured = sensed_outputs(model, y, output_mask(model, recording))
+    if "P" in values:
+        channels = (*channels, Channel("x_std", ("state",)))
+        values["x_std"] = deviation(values["P"])
+    made = Made(
+        estimator,
+        model,
+        recording,
+        u=recording["u"].sel(input=[s.name for s in model.inputs]).values,
+        y=measured,
+        integrator=estimator.chosen(model, float(recording.attrs["dt"])),
+        coordinates=coordinates(model, channels),
+    )
+    believed = looked_at(values, Measured.of(measured), model)
+    return result_of(believed, channels, made, outputs=Outputs(), engine=engine, seconds=seconds)
+
+
+def result_of(
+    values: Mapping[str, Array],
+    channels: Sequence[Channel],
+    made: Made,
+    *,
+    outputs: Outputs,
+    engine: str,
+    seconds: float,
+) -> xr.Dataset:
+    """Put together what is kept of a result.
+
+    Parameters
+    ----------
+    values : dict
+        Numbers of the samples that are kept, as of `named`, of variables that are kept.
+    channels : sequence of Channel
+        What they are.
+    made : Made
+    outputs : Outputs
+        What is kept.
+    engine : str
+    seconds : float
+        Time that the run took.
+    """
+    dt, estimator = float(made.recording.attrs["dt"]), made.estimator
+    result = _dataset(values, channels, made, outputs)
+    result.attrs |= {
+        "estimator": estimator.key,
+        "model": made.model.name,
+        "engine": engine,
+        "dt": dt * outputs.every,
+        "seconds": seconds,
+        "us_per_sample": seconds / len(made.u) * 1e6,
+        "schema": SCHEMA_VERSION,
+        INNOVATIONS: estimator.innovations,
+    }
+    if outputs.every > 1:
+        result.attrs[EVERY] = outputs.every
+    if (rule := estimator.outliers) is not None:
+        result.attrs |= {
+            RULE: type(rule).__name__,
+            THRESHOLD: rule.threshold,
+            OUTLIER_WEIGHT: DOUBTED,
+        }
+    if positive := [s.name for s in made.model.states if s.positive]:
+        result.attrs[POSITIVE] = " ".join(positive)
+    u = made.u[_every(outputs.every)]
+    result = with_integration(result, made.integrator, made.model, u=u, dt=dt)
+    result = with_culprit(result, estimator, made.model, u=u)
+    remarks = force_remarks(result)
+    if remarks:
+        result.attrs[REMARKS] = "\n".join(remarks)
+    return result
+
+
+def _dataset(
+    values: Mapping[str, Array], channels: Sequence[Channel], made: Made, outputs: Outputs
+) -> xr.Dataset:
+    kept = {c.name: c for c in channels if c.name in values and outputs.keeps(c.name)}
+    dims = {name: ("time", *c.dims) for name, c in kept.items()}
+    variables = {
+        name: xr.Variable(dims[name], values[name], {"long_name": _long_name(name)})
+        for name in kept
+    }
+    for channel in kept.values():
+        if channel.ago:
+            variables[channel.name].attrs[AGO] = channel.ago
+    variables["status"].attrs |= _FLAGS
+    thin = _every(outputs.every)
+    if outputs.keeps("u"):
+        inputs = made.u[thin].astype(outputs.dtype, copy=False)
+        variables["u"] = xr.Variable(("time", "input"), inputs)
+    if "y" in values and outputs.keeps("y"):
+        variables["y"] = xr.Variable(("time", "output"), values["y"])
+    if SIGMA_FACTOR in made.recording and outputs.keeps(SIGMA_FACTOR):
+        names = [s.name for s in made.model.outputs]
+        factors = made.recording[SIGMA_FACTOR].reindex(output=names).values[thin]
+        variables[SIGMA_FACTOR] = xr.Variable(
+            ("time", "output"), factors.astype(outputs.dtype, copy=False)
+        )
+    result = xr.Dataset(variables, coords=_with_time(made, outputs.every))
+    if any(s.positive for s in made.model.states) and "x_std" in result:
+        ends = _bands(values["x_hat"], values["x_std"], made.model)
+        for name, end in zip(("x_low", "x_high"), ends, strict=True):
+            result[name] = (("time", "state"), end, {"long_name": _long_name(name)})
+    if "d_std" not in result and "P_d" in result:
+        result["d_std"] = (("time", "force"), deviation(result["P_d"].values))
+    if "x_true" in made.recording and outputs.keeps("x_true"):
+        result["x_true"] = _truth(made, thin).astype(outputs.dtype)
+        if made.model.virtual is not None and "virtual" in result.dims:
+            result[VIRTUAL_TRUE] = _virtual_truth(made, thin).astype(outputs.dtype)
+    return result
+
+
+def _with_time(made: Made, every: int) -> xr.Coordinates:
+    """Coordinates of a result; making indices anew takes as long as a thousand samples."""
+    recording = made.recording if every == 1 else made.recording[["time"]].isel(time=_every(every))
+    indices = {**made.coordinates.xindexes, "time": recording.xindexes["time"]}
+    variables = {**made.coordinates.variables, "time": recording.variables["time"]}
+    return xr.Coordinates(variables, indexes=indices)
+
+
+def _every(count: int) -> slice:
+    return slice(None, None, count)
+
+
+def coordinates(model: Model, channels: Iterable[Channel]) -> xr.Coordinates:
+    """Names, units and roles along all dimensions of a result but time."""
+    names, resting = [s.name for s in model.states], model.resting
+    outputs = [s.name for s in model.outputs]
+    found: dict[str, Any] = {
+        "state": names,
+        "state_": names,
+        "output": outputs,
+        "output_": outputs,
+        "input": [s.name for s in model.inputs],
+        "state_unit": ("state", [s.unit for s in model.states]),
+        ROLE: ("state", [UNKNOWN if n in resting else "motion" for n in names]),
+        "output_unit": ("output", [s.unit for s in model.outputs]),
+        "input_unit": ("input", [s.unit for s in model.inputs]),
+    }
+    found |= {c.dims[0]: list(c.labels) for c in channels if c.labels}
+    if model.virtual is not None and "virtual" in found:
+        found["virtual_unit"] = ("virtual", [s.unit for s in model.virtual.signals])
+    if "force" in found:
+        known = {s.name: s for s in model.parameters}
+        forces = [known[name] for name in found["force"]]
+        found["force_unit"] = ("force", [s.unit for s in forces])
+        positions = [s.position for s in forces if s.position is not None]
+        if len(positions) == len(forces):
+            found["force_position"] = ("force", positions)
+    return xr.Dataset(coords=found).coords
+
+
+def _bands(x: Array, std: Array, model: Model) -> tuple[Array, Array]:
+    """Ends of the bands of one standard deviation; of positive states as factors."""
+    positive = np.array([s.positive for s in model.states])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        factor = np.exp(std / x)
+        low, high = np.where(positive, x / factor, x - std), np.where(positive, x * factor, x + std)
+    return low, high
+
+
+def _truth(made: Made, thin: slice) -> xr.DataArray:
+    names = [s.name for s in made.model.states]
+    truth = made.recording["x_true"].isel(time=thin)
+    known = [n for n in names if n in truth["state"].values]
+    return truth.sel(state=known).reindex(state=names).transpose("time", "state")
+
+
+def _virtual_truth(made: Made, thin: slice) -> xr.DataArray:
+    """True values of virtual outputs, NaN where they are not known."""
+    virtual = made.model.virtual
+    names = [s.name for s in virtual.signals] if virtual is not None else []
+    truth = made.recording["x_true"].isel(time=thin)
+    known = truth.sel(state=[n for n in names if n in truth["state"].values])
+    columns = known.reindex(state=names).transpose("time", "state").values
+    return xr.DataArray(columns, dims=("time", "virtual"), coords={"time": truth["time"]})
+
+
+_BITS = [bit for bit in Status if bit]
+_FLAGS = {
+    "flag_masks": [int(bit) for bit in _BITS],
+    "flag_meanings": " ".join(bit.name.lower() for bit in _BITS if bit.name),
+}
+
+
+def _long_name(variable: str) -> str:
+    return RESULT_VARIABLES[variable][1] if variable in RESULT_VARIABLES else variable
