@@ -30,6 +30,8 @@ class Compilable(Description, abc.ABC):
     title: ClassVar[str]
     weighs: ClassVar[bool] = False
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
+    seeks_surprises: ClassVar[bool] = False
+    """Whether a surprising sample is what it looks for, which no rule for outliers may hide."""
     noise_states: ClassVar[bool] = False
     """Whether it is right for noise as states, see `backsight.estimators._noise_states`."""
 
@@ -161,6 +163,12 @@ class Compilable(Description, abc.ABC):
     def _refusal(self, rule: AbstractOutlierRule) -> str:
         """Why the estimator cannot follow a rule for outliers; empty if it can."""
         kind = type(rule).__name__
+        if self.seeks_surprises:
+            return (
+                f"{self.title} looks for what is surprising: outliers = {kind}() would take hits "
+                "for outliers and hide them. Weigh doubtful samples by sigma_factor, or clean the "
+                "recording before"
+            )
         if not self.weighs:
             return (
                 f"{self.title} cannot weigh single samples, which outliers = {kind}() needs; use "

@@ -37,7 +37,7 @@ def find_sparse_forces(
         is about windows is not used.
     model : Model
     recording : xarray.Dataset
-        ``NaN`` in an output is "not measured".
+        ``NaN`` in an output is "not measured"; samples may have a noise of their own.
     selection : L1, Reweighted, Greedy or Given, optional
         How the atoms are chosen; `Greedy()` if not given.
 
@@ -75,14 +75,14 @@ def find_sparse_forces(
         engine="numpy",
         seconds=time.perf_counter() - started,
     )
-    measured = int(search.filter.mask.sum())
+    measured = int((search.filter.mask > 0).sum())
     result.attrs |= {"nonzeros": len(fit.which), "chi2": fit.cost, "measured": measured}
     return result
 
 
 def prepared(estimator: AbstractForceEstimator, model: Model, recording: xr.Dataset) -> ForceSearch:
     """Check estimator, model and recording, and make the regression of `find_sparse_forces`."""
-    data = match(model, recording)
+    data = match(model, recording, estimator=estimator)
     forced = estimator.forced(model, float(recording.attrs["dt"]))
     return force_search(
         forced,

@@ -52,7 +52,7 @@ class ForceSearch:
 
     def measuring(self, y: Array) -> "ForceSearch":
         """Search in other measurements (n, ny) of the same sensors at the same samples."""
-        scaled = np.where(self.filter.mask, y / self.filter.forced.system.s.sy, 0.0)
+        scaled = np.where(self.filter.mask > 0, y / self.filter.forced.system.s.sy, 0.0)
         filtered = dataclasses.replace(self.filter, y=scaled)
         quiet = filtered.innovations(np.zeros((self.samples, len(self.shapes)))).ravel()
         regression = dataclasses.replace(self.regression, target=quiet)

@@ -36,7 +36,7 @@ class Whitened:
     y : (n, ny) array
         Outputs; 0 where not measured.
     mask : (n, ny) array
-        1 where measured.
+        Positive where measured: the nominal standard deviation of the noise by that of the sample.
     P : (n, nx, nx) array
         Covariance of the prediction.
     S : (n, ny, ny) array
@@ -104,7 +104,7 @@ class Whitened:
         for k in range(len(y)):
             x = x + (system.B_next[:, :nu] @ u[k] if k else 0.0)
             e = y[k] - system.C @ x - system.D[:, :nu] @ u[k] - f.F @ d[k]
-            e = self.mask[k][:, None] * e
+            e = np.where(self.mask[k][:, None] > 0, e, 0.0)
             states.append(x)
             innovations.append(e)
             x = system.A @ x + system.B[:, :nu] @ u[k] + f.E @ d[k] + self.gain[k] @ e
@@ -126,17 +126,18 @@ def whitened(forced: Forced, u: Array, y: Array, mask: Array) -> Whitened:
     A, C = system.A, system.C
     nx, ny = len(A), len(C)
     E, F = forced.E * forced.sigma, forced.F * forced.sigma
-    Q, M, R = s.Q + E @ E.T, E @ F.T, s.R + F @ F.T
+    Q, M = s.Q + E @ E.T, E @ F.T
     n = len(y)
     P_all, S_all = np.empty((n, nx, nx)), np.empty((n, ny, ny))
     gain, root = np.zeros((n, nx, ny)), np.zeros((n, ny, ny))
     P = s.P0
     for k in range(n):
+        factor = 1 / np.where(mask[k] > 0, mask[k], 1.0)
+        R = s.R * np.outer(factor, factor) + F @ F.T
         P_all[k], S_all[k] = P, C @ P @ C.T + R
         seen = np.flatnonzero(mask[k])
         square = np.ix_(seen, seen)
-        factor = np.linalg.cholesky(S_all[k][square])
-        own = np.linalg.inv(factor)
+        own = np.linalg.inv(np.linalg.cholesky(S_all[k][square]))
         white = (A @ P @ C[seen].T + M[:, seen]) @ own.T
         root[k][square], gain[k][:, seen] = own, white @ own
         P = A @ P @ A.T + Q - white @ white.T

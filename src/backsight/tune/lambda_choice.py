@@ -136,7 +136,7 @@ def lambda_from_whiteness(
     """
     search = unweighted(estimator, model, recording)
     path = whole_path(search, LEAST)
-    measured = int(search.filter.mask.sum())
+    measured = int((search.filter.mask > 0).sum())
     rows, weights = [], []
     for here, after in zip(path.lam[:-1], path.lam[1:], strict=True):
         lam = float(np.sqrt(here * after))

@@ -66,7 +66,8 @@ def tables(forced: Forced, shapes: Array, *, N: int, lag: int) -> Tables:
     P = [x @ x.T for x in by_noise]
     cross = [seen_noise @ x.T for x in by_noise]
     moved = [power @ modes[:nx] for power in powers[:-1]]
-    problem = (start, seen_force, S0, *map(np.hstack, (powers, P, cross, moved)))
+    joined = map(np.hstack, (powers, P, cross, moved))
+    problem = (start, seen_force, S0, *joined, system.s.R)
 
     factor = scipy.linalg.cho_factor(S0, lower=True)
     both = np.hstack([start, seen_force])

@@ -121,7 +121,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     ``SmoothedArrival(naive=True)`` and ``bias="kept"`` they are too small, since its measurements
     count several times; with ``bias="removed"`` they count them once.
 
-    A window that is not full yet, or has gaps, is one with samples that were not measured.
+    A window that is not full yet, or has gaps, is one with samples that were not measured. Samples
+    may have a noise of their own (eq. 8).
 
     Raises
     ------
@@ -141,6 +142,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     key: ClassVar[str] = "csmhe"
     title: ClassVar[str] = "Compressive-sensing moving horizon estimator"
     kernels: ClassVar[tuple[str, ...]] = (KERNEL,)
+    weighs: ClassVar[bool] = True
+    seeks_surprises: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
