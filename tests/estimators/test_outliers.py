@@ -194,7 +194,7 @@ def test_a_rule_that_can_never_act_is_told():
             "would take hits for outliers",
         ),
     ],
-    ids=["luenberger", "steady", "rmhe"],
+    ids=["luenberger", "steady", "rmhe", "csmhe"],
 )
 def test_what_cannot_follow_a_rule_says_so(estimator, reason):
     with pytest.raises(TuningError, match=reason):
