@@ -11,9 +11,16 @@ from backsight.analysis.forces import compare_forces as compare_forces
 from backsight.analysis.forces import find_impacts as find_impacts
 from backsight.estimators.cs_mhe import Atoms as Atoms
 from backsight.estimators.cs_mhe import Carryover as Carryover
+from backsight.estimators.cs_mhe import Decays as Decays
 from backsight.estimators.cs_mhe import HalfSines as HalfSines
+from backsight.estimators.cs_mhe import Haversines as Haversines
 from backsight.estimators.cs_mhe import Impulses as Impulses
+from backsight.estimators.cs_mhe import Line as Line
+from backsight.estimators.cs_mhe import MovingLoads as MovingLoads
+from backsight.estimators.cs_mhe import Splines as Splines
+from backsight.estimators.cs_mhe import Steps as Steps
 from backsight.models.structures.unknown_forces import forces_as_inputs as forces_as_inputs
+from backsight.run.hits import locate_hits as locate_hits
 from backsight.run.sparse_forces import find_sparse_forces as find_sparse_forces
 from backsight.sparse import L1 as L1
 from backsight.sparse import Given as Given

@@ -96,6 +96,21 @@ class Whitened:
             found[k] = self.P[k] - self.P[k] @ N @ self.P[k]
         return found
 
+    def explained(self, moves: Array, seen: Array) -> Array:
+        """White innovations (n, ny, c) of what adds to the next states and to the outputs.
+
+        Parameters
+        ----------
+        moves, seen : (n, nx, c), (n, ny, c) arrays
+        """
+        A, C = self.forced.system.A, self.forced.system.C
+        x, found = np.zeros(moves.shape[1:]), np.empty_like(seen)
+        for k in range(len(moves)):
+            e = seen[k] + C @ x
+            found[k] = self.root[k] @ e
+            x = A @ x + moves[k] - self.gain[k] @ e
+        return found
+
     def _predicted(self, y: Array, u: Array, d: Array, *, start: float) -> tuple[Array, Array]:
         """Predictions (n, nx, c) and innovations (n, ny, c), 0 where not measured."""
         f, system, nu = self.forced, self.forced.system, self.forced.nu

@@ -27,7 +27,16 @@ from backsight.estimators.cs_mhe._step import cs_recursion
 from backsight.estimators.cs_mhe._tables import check_forces, tables
 from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
-from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
+from backsight.estimators.cs_mhe.dictionary import Atoms
+from backsight.estimators.cs_mhe.moving_loads import MovingLoads
+from backsight.estimators.cs_mhe.pulses import (
+    Decays,
+    HalfSines,
+    Haversines,
+    Impulses,
+    Splines,
+    Steps,
+)
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.linear import linear
@@ -42,6 +51,11 @@ from backsight.types import Array, ByName
 
 Correction: TypeAlias = Literal["none", "amplitude", "energy"]
 CORRECTIONS = get_args(Correction)
+
+Dictionary: TypeAlias = (
+    Impulses | HalfSines | Haversines | Splines | Decays | Steps | MovingLoads | Atoms
+)
+"""Of which atoms a force may be made."""
 
 STEPS_PER_ATOM = 4
 """The active set may take so many steps for every atom that can be active, and some more."""
@@ -77,7 +91,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     sigma_force : dict or number
         Standard deviation per sample, as white noise, of the part of the forces that is not looked
         for: :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
-    dictionary : Impulses, HalfSines or Atoms
+    dictionary : Impulses, HalfSines, Haversines, Splines, Decays, Steps, MovingLoads or Atoms
+        Of which pulses the forces are made.
     nonnegative, nonpositive : tuple of str
         Forces with a known sign.
     arrival : SmoothedArrival, ConstantArrival or NoArrival
@@ -151,7 +166,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     lam: PositiveOrInfinite
     N: Horizon = 10
     sigma_force: Annotated[ByName, Range("not be negative", 0.0)] = 0.0
-    dictionary: Impulses | HalfSines | Atoms = dataclasses.field(default_factory=Impulses)
+    dictionary: Dictionary = dataclasses.field(default_factory=Impulses)
     nonnegative: Annotated[tuple[str, ...], Distinct()] = ()
     nonpositive: Annotated[tuple[str, ...], Distinct()] = ()
     arrival: Annotated[LinearArrival, Called("the arrival cost")] = dataclasses.field(
