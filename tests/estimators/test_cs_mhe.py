@@ -11,7 +11,7 @@ from backsight import schema
 from backsight.engine import native, vm
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.arrival import arrival_name
-from backsight.estimators.cs_mhe import Atoms, Carryover, HalfSines
+from backsight.forces import Atoms, Carryover, ForceLine, HalfSines, MovingLoads
 from backsight.run.compare import compare
 from backsight.settings import ConstantArrival, EKFArrival, NoArrival, SmoothedArrival
 from backsight.tune import lambda_max
@@ -64,6 +64,7 @@ CASES = {
     "known sign": {"nonnegative": struck.FORCES},
     "other sign": {"nonpositive": struck.FORCES},
     "pulses": {"dictionary": HalfSines((1, 3)), "lam": 1.0},
+    "moving": {"dictionary": MovingLoads(ForceLine((1, 2, 3, 4)), (3, -2)), "lam": 1.0},
     "groups": {"dictionary": Atoms(np.array([[1.0, 0], [1, 0], [0, 1], [0, 2]]))},
     "separate": {"carryover": Carryover((2.0, 30.0)), "threshold": 0.5},
     "prior": {"carryover": Carryover((0.1, 4.0), "prior"), "arrival": SmoothedArrival(naive=True)},

@@ -5,15 +5,15 @@ import pytest
 import scipy
 
 from backsight.errors import TuningError
-from backsight.estimators.cs_mhe import (
+from backsight.estimators.dictionaries import (
     Decays,
+    ForceLine,
     HalfSines,
     Haversines,
     Impulses,
-    Line,
     MovingLoads,
     Splines,
-    Steps,
+    SteadyLoads,
 )
 
 PULSES = {
@@ -22,7 +22,7 @@ PULSES = {
     "haversines": (Haversines((5,)), 5),
     "splines": (Splines((8,)), 8),
     "decays": (Decays((3,)), 3),
-    "steps": (Steps(7), 7),
+    "steps": (SteadyLoads(7), 7),
 }
 PLACES = (1.0, 2.0, 3.0, 4.5)
 
@@ -66,7 +66,7 @@ def test_smooth_forces_are_sums_of_splines():
 
 
 def test_a_line_interpolates_the_shapes():
-    line = Line(PLACES, supports=(0.0, 6.0))
+    line = ForceLine(PLACES, supports=(0.0, 6.0))
     np.testing.assert_allclose(line.weights(np.array(PLACES)), np.eye(4), atol=1e-12)
     assert not line.weights(np.array([-0.1, 6.1])).any()
     np.testing.assert_allclose(line.weights(np.array([0.0, 6.0])), 0, atol=1e-12)
@@ -77,13 +77,13 @@ def test_a_line_interpolates_the_shapes():
     x = np.linspace(0, 6, 31)
     found = line.weights(x) @ shape(np.array(PLACES))
     np.testing.assert_allclose(found, shape(x), atol=1e-11)
-    turned = Line(PLACES[::-1], supports=(6.0, 0.0))
+    turned = ForceLine(PLACES[::-1], supports=(6.0, 0.0))
     np.testing.assert_allclose(turned.weights(x), line.weights(x)[:, ::-1], atol=1e-12)
 
 
 @pytest.mark.parametrize("crossing", [24, -24])
 def test_a_load_moves_from_end_to_end(crossing):
-    line = Line(PLACES, supports=(0.0, 6.0))
+    line = ForceLine(PLACES, supports=(0.0, 6.0))
     atom = MovingLoads(line, (crossing, 30)).shapes(4)[:, :, 0]
     assert atom.shape == (4, 30)
     assert not atom[:, 24:].any()
@@ -104,11 +104,11 @@ def test_a_load_moves_from_end_to_end(crossing):
     ("made", "message"),
     [
         (lambda: Haversines(()), r"widths is \(\)"),
-        (lambda: Steps(0), "length"),
-        (lambda: Line((1.0,)), "two places or more"),
-        (lambda: Line((1.0, 2.0), supports=(2.0,)), "2 m, which is a support, moves nothing"),
-        (lambda: MovingLoads(Line(PLACES), (0, 3)), "other than 0"),
-        (lambda: MovingLoads(Line(PLACES), (3,)).shapes(5), "4 places; there are 5 forces"),
+        (lambda: SteadyLoads(0), "length"),
+        (lambda: ForceLine((1.0,)), "two places or more"),
+        (lambda: ForceLine((1.0, 2.0), supports=(2.0,)), "2 m, which is a support, moves nothing"),
+        (lambda: MovingLoads(ForceLine(PLACES), (0, 3)), "other than 0"),
+        (lambda: MovingLoads(ForceLine(PLACES), (3,)).shapes(5), "4 places; there are 5 forces"),
     ],
 )
 def test_what_is_no_dictionary_is_refused(made, message):

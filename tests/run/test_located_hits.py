@@ -14,7 +14,7 @@ from backsight.models.lti import state_space
 DT, FINE = 1 / 400, 40
 PLACES = tuple(round(0.125 + 0.04 * i, 3) for i in range(8))
 NAMES = tuple(f"F{i}" for i in range(8))
-LINE = bs.forces.Line(PLACES, supports=(0.0,))
+LINE = bs.forces.ForceLine(PLACES, supports=(0.0,))
 HITS = ((0.232, 6.3, 2.6, 7.0), (0.351, 17.6, 1.8, -6.0))
 """Place [m], beginning and duration [samples], height [N] of half-sines."""
 
@@ -139,7 +139,7 @@ def test_a_load_crosses_a_bridge():
         sensors={n: ("acceleration", x) for n, x in zip("abc", (5.0, 10.0, 14.0), strict=True)},
         forces=dict(zip(names, NODES, strict=True)),
     )  # fmt: skip
-    line = bs.forces.Line(NODES, supports=(0.0, LENGTH))
+    line = bs.forces.ForceLine(NODES, supports=(0.0, LENGTH))
     method = bs.CompressiveSensingMHE(
         noise=bs.Noise(sigma_y=sigma), prior=bs.Prior(sigma_x0=1e-3), forces=names, lam=1.0,
         sigma_force=20.0, dictionary=bs.forces.MovingLoads(line, (90, 120, 150, -90, -120, -150)),
@@ -161,16 +161,16 @@ def test_what_does_not_fit_is_refused():
         recording = half_sines() if recording is None else recording
         return bs.forces.locate_hits(method, model, recording, result, line=line)
 
-    with pytest.raises(TuningError, match="line = Line"):
+    with pytest.raises(TuningError, match="line = ForceLine"):
         locate(line=None)
     with pytest.raises(TuningError, match="7 places; there are 8 forces"):
-        locate(line=bs.forces.Line(PLACES[:7]))
+        locate(line=bs.forces.ForceLine(PLACES[:7]))
     atoms = dataclasses.replace(METHOD, dictionary=bs.forces.Atoms(np.eye(8)))
     with pytest.raises(TuningError, match="Atoms does not say what a hit looks like"):
         locate(method=atoms)
     loads = dataclasses.replace(METHOD, dictionary=bs.forces.MovingLoads(LINE, (20,)))
     with pytest.raises(TuningError, match="leave it out"):
-        locate(method=loads, line=bs.forces.Line(PLACES))
+        locate(method=loads, line=bs.forces.ForceLine(PLACES))
     with pytest.raises(TuningError, match="only some of the forces have a known sign"):
         locate(method=dataclasses.replace(METHOD, nonnegative=("F1",)))
     with pytest.raises(DataError, match="no result with the forces"):

@@ -3,19 +3,19 @@
 import numpy as np
 import xarray as xr
 
-from backsight.estimators.cs_mhe import AbstractPulses, MovingLoads
-from backsight.sparse.pulse_fit import Drawing, PulseFit
+from backsight.estimators.dictionaries import AbstractPulses, MovingLoads
+from backsight.sparse.pulse_fit import PulseDrawing, PulseFit
 from backsight.types import Array
 
 
-def hit_table(fit: PulseFit, drawn: Drawing, dt: float, begin: float) -> xr.Dataset:
+def hit_table(fit: PulseFit, drawn: PulseDrawing, dt: float, begin: float) -> xr.Dataset:
     """What `locate_hits` returns."""
     rows = [_row(fit, i, drawn, dt, begin) for i in range(len(fit.pulses))]
     rows.sort(key=lambda row: row["time"])
     return xr.Dataset({name: ("hit", np.array([row[name] for row in rows])) for name in rows[0]})
 
 
-def _row(fit: PulseFit, i: int, drawn: Drawing, dt: float, begin: float) -> dict[str, float]:
+def _row(fit: PulseFit, i: int, drawn: PulseDrawing, dt: float, begin: float) -> dict[str, float]:
     """One hit, its standard deviations by the derivatives of what is shown."""
     own = fit.covariance[i, :, i, :]
     z = np.array([fit.sizes[i], *fit.pulses[i].variables])
@@ -31,7 +31,7 @@ def _row(fit: PulseFit, i: int, drawn: Drawing, dt: float, begin: float) -> dict
     return row
 
 
-def _shown(z: Array, drawn: Drawing, dt: float, begin: float) -> dict[str, float]:
+def _shown(z: Array, drawn: PulseDrawing, dt: float, begin: float) -> dict[str, float]:
     """Place, time and so on of a pulse, physical, of its variables (size, place, start, width)."""
     size, place, start, width = map(float, z)
     match drawn.course:

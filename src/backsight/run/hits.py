@@ -9,15 +9,15 @@ import xarray as xr
 
 from backsight.description import checked
 from backsight.errors import DataError, TuningError
-from backsight.estimators.cs_mhe import AbstractPulses, Line, MovingLoads
+from backsight.estimators.dictionaries import AbstractPulses, ForceLine, MovingLoads
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.run._hit_table import hit_table
 from backsight.run.sparse_forces import prepared
 from backsight.sparse.pulse_fit import (
     Course,
-    Drawing,
     Pulse,
+    PulseDrawing,
     PulseFit,
     Reach,
     best,
@@ -45,7 +45,7 @@ def locate_hits(
     recording: xr.Dataset,
     found: xr.Dataset,
     *,
-    line: Line | None = None,
+    line: ForceLine | None = None,
 ) -> xr.Dataset:
     r"""Find place, moment and width of hits between the places and the samples.
 
@@ -59,8 +59,8 @@ def locate_hits(
     ----------
     estimator : AbstractForceEstimator
         As for `find_sparse_forces`. Its dictionary says what a hit looks like: `HalfSines`,
-        `Haversines`, `Splines`, `Decays`, `Steps`, or `Impulses`, a force held for one sampling
-        period; or `MovingLoads`.
+        `Haversines`, `Splines`, `Decays`, `SteadyLoads`, or `Impulses`, a force held for one
+        sampling period; or `MovingLoads`.
     model : Model
         In continuous time.
     recording : xarray.Dataset
@@ -68,7 +68,7 @@ def locate_hits(
         Result with ``d_hat`` for this recording, of `find_sparse_forces` or of `estimate`. Forces
         at neighbouring places and steps are one hit at first, and more if one does not explain
         them.
-    line : Line, optional
+    line : ForceLine, optional
         Where the places are; that of `MovingLoads`, which have one, is taken.
 
     Returns
@@ -91,7 +91,7 @@ def locate_hits(
 
     Examples
     --------
-    >>> line = bs.forces.Line(places=(0.125, 0.165, 0.205), supports=(0.0,))  # doctest: +SKIP
+    >>> line = bs.forces.ForceLine(places=(0.125, 0.165, 0.205), supports=(0.0,))  # doctest: +SKIP
     >>> bs.forces.locate_hits(method, beam, recording, found, line=line)  # doctest: +SKIP
     """
     if not model.continuous:
@@ -113,7 +113,9 @@ def locate_hits(
     return hits
 
 
-def _described(estimator: AbstractForceEstimator, line: Line | None) -> tuple[Course, Line]:
+def _described(
+    estimator: AbstractForceEstimator, line: ForceLine | None
+) -> tuple[Course, ForceLine]:
     match estimator.dictionary:
         case MovingLoads() as course:
             if line is not None and line != course.line:
@@ -125,14 +127,14 @@ def _described(estimator: AbstractForceEstimator, line: Line | None) -> tuple[Co
             if line is None:
                 raise TuningError(
                     "between places a line is needed that says where they are: "
-                    "line = Line(places = (...)), one position for every force"
+                    "line = ForceLine(places = (...)), one position for every force"
                 )
             return course, line
         case other:
             raise TuningError(
                 f"a dictionary {type(other).__name__} does not say what a hit looks like between "
-                "the samples; take Impulses, HalfSines, Haversines, Splines, Decays, Steps or "
-                "MovingLoads"
+                "the samples; take HalfSines, Haversines, Splines, Decays, SteadyLoads, Impulses "
+                "or MovingLoads"
             )
 
 
@@ -179,7 +181,7 @@ class _Offer:
     reach: Reach
 
 
-def _offers(drawn: Drawing, d: Array) -> list[_Offer]:
+def _offers(drawn: PulseDrawing, d: Array) -> list[_Offer]:
     """What may stand for the selected forces, the largest first."""
     if isinstance(drawn.course, MovingLoads):
         return [_loads(drawn, drawn.course, np.flatnonzero(d.any(axis=1)))]
@@ -190,7 +192,7 @@ def _offers(drawn: Drawing, d: Array) -> list[_Offer]:
     return [_hit(drawn, drawn.course, steps, order[along]) for steps, along in hits]
 
 
-def _loads(drawn: Drawing, course: MovingLoads, steps: Indices) -> _Offer:
+def _loads(drawn: PulseDrawing, course: MovingLoads, steps: Indices) -> _Offer:
     """Loads that move; they come on the line before or while there are forces."""
     place, crossings = drawn.line.ends[0], np.array(course.crossings, float)
     longest = np.abs(crossings).max()
@@ -203,7 +205,7 @@ def _loads(drawn: Drawing, course: MovingLoads, steps: Indices) -> _Offer:
     return _Offer(pulses, drawn.columns(pulses), reach)
 
 
-def _hit(drawn: Drawing, course: AbstractPulses, steps: Indices, forces: Indices) -> _Offer:
+def _hit(drawn: PulseDrawing, course: AbstractPulses, steps: Indices, forces: Indices) -> _Offer:
     """Hits around some cells of the grid, of steps and forces that touch each other."""
     positions = np.array(drawn.line.places)
     apart = float(np.diff(np.sort(positions)).max(initial=0.0)) or float(np.ptp(drawn.line.ends))
@@ -220,7 +222,7 @@ def _hit(drawn: Drawing, course: AbstractPulses, steps: Indices, forces: Indices
     return _Offer(pulses, drawn.columns(pulses), reach)
 
 
-def _settled(drawn: Drawing, target: Array, offers: list[_Offer]) -> PulseFit:
+def _settled(drawn: PulseDrawing, target: Array, offers: list[_Offer]) -> PulseFit:
     """One pulse for every hit; more where a hit was several, fewer where noise would do."""
     price = 2 * math.log(drawn.samples * len(drawn.line.places))
     pulses: list[Pulse] = []
@@ -244,7 +246,7 @@ def _settled(drawn: Drawing, target: Array, offers: list[_Offer]) -> PulseFit:
 
 
 def _fewer(
-    drawn: Drawing, target: Array, fit: PulseFit, reach: list[Reach], price: float
+    drawn: PulseDrawing, target: Array, fit: PulseFit, reach: list[Reach], price: float
 ) -> tuple[PulseFit, list[Reach]]:
     """Leave out, the smallest first, every pulse that gains less than its price."""
     start = np.array([pulse.start for pulse in fit.pulses])

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from backsight.discrete.exact import zoh
-from backsight.estimators.cs_mhe import AbstractPulses, Line, MovingLoads
+from backsight.estimators.dictionaries import AbstractPulses, ForceLine, MovingLoads
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.structures.unknown_forces import forces_as_inputs
@@ -78,14 +78,14 @@ class Reach:
 
 
 @dataclasses.dataclass(frozen=True)
-class Drawing:
+class PulseDrawing:
     """Responses to pulses of one course, anywhere on a line.
 
     Parameters
     ----------
     filter : Whitened
     course : AbstractPulses or MovingLoads
-    line : Line
+    line : ForceLine
     effects : (PARTS, nx, forces) array
         What a force over one part of a sample adds to the next state.
     sign : float
@@ -94,7 +94,7 @@ class Drawing:
 
     filter: Whitened
     course: Course
-    line: Line
+    line: ForceLine
     effects: Array
     sign: float
 
@@ -129,7 +129,9 @@ class Drawing:
         return self.filter.explained(moves, seen).reshape(n * len(f.F), len(pulses))
 
 
-def drawing(model: Model, filter_: Whitened, *, course: Course, line: Line, sign: float) -> Drawing:
+def drawing(
+    model: Model, filter_: Whitened, *, course: Course, line: ForceLine, sign: float
+) -> PulseDrawing:
     """Work out what a force of a continuous model does within a sample."""
     forced = filter_.forced
     s = forced.system.s
@@ -138,7 +140,7 @@ def drawing(model: Model, filter_: Whitened, *, course: Course, line: Line, sign
     effects = [B / s.sx[:, None]]
     for _ in range(PARTS - 1):
         effects.append((A * s.sx / s.sx[:, None]) @ effects[-1])
-    return Drawing(filter_, course, line, np.array(effects[::-1]), sign)
+    return PulseDrawing(filter_, course, line, np.array(effects[::-1]), sign)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,12 +181,12 @@ def best(columns: Array, target: Array, beside: Array, *, sign: float) -> tuple[
     return int(gain.argmax()), float(gain.max())
 
 
-def fitted(drawn: Drawing, target: Array, first: list[Pulse], reach: list[Reach]) -> PulseFit:
+def fitted(drawn: PulseDrawing, target: Array, first: list[Pulse], reach: list[Reach]) -> PulseFit:
     """Fit sizes and free variables of all pulses together, from a first guess.
 
     Parameters
     ----------
-    drawn : Drawing
+    drawn : PulseDrawing
     target : (n ny,) array
         White innovations of the recording if no force had acted.
     first : list of Pulse

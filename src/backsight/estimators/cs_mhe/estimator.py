@@ -27,15 +27,15 @@ from backsight.estimators.cs_mhe._step import cs_recursion
 from backsight.estimators.cs_mhe._tables import check_forces, tables
 from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
-from backsight.estimators.cs_mhe.dictionary import Atoms
-from backsight.estimators.cs_mhe.moving_loads import MovingLoads
-from backsight.estimators.cs_mhe.pulses import (
+from backsight.estimators.dictionaries import (
+    Atoms,
     Decays,
     HalfSines,
     Haversines,
     Impulses,
+    MovingLoads,
     Splines,
-    Steps,
+    SteadyLoads,
 )
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.kalman.square_root import refuse_too_wide
@@ -53,7 +53,7 @@ Correction: TypeAlias = Literal["none", "amplitude", "energy"]
 CORRECTIONS = get_args(Correction)
 
 Dictionary: TypeAlias = (
-    Impulses | HalfSines | Haversines | Splines | Decays | Steps | MovingLoads | Atoms
+    Impulses | HalfSines | Haversines | Splines | Decays | SteadyLoads | MovingLoads | Atoms
 )
 """Of which atoms a force may be made."""
 
@@ -91,7 +91,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     sigma_force : dict or number
         Standard deviation per sample, as white noise, of the part of the forces that is not looked
         for: :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
-    dictionary : Impulses, HalfSines, Haversines, Splines, Decays, Steps, MovingLoads or Atoms
+    dictionary : Impulses, HalfSines, Haversines, Splines, Decays, SteadyLoads, MovingLoads or Atoms
         Of which pulses the forces are made.
     nonnegative, nonpositive : tuple of str
         Forces with a known sign.

@@ -172,7 +172,7 @@ class Decays(AbstractWidths):
 
 @final
 @dataclasses.dataclass(frozen=True)
-class Steps(AbstractPulses):
+class SteadyLoads(AbstractPulses):
     """Forces that come at once, stay, and go: a load that is put on.
 
     Parameters

@@ -19,7 +19,7 @@ PARTS = 16
 
 @final
 @dataclasses.dataclass(frozen=True)
-class Line(Description):
+class ForceLine(Description):
     r"""Places of forces along a line, so that a force may act between them.
 
     A force at x acts as forces at the places with the weights :math:`N_i(x)` of the cubic spline
@@ -83,13 +83,13 @@ class MovingLoads(AbstractDictionary):
 
     Parameters
     ----------
-    line : Line
+    line : ForceLine
     crossings : tuple of int
         Sampling periods from the first position of the line to its last, supports included;
         negative from the last to the first. Loads of all these speeds are offered.
     """
 
-    line: Line
+    line: ForceLine
     crossings: Annotated[tuple[int, ...], Distinct()]
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
