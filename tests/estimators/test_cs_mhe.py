@@ -14,7 +14,6 @@ from backsight.estimators.arrival import arrival_name
 from backsight.forces import Atoms, Carryover, ForceLine, HalfSines, MovingLoads
 from backsight.run.compare import compare
 from backsight.settings import ConstantArrival, EKFArrival, NoArrival, SmoothedArrival
-from backsight.tune import lambda_max
 from closeness import assert_close
 from estimators import struck
 from oracles import struck_beam
@@ -153,7 +152,7 @@ def test_lambda_max():
     of = struck.system()
     u, y = struck.record(of, 30, seed=2)
     model, made = struck.model(of), estimator(of)
-    most = lambda_max(made, model, recording(u, y))
+    most = bs.tune.lambda_max(made, model, recording(u, y))
     above = dataclasses.replace(made, lam=1.001 * most)
     below = dataclasses.replace(made, lam=0.98 * most)
     nothing = bs.estimate(above, model, recording(u, y))
