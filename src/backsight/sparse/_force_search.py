@@ -7,6 +7,7 @@ import psutil
 
 from backsight.errors import DataError
 from backsight.estimators.force_estimator import Forced
+from backsight.sparse._motion import Motion, linear_motion
 from backsight.sparse._whitened import Whitened, whitened
 from backsight.sparse.regression import Indices, Regression
 from backsight.types import Array
@@ -80,6 +81,7 @@ def force_search(
     side: Array,
     lam: float,
     threshold: float,
+    motion: Motion | None = None,
 ) -> ForceSearch:
     """Filter a recording and work out the responses.
 
@@ -93,6 +95,8 @@ def force_search(
         See `Regression`.
     lam, threshold : float
         See `ForceSearch`.
+    motion : Motion, optional
+        The model at every sample; that of a linear model if not given.
 
     Raises
     ------
@@ -107,7 +111,10 @@ def force_search(
             f"the responses to {atoms} atoms at each of {n} samples would take "
             f"{needed / 1e9:.1f} GB of memory; cut the recording, or take a moving window"
         )
-    filtered = whitened(forced, *data)
+    (u, y, mask), s = data, forced.system.s
+    if motion is None:
+        motion = linear_motion(forced, u / s.su[: forced.nu])
+    filtered = whitened(forced, motion, y / s.sy, mask)
     units = filtered.responses()
     columns = np.zeros((n, ny, n, atoms))
     for s in range(min(shapes.shape[1], n)):
