@@ -116,6 +116,15 @@ def state_space(model: Model) -> tuple[Array, Array, Array, Array]:
     return F[:, : model.nx], F[:, model.nx :], H[:, : model.nx], H[:, model.nx :]
 
 
+def is_linear(model: Model) -> bool:
+    """Whether `state_space` has matrices for a model."""
+    try:
+        state_space(model)
+    except ModelError:
+        return False
+    return True
+
+
 def state_equation(model: Model) -> tuple[Array, Array, Array] | None:
     """Matrices A (nx, nx), B (nx, nu) and constants c (nx,) of the rates A x + B u + c.
 

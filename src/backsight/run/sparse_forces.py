@@ -1,18 +1,39 @@
 """Sparse forces from a whole recording at once, after it has ended."""
 
 import time
+import warnings
 
 import numpy as np
 import xarray as xr
 
 from backsight.description import checked
 from backsight.engine.recursion import Channel
+from backsight.errors import BacksightWarning
 from backsight.estimators.base import ESTIMATE_CHANNELS
-from backsight.estimators.force_estimator import AbstractForceEstimator
+from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
+from backsight.models.lti import is_linear
 from backsight.models.model import Model
 from backsight.run.estimation import as_result, match
-from backsight.sparse import AbstractSelection, Fit, ForceSearch, Greedy, force_search
+from backsight.sparse import (
+    AbstractSelection,
+    Fit,
+    ForceSearch,
+    Greedy,
+    Motion,
+    force_search,
+    free_motion,
+    linearised,
+)
 from backsight.types import Array
+
+PASSES = 30
+"""Linearisations of a nonlinear model, at most."""
+
+SETTLED = 1e-4
+"""Change of the states, in standard deviations of their prediction, that is none."""
+
+TINY = 1e-12
+"""The same of a scaled state that is known exactly."""
 
 
 @checked()
@@ -64,8 +85,12 @@ def find_sparse_forces(
     >>> found = find(method, beam, recording, selection=greedy)  # doctest: +SKIP
     """
     started = time.perf_counter()
-    search = prepared(estimator, model, recording)
-    fit = (selection or Greedy()).select(search)
+    chosen = selection or Greedy()
+    if is_linear(model):
+        search = prepared(estimator, model, recording)
+        fit, passes = chosen.select(search), 1
+    else:
+        search, fit, passes = _gauss_newton(estimator, model, recording, chosen)
     result = as_result(
         _outputs(search, fit),
         _channels(search),
@@ -77,6 +102,7 @@ def find_sparse_forces(
     )
     measured = int((search.filter.mask > 0).sum())
     result.attrs |= {"nonzeros": len(fit.which), "chi2": fit.cost, "measured": measured}
+    result.attrs["passes"] = passes
     return result
 
 
@@ -84,6 +110,15 @@ def prepared(estimator: AbstractForceEstimator, model: Model, recording: xr.Data
     """Check estimator, model and recording, and make the regression of `find_sparse_forces`."""
     data = match(model, recording, estimator=estimator)
     forced = estimator.forced(model, float(recording.attrs["dt"]))
+    return _search(estimator, forced, data)
+
+
+def _search(
+    estimator: AbstractForceEstimator,
+    forced: Forced,
+    data: tuple[Array, Array, Array],
+    motion: Motion | None = None,
+) -> ForceSearch:
     return force_search(
         forced,
         data,
@@ -91,7 +126,37 @@ def prepared(estimator: AbstractForceEstimator, model: Model, recording: xr.Data
         side=estimator.sides(),
         lam=estimator.lam,
         threshold=estimator.threshold,
+        motion=motion,
     )
+
+
+def _gauss_newton(
+    estimator: AbstractForceEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    selection: AbstractSelection,
+) -> tuple[ForceSearch, Fit, int]:
+    """Linearise along a motion, find forces and the motion exactly, and again: how often, too."""
+    data = match(model, recording, estimator=estimator)
+    forced = estimator.linearised(model, float(recording.attrs["dt"]))
+    u = data[0] / forced.system.s.su[: forced.nu]
+    x, d = free_motion(forced, u), np.zeros((len(u), len(forced.names)))
+    for passes in range(1, PASSES + 1):
+        motion = linearised(forced, x, u, d)
+        search = _search(estimator, forced, data, motion)
+        fit = selection.select(search)
+        d = search.forces(fit.which, fit.values)
+        before, x = x, search.filter.smoothed(d)[0]
+        spread = np.sqrt(np.einsum("kii->ki", search.filter.P))
+        if (np.abs(x - before) <= SETTLED * spread + TINY).all():
+            return search, fit, passes
+    warnings.warn(
+        f"the forces found with model '{model.name}' still change after {PASSES} linearisations; "
+        "the result is the last one: start from a narrower prior, or look for fewer forces",
+        BacksightWarning,
+        stacklevel=4,
+    )
+    return search, fit, passes
 
 
 def _channels(search: ForceSearch) -> tuple[Channel, ...]:

@@ -39,7 +39,7 @@ from backsight.estimators.dictionaries import (
 )
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.kalman.square_root import refuse_too_wide
-from backsight.estimators.parts.linear import linear
+from backsight.estimators.parts.linear import Linear, at_mean, linear
 from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
@@ -212,25 +212,38 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     def forced(self, model: Model, dt: float) -> Forced:
         """See `AbstractForceEstimator.forced`."""
+        joined = self._joined(model)
+        system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+        check_sampling(joined, dt)
+        forced = self._with_forces(system)
+        check_forces(forced, self.N)
+        return forced
+
+    def linearised(self, model: Model, dt: float) -> Forced:
+        """See `AbstractForceEstimator.linearised`."""
+        if self.hold != "zoh":
+            raise TuningError("hold 'foh' needs a linear model; use 'zoh'")
+        joined = self._joined(model)
+        return self._with_forces(at_mean(joined, dt, noise=self.noise, prior=self.prior))
+
+    def _joined(self, model: Model) -> Model:
+        """The model with its unknown forces as the last inputs."""
         try:
             joined = forces_as_inputs(model, self.forces)
         except ModelError as error:
             raise TuningError(f"forces: {error}") from None
         _check_unbounded(joined)
-        system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
-        check_sampling(joined, dt)
-        m = len(self.forces)
+        return joined
+
+    def _with_forces(self, system: Linear) -> Forced:
+        m, inputs = len(self.forces), system.s.model.inputs
         try:
-            sigma = vector(
-                self.sigma_force, joined.inputs[-m:], what="sigma_force", default=np.zeros(m)
-            )
+            sigma = vector(self.sigma_force, inputs[-m:], what="sigma_force", default=np.zeros(m))
         except ModelError as error:
             raise TuningError(str(error)) from None
         E, F = (system.B + system.B_next)[:, -m:], system.D[:, -m:]
         unit = system.s.su[-m:]
-        forced = Forced(system, E / unit, F / unit, sigma, self.forces)
-        check_forces(forced, self.N)
-        return forced
+        return Forced(system, E / unit, F / unit, sigma, self.forces)
 
     def _solver(self, forced: Forced) -> Solver:
         shapes = self.dictionary.shapes(len(self.forces))
