@@ -142,7 +142,7 @@ def test_a_load_crosses_a_bridge():
     line = bs.forces.ForceLine(NODES, supports=(0.0, LENGTH))
     method = bs.CompressiveSensingMHE(
         noise=bs.Noise(sigma_y=sigma), prior=bs.Prior(sigma_x0=1e-3), forces=names, lam=1.0,
-        sigma_force=20.0, dictionary=bs.forces.MovingLoads(line, (90, 120, 150, -90, -120, -150)),
+        sigma_force=20.0, dictionary=bs.forces.MovingLoads(line, (110, -110, -130)),
     )  # fmt: skip
     found = bs.forces.find_sparse_forces(method, bridge, recording)
     loads = bs.forces.locate_hits(method, bridge, recording, found)

@@ -1,10 +1,8 @@
 """Hits between the places and the samples, by a fit of pulses to a whole recording."""
 
-import dataclasses
 import math
 
 import numpy as np
-import scipy
 import xarray as xr
 
 from backsight.description import checked
@@ -20,19 +18,11 @@ from backsight.sparse.pulse_fit import (
     PulseDrawing,
     PulseFit,
     Reach,
-    best,
     drawing,
     fitted,
-    grid,
 )
-from backsight.sparse.regression import Indices
+from backsight.sparse.pulse_offers import AROUND, PulseOffer, pulse_offers
 from backsight.types import Array
-
-AROUND = 1.5
-"""How far a pulse may begin from where it was selected [samples]."""
-
-FINE = 4
-"""Beginnings that are tried per sample, and places per distance of two places."""
 
 SURE = 4.0
 """Prices that a pulse must gain to be left alone."""
@@ -106,7 +96,7 @@ def locate_hits(
     drawn = drawing(model, filter_, course=course, line=line, sign=sign)
     d = _selected(found, estimator.forces, len(filter_.y))
     target = search.regression.target
-    fit = _settled(drawn, target, _offers(drawn, d))
+    fit = _settled(drawn, target, pulse_offers(drawn, d))
     dt = filter_.forced.system.s.dt
     hits = hit_table(fit, drawn, dt, float(recording["time"].values[0]))
     hits.attrs = {"chi2": fit.cost, "measured": int((filter_.mask > 0).sum()), "model": model.name}
@@ -164,85 +154,35 @@ def _selected(found: xr.Dataset, names: tuple[str, ...], samples: int) -> Array:
     return d
 
 
-@dataclasses.dataclass(frozen=True)
-class _Offer:
-    """Pulses from which the fit of a hit may begin, and how far it may go.
-
-    Parameters
-    ----------
-    pulses : list of Pulse
-    columns : (n ny, pulses) array
-        What they explain.
-    reach : Reach
-    """
-
-    pulses: list[Pulse]
-    columns: Array
-    reach: Reach
-
-
-def _offers(drawn: PulseDrawing, d: Array) -> list[_Offer]:
-    """What may stand for the selected forces, the largest first."""
-    if isinstance(drawn.course, MovingLoads):
-        return [_loads(drawn, drawn.course, np.flatnonzero(d.any(axis=1)))]
-    order = np.argsort(drawn.line.places)
-    number, count = scipy.ndimage.label(d[:, order] != 0, structure=np.ones((3, 3)))
-    hits = [np.nonzero(number == i + 1) for i in range(count)]
-    hits.sort(key=lambda cells: -np.abs(d[:, order][cells]).max())
-    return [_hit(drawn, drawn.course, steps, order[along]) for steps, along in hits]
-
-
-def _loads(drawn: PulseDrawing, course: MovingLoads, steps: Indices) -> _Offer:
-    """Loads that move; they come on the line before or while there are forces."""
-    place, crossings = drawn.line.ends[0], np.array(course.crossings, float)
-    longest = np.abs(crossings).max()
-    starts = np.arange(max(steps.min() - longest // 4, -longest), steps.max() + 1)
-    pulses = grid((np.array([place]), starts, crossings))
-    wide = np.array([crossings.min(), crossings.max()]) + np.array([-0.1, 0.1]) * longest
-    reach = Reach(
-        np.array([place, starts[0] - AROUND, wide[0]]), np.array([place, starts[-1], wide[1]])
-    )
-    return _Offer(pulses, drawn.columns(pulses), reach)
-
-
-def _hit(drawn: PulseDrawing, course: AbstractPulses, steps: Indices, forces: Indices) -> _Offer:
-    """Hits around some cells of the grid, of steps and forces that touch each other."""
-    positions = np.array(drawn.line.places)
-    apart = float(np.diff(np.sort(positions)).max(initial=0.0)) or float(np.ptp(drawn.line.ends))
-    low = max(positions[forces].min() - apart, drawn.line.ends[0])
-    high = min(positions[forces].max() + apart, drawn.line.ends[1])
-    places = np.linspace(low, high, max(2, round((high - low) / apart * FINE) + 1))
-    first, last = steps.min() - AROUND, steps.max() + AROUND
-    starts = np.arange(first, min(last, first + 2 * AROUND) + 1e-9, 1 / FINE)
-    widths = np.array(course.lengths, float)
-    pulses = grid((places, starts, widths))
-    reach = Reach(
-        np.array([low, first - AROUND, widths.min()]), np.array([high, last + AROUND, widths.max()])
-    )
-    return _Offer(pulses, drawn.columns(pulses), reach)
-
-
-def _settled(drawn: PulseDrawing, target: Array, offers: list[_Offer]) -> PulseFit:
+def _settled(drawn: PulseDrawing, target: Array, offers: list[PulseOffer]) -> PulseFit:
     """One pulse for every hit; more where a hit was several, fewer where noise would do."""
     price = 2 * math.log(drawn.samples * len(drawn.line.places))
     pulses: list[Pulse] = []
-    for offer in offers:
-        chosen, _ = best(offer.columns, target, drawn.columns(pulses), sign=drawn.sign)
-        pulses.append(offer.pulses[chosen])
+    for offer in offers[:-1]:
+        pulses += offer.promising(drawn, target, pulses)[:1]
     reach = [offer.reach for offer in offers]
-    fit, reach = _fewer(drawn, target, fitted(drawn, target, pulses, reach), reach, price)
+    fit = _with(drawn, target, pulses, offers[-1], reach)
+    fit, reach = _fewer(drawn, target, fit, reach, price)
     while True:
-        beside = drawn.columns(fit.pulses)
-        tried = [best(offer.columns, target, beside, sign=drawn.sign) for offer in offers]
-        i = int(np.argmax([gain for _, gain in tried]))
-        if tried[i][1] < price:
+        found = [offer.gains(drawn, target, fit.pulses).max() for offer in offers]
+        offer = offers[int(np.argmax(found))]
+        if max(found) < price:
             return fit
-        longer = [*reach, offers[i].reach]
-        more = fitted(drawn, target, [*fit.pulses, offers[i].pulses[tried[i][0]]], longer)
+        longer = [*reach, offer.reach]
+        more = _with(drawn, target, fit.pulses, offer, longer)
         more, left = _fewer(drawn, target, more, longer, price)
         if not more.cost < fit.cost - price:
             return fit
         fit, reach = more, left
+
+
+def _with(
+    drawn: PulseDrawing, target: Array, beside: list[Pulse], offer: PulseOffer, reach: list[Reach]
+) -> PulseFit:
+    """The best fit with one more pulse of an offer."""
+    more = offer.promising(drawn, target, beside)
+    fits = [fitted(drawn, target, [*beside, pulse], reach) for pulse in more]
+    return min(fits, key=lambda fit: fit.cost)
 
 
 def _fewer(
@@ -250,12 +190,12 @@ def _fewer(
 ) -> tuple[PulseFit, list[Reach]]:
     """Leave out, the smallest first, every pulse that gains less than its price."""
     start = np.array([pulse.start for pulse in fit.pulses])
-    for i in map(int, np.argsort(fit.gains)):
+    for i in map(int, np.argsort(fit.worth)):
         if len(fit.pulses) == 1:
             break
         near = np.abs(start - start[i]).argsort()[1]
         # One that is sure and alone is worth what it gains; of two side by side one may do.
-        if fit.gains[i] > SURE * price and abs(start[near] - start[i]) > 2 * AROUND:
+        if fit.worth[i] > SURE * price and abs(start[near] - start[i]) > 2 * AROUND:
             continue
         rest, left = fit.pulses[:i] + fit.pulses[i + 1 :], reach[:i] + reach[i + 1 :]
         fewer = fitted(drawn, target, rest, left)

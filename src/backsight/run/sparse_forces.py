@@ -19,10 +19,10 @@ from backsight.sparse import (
     Fit,
     ForceSearch,
     Greedy,
-    Motion,
+    Matrices,
     force_search,
     free_motion,
-    linearised,
+    matrices_along,
 )
 from backsight.types import Array
 
@@ -50,6 +50,11 @@ def find_sparse_forces(
     force may be judged by all samples that it has moved, and choices that are too expensive for a
     window can be made: exact numbers of forces instead of the l1 norm, and sizes without its bias.
 
+    Models need not be linear (eq. 9-10): the equations are linearised along a motion, from rest on,
+    forces and motion found exactly for these, and again along the motion found (Gauss-Newton),
+    until it stays. So parameters may be states of the model, such as with `augment`, and are found
+    together with the forces.
+
     Parameters
     ----------
     estimator : AbstractForceEstimator
@@ -68,8 +73,13 @@ def find_sparse_forces(
         A result as of `estimate`, with ``d_hat``, ``d_std (time, force)``. States are smoothed:
         every row is from all samples, and ``P`` contains how uncertain the forces are, their places
         and moments taken as right. ``e, S`` are those of a Kalman filter that knows the forces.
-        Attributes ``nonzeros``, ``chi2``, the sum of the squared white innovations, and
-        ``measured``, their number.
+        Attributes ``nonzeros``, ``chi2``, the sum of the squared white innovations, ``measured``,
+        their number, and ``passes``, how often the model was linearised.
+
+    Warns
+    -----
+    BacksightWarning
+        If the linearisations of a nonlinear model do not settle.
 
     Raises
     ------
@@ -117,7 +127,7 @@ def _search(
     estimator: AbstractForceEstimator,
     forced: Forced,
     data: tuple[Array, Array, Array],
-    motion: Motion | None = None,
+    matrices: Matrices | None = None,
 ) -> ForceSearch:
     return force_search(
         forced,
@@ -126,7 +136,7 @@ def _search(
         side=estimator.sides(),
         lam=estimator.lam,
         threshold=estimator.threshold,
-        motion=motion,
+        matrices=matrices,
     )
 
 
@@ -142,8 +152,8 @@ def _gauss_newton(
     u = data[0] / forced.system.s.su[: forced.nu]
     x, d = free_motion(forced, u), np.zeros((len(u), len(forced.names)))
     for passes in range(1, PASSES + 1):
-        motion = linearised(forced, x, u, d)
-        search = _search(estimator, forced, data, motion)
+        matrices = matrices_along(forced, x, u, d)
+        search = _search(estimator, forced, data, matrices)
         fit = selection.select(search)
         d = search.forces(fit.which, fit.values)
         before, x = x, search.filter.smoothed(d)[0]
@@ -169,7 +179,7 @@ def _channels(search: ForceSearch) -> tuple[Channel, ...]:
 def _outputs(search: ForceSearch, fit: Fit) -> list[Array]:
     """Outputs of the channels of `_channels`, (n, length) each, physical."""
     f = search.filter
-    m, s = f.motion, f.forced.system.s
+    m, s = f.matrices, f.forced.system.s
     pulses = search.pulses(fit.which)
     d = pulses @ fit.values
     x, e = f.smoothed(d)

@@ -7,7 +7,7 @@ import psutil
 
 from backsight.errors import DataError
 from backsight.estimators.force_estimator import Forced
-from backsight.sparse._motion import Motion, linear_motion
+from backsight.sparse._matrices import Matrices, linear_matrices
 from backsight.sparse._whitened import Whitened, whitened
 from backsight.sparse.regression import Indices, Regression
 from backsight.types import Array
@@ -81,7 +81,7 @@ def force_search(
     side: Array,
     lam: float,
     threshold: float,
-    motion: Motion | None = None,
+    matrices: Matrices | None = None,
 ) -> ForceSearch:
     """Filter a recording and work out the responses.
 
@@ -95,7 +95,7 @@ def force_search(
         See `Regression`.
     lam, threshold : float
         See `ForceSearch`.
-    motion : Motion, optional
+    matrices : Matrices, optional
         The model at every sample; that of a linear model if not given.
 
     Raises
@@ -112,9 +112,9 @@ def force_search(
             f"{needed / 1e9:.1f} GB of memory; cut the recording, or take a moving window"
         )
     (u, y, mask), s = data, forced.system.s
-    if motion is None:
-        motion = linear_motion(forced, u / s.su[: forced.nu])
-    filtered = whitened(forced, motion, y / s.sy, mask)
+    if matrices is None:
+        matrices = linear_matrices(forced, u / s.su[: forced.nu])
+    filtered = whitened(forced, matrices, y / s.sy, mask)
     units = filtered.responses()
     columns = np.zeros((n, ny, n, atoms))
     for s in range(min(shapes.shape[1], n)):

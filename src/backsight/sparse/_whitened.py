@@ -21,7 +21,7 @@ import dataclasses
 import numpy as np
 
 from backsight.estimators.force_estimator import Forced
-from backsight.sparse._motion import Motion
+from backsight.sparse._matrices import Matrices
 from backsight.types import Array
 
 
@@ -32,7 +32,7 @@ class Whitened:
     Parameters
     ----------
     forced : Forced
-    motion : Motion
+    matrices : Matrices
         The model at every sample.
     y : (n, ny) array
         Outputs; 0 where not measured.
@@ -49,7 +49,7 @@ class Whitened:
     """
 
     forced: Forced
-    motion: Motion
+    matrices: Matrices
     y: Array
     mask: Array
     P: Array
@@ -64,7 +64,7 @@ class Whitened:
 
     def responses(self) -> Array:
         """White innovations of a force of one at every place and step, (n, ny, n, nf)."""
-        m, (n, ny) = self.motion, self.y.shape
+        m, (n, ny) = self.matrices, self.y.shape
         nx, nf = m.E.shape[1:]
         found = np.zeros((n, ny, n, nf))
         x = np.zeros((nx, n * nf))
@@ -83,12 +83,12 @@ class Whitened:
 
     def moved(self, d: Array) -> Array:
         """What forces d (n, nf, c) change in `smoothed`, (n, nx, c)."""
-        m = self.motion
+        m = self.matrices
         return self._smoothed(*self._predicted(m.E @ d, -m.F @ d, np.zeros(len(m.A[0]))))
 
     def smoothed_covariance(self) -> Array:
         """Covariance of `smoothed` where the forces are known, (n, nx, nx)."""
-        A, C = self.motion.A, self.motion.C
+        A, C = self.matrices.A, self.matrices.C
         found, N = np.empty_like(self.P), np.zeros_like(A[0])
         for k in reversed(range(len(self.P))):
             white, step = self.root[k] @ C[k], A[k] - self.gain[k] @ C[k]
@@ -108,7 +108,7 @@ class Whitened:
 
     def _moving(self, d: Array) -> tuple[Array, Array]:
         """Predictions (n, nx, 1) and innovations (n, ny, 1) of the recording, forces known."""
-        m = self.motion
+        m = self.matrices
         moves = m.moves[:, :, None] + m.E @ d[:, :, None]
         rest = (self.y - m.seen)[:, :, None] - m.F @ d[:, :, None]
         return self._predicted(moves, rest, self.forced.system.s.x0)
@@ -128,15 +128,15 @@ class Whitened:
         x = np.tile(first[:, None], (1, moves.shape[2]))
         states, innovations = [], []
         for k in range(len(moves)):
-            e = rest[k] - self.motion.C[k] @ x
+            e = rest[k] - self.matrices.C[k] @ x
             e = np.where(self.mask[k][:, None] > 0, e, 0.0)
             states.append(x)
             innovations.append(e)
-            x = self.motion.A[k] @ x + moves[k] + self.gain[k] @ e
+            x = self.matrices.A[k] @ x + moves[k] + self.gain[k] @ e
         return np.array(states), np.array(innovations)
 
     def _smoothed(self, x: Array, e: Array) -> Array:
-        A, C = self.motion.A, self.motion.C
+        A, C = self.matrices.A, self.matrices.C
         found, r = np.empty_like(x), np.zeros(x.shape[1:])
         for k in reversed(range(len(x))):
             white = self.root[k].T @ (self.root[k] @ e[k])
@@ -145,16 +145,16 @@ class Whitened:
         return found
 
 
-def whitened(forced: Forced, motion: Motion, y: Array, mask: Array) -> Whitened:
+def whitened(forced: Forced, matrices: Matrices, y: Array, mask: Array) -> Whitened:
     """Run the Kalman filter over scaled outputs (n, ny) and their mask (n, ny)."""
     s, n = forced.system.s, len(y)
-    ny, nx = motion.C[0].shape
+    ny, nx = matrices.C[0].shape
     P_all, S_all = np.empty((n, nx, nx)), np.empty((n, ny, ny))
     gain, root = np.zeros((n, nx, ny)), np.zeros((n, ny, ny))
     P = s.P0
     for k in range(n):
-        A, C = motion.A[k], motion.C[k]
-        E, F = motion.E[k] * forced.sigma, motion.F[k] * forced.sigma
+        A, C = matrices.A[k], matrices.C[k]
+        E, F = matrices.E[k] * forced.sigma, matrices.F[k] * forced.sigma
         factor = 1 / np.where(mask[k] > 0, mask[k], 1.0)
         R = s.R * np.outer(factor, factor) + F @ F.T
         P_all[k], S_all[k] = P, C @ P @ C.T + R
@@ -165,4 +165,4 @@ def whitened(forced: Forced, motion: Motion, y: Array, mask: Array) -> Whitened:
         root[k][square], gain[k][:, seen] = own, white @ own
         P = A @ P @ A.T + s.Q + E @ E.T - white @ white.T
         P = (P + P.T) / 2
-    return Whitened(forced, motion, y, mask, P_all, S_all, gain, root)
+    return Whitened(forced, matrices, y, mask, P_all, S_all, gain, root)

@@ -163,22 +163,21 @@ class PulseFit:
     cost: float
 
     @property
-    def gains(self) -> Array:
+    def worth(self) -> Array:
         """Squared size by its variance, (c,): how surely a pulse is there."""
         i = np.arange(len(self.sizes))
         return self.sizes**2 / np.maximum(self.covariance[i, 0, i, 0], np.finfo(float).tiny)
 
 
-def best(columns: Array, target: Array, beside: Array, *, sign: float) -> tuple[int, float]:
-    """Which column, of an allowed sign, explains most of what others leave, and how much."""
+def pulse_gains(columns: Array, target: Array, beside: Array, *, sign: float) -> Array:
+    """How much of the squared target every column explains that others leave, (columns,)."""
     basis = np.linalg.qr(beside)[0]
     columns = columns - basis @ (basis.T @ columns)
     squares = np.einsum("mi,mi->i", columns, columns)
     seen = squares > UNSEEN * squares.max(initial=0.0)
     product = columns.T @ (target - basis @ (basis.T @ target))
     product = np.where(sign * product < 0, 0.0, product)
-    gain = np.where(seen, product**2 / np.where(seen, squares, 1.0), 0.0)
-    return int(gain.argmax()), float(gain.max())
+    return np.where(seen, product**2 / np.where(seen, squares, 1.0), 0.0)
 
 
 def fitted(drawn: PulseDrawing, target: Array, first: list[Pulse], reach: list[Reach]) -> PulseFit:

@@ -124,5 +124,8 @@ class MovingLoads(AbstractDictionary):
         end = start + abs(crossing)
         low, high = np.maximum(edges[:-1], start), np.minimum(edges[1:], end)
         share = np.maximum(high - low, 0.0) / np.diff(edges)
-        gone = np.clip(((low + high) / 2 - start) / abs(crossing), 0.0, 1.0)
-        return share[:, None] * self.line.weights(first + gone * (last - first))
+        on = share > 0
+        gone = ((low + high)[on] / 2 - start) / abs(crossing)
+        found = np.zeros((len(share), len(self.line.places)))
+        found[on] = share[on, None] * self.line.weights(first + gone * (last - first))
+        return found
