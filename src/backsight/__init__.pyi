@@ -39,6 +39,7 @@ from backsight.models import Model as Model
 from backsight.models import Signal as Signal
 from backsight.models import augment as augment
 from backsight.models import beam as beam
+from backsight.models import craig_bampton as craig_bampton
 from backsight.models import duffing as duffing
 from backsight.models import friction_drive as friction_drive
 from backsight.models import from_equations as from_equations
@@ -47,6 +48,7 @@ from backsight.models import modal as modal
 from backsight.models import reduced as reduced
 from backsight.models import sdof as sdof
 from backsight.models import second_order as second_order
+from backsight.models import with_virtual as with_virtual
 from backsight.report import report as report
 from backsight.run.compare import compare as compare
 from backsight.run.estimation import estimate as estimate

@@ -14,6 +14,8 @@ from backsight.description import Description, plain
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import Noise, Prior
 from backsight.estimators.dictionaries import ForceLine
+from backsight.estimators.varied_noise import NoisePart
+from backsight.tune import Choice
 
 
 def modules() -> list[types.ModuleType]:
@@ -54,8 +56,12 @@ def options(hint: object) -> list[object]:
 
 def example(kind: type) -> dict[str, object]:
     """The arguments that a description needs at least."""
-    if kind is Noise:
+    if issubclass(kind, Noise):
         return {"sigma_y": 1.0}
+    if kind is NoisePart:
+        return {"factor": "name", "Q": np.eye(2)}
+    if kind is Choice:
+        return {"name": "N", "options": (5, 10)}
     if kind is Prior:
         return {"sigma_x0": 1.0}
     if kind is ForceLine:

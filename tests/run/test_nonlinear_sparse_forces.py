@@ -150,3 +150,13 @@ def test_what_does_not_settle_is_told(monkeypatch):
 def test_interpolated_inputs_are_refused():
     with pytest.raises(TuningError, match="hold 'foh' needs a linear model"):
         find(dataclasses.replace(METHOD, hold="foh"), structure(), recording()[0])
+
+
+def test_noise_that_would_not_be_kept_is_refused():
+    """By the search as by the window."""
+    gated = bs.Noise(sigma_y=1e-4, outliers=bs.settings.Gate())
+    unsure = bs.Noise(sigma_y=1e-4, sigma_u={"f": 0.1})
+    for noise, told in ((gated, "take hits for outliers"), (unsure, "additive noise")):
+        for model in (structure(), structure(0.0)):
+            with pytest.raises(TuningError, match=told):
+                find(dataclasses.replace(METHOD, noise=noise), model, recording()[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -72,6 +73,8 @@ class Recursion:
     innovation : casadi.Function, optional
         ``(carry, *data) -> (e, S)`` of the newest sample, where the outputs ``e`` and ``S`` are
         about an earlier one.
+    start : callable, optional
+        The memory before the first sample for another prior: ``(x0, P0) -> carry``, physical.
     """
 
     step: ca.Function
@@ -81,6 +84,7 @@ class Recursion:
     least_samples: int = 1
     lag: int = 0
     innovation: ca.Function | None = None
+    start: Callable[[Array, Array], Array] | None = None
 
     def restarting(self) -> Recursion:
         """The same, but after a sample that leaves no finite memory it starts anew from `carry0`.
@@ -104,6 +108,15 @@ class Recursion:
         _, kept = iterate(anew, 1, carry=[lost, after], constants=[ca.MX(self.carry0)])
         step = ca.Function(self.name, symbols, [kept, *outputs])
         return dataclasses.replace(self, step=step)
+
+    def without(self, channel: str) -> Recursion:
+        """The same without an output."""
+        kept = [k for k, c in enumerate(self.channels) if c.name != channel]
+        symbols = [ca.MX.sym(f"i{k}", self.step.numel_in(k)) for k in range(self.step.n_in())]
+        after, *outputs = self.step.call(symbols, True, False)
+        step = ca.Function(self.name, symbols, [after, *(outputs[k] for k in kept)])
+        channels = tuple(self.channels[k] for k in kept)
+        return dataclasses.replace(self, step=step, channels=channels)
 
     @property
     def name(self) -> str:
@@ -133,10 +146,13 @@ class ForwardBackward:
     backward : Recursion
         ``(carry, *handed, u, u_next, y, mask) -> (carry, *outputs)``, from the last sample to the
         first; `u_next` is the input of the sample after.
+    weights : int, optional
+        Output of the forward pass by which the mask of the backward pass is multiplied.
     """
 
     forward: Recursion
     backward: Recursion
+    weights: int | None = None
 
     @property
     def handed(self) -> int:

@@ -74,7 +74,7 @@ class Noise(Description):
 
     @property
     def beyond_additive(self) -> tuple[str, ...]:
-        """Names of the fields that make noise states, see `backsight.estimators._noise_states`."""
+        """Names of the fields that make noise states, see `around.noise_states`."""
         return tuple(n for n in ("sigma_u", "sigma_p", "cross") if getattr(self, n) is not None)
 
     def of_inputs(self, model: Model) -> Array:
@@ -88,29 +88,51 @@ class Noise(Description):
         return np.sqrt(np.diag(_diagonal(given, model.parameters, what="sigma_p", missing=0.0)))
 
     def per_sample(self, model: Model) -> Array:
-        """Covariance of the process noise per sample, (nx, nx), of `sigma_w` or `Q`."""
+        """Covariance of the process noise per sample, (nx, nx), of `sigma_w` or `Q` alone."""
         if self.Qc is not None:
             raise TuningError(
                 f"{', '.join(self.beyond_additive)} goes with process noise per sample: give "
                 "sigma_w or Q instead of Qc"
             )
-        return self.process(model)
+        return self.stated_process(model)
 
     def measurement(self, model: Model) -> Array:
-        """R, (ny, ny), checked against the model."""
+        r"""R, (ny, ny), checked against the model, with the rounding of outputs.
+
+        A reading in steps of q is wrong by up to half a step: noise with the variance
+        :math:`q^2 / 12` if the signal moves by more than a step from sample to sample (Widrow,
+        Kollár, "Quantization Noise", 2008, doi:10.1017/CBO9780511754661).
+        """
+        steps = [0.0 if s.resolution is None else s.resolution for s in model.outputs]
+        rounding = np.diag(np.array(steps) ** 2 / 12)
         if self.R is None:
-            return _diagonal(self.sigma_y, model.outputs, what="sigma_y", missing=None)
-        return covariance(self.R, model.outputs, what="R", singular=False)
+            of_sensors = _diagonal(self.sigma_y, model.outputs, what="sigma_y", missing=None)
+        else:
+            of_sensors = covariance(self.R, model.outputs, what="R", singular=False)
+        return of_sensors + rounding
 
     def process(self, model: Model) -> Array:
-        """Covariance that is added per sample, (nx, nx); zero if `Qc` is given."""
+        """Covariance that is added per sample, (nx, nx), with what the model itself has.
+
+        Zero if `Qc` is given.
+        """
+        stated = self.stated_process(model)
+        return stated if model.continuous else stated + model.noise_of_its_own()
+
+    def stated_process(self, model: Model) -> Array:
+        """What `Q` or `sigma_w` add per sample, (nx, nx), without what the model itself has."""
         if self.Q is not None:
             return covariance(self.Q, model.states, what="Q", singular=True)
         given = {} if self.sigma_w is None else self.sigma_w
         return _diagonal(given, model.states, what="sigma_w", missing=0.0)
 
     def density(self, model: Model) -> Array:
-        """Spectral density of a continuous-time model, (nx, nx); zero unless `Qc` is given."""
+        """Spectral density of a continuous-time model, (nx, nx), with what the model itself has."""
+        stated = self.stated_density(model)
+        return stated + model.noise_of_its_own() if model.continuous else stated
+
+    def stated_density(self, model: Model) -> Array:
+        """`Qc`, (nx, nx), without what the model itself has; zero unless it is given."""
         if self.Qc is None:
             return np.zeros((model.nx, model.nx))
         if not model.continuous:
@@ -125,7 +147,9 @@ class Prior(Description):
     Parameters
     ----------
     sigma_x0 : dict, sequence or number
-        Standard deviation of every state. Or give `P0`.
+        Standard deviation of every state. Or give `P0`. States of a force with dynamics, which a
+        dict leaves out or which get the same number as all, have the stationary covariance of the
+        force.
     P0 : (nx, nx) array
         Covariance of the state; may be singular.
     x0 : dict, sequence or number, optional
@@ -160,8 +184,29 @@ class Prior(Description):
     def covariance(self, model: Model) -> Array:
         """P0, (nx, nx), checked against the model."""
         if self.P0 is None:
-            return _diagonal(self.sigma_x0, model.states, what="sigma_x0", missing=None)
+            return self._diagonal_with_forces(model)
         return covariance(self.P0, model.states, what="P0", singular=True)
+
+    def _diagonal_with_forces(self, model: Model) -> Array:
+        given = self.sigma_x0
+        named = set(given) if isinstance(given, Mapping) else set()
+        at_rest = [
+            group
+            for group in model.driven
+            if isinstance(given, Mapping | int | float) and named.isdisjoint(group.states)
+        ]
+        spread = {
+            name: float(np.sqrt(v))
+            for group in at_rest
+            for name, v in zip(group.states, group.stationary.diagonal(), strict=True)
+        }
+        if isinstance(given, Mapping):
+            given = {**given, **spread}
+        P = _diagonal(given, model.states, what="sigma_x0", missing=None)
+        for group in at_rest:
+            places = [model.index(name) for name in group.states]
+            P[np.ix_(places, places)] = group.stationary
+        return P
 
 
 def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool) -> Array:

@@ -1,18 +1,19 @@
 """The model: named signals, state equation and output equation."""
 
 import dataclasses
-import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from backsight.description import Positive, equations_of, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
+from backsight.models._affine import remember, remembered
 from backsight.models._latex import latex
-from backsight.models.signals import Named, Signal, signals
+from backsight.models._tracing import returned_rows, rows_of_function
+from backsight.models.forces.processes import Driven
+from backsight.models.signals import Named, Signal, Virtual, signals, traced
 from backsight.types import Array
 
 Equations = Callable[..., object] | ca.Function
@@ -39,6 +40,14 @@ class Model:
         Sampling period of a discrete-time model [s]; None for a continuous-time model.
     name : str
         Shown in results.
+    unsolved : casadi.Function, optional
+        ``(x, u, p)`` to what equations that are solved inside f and h leave, see
+        `backsight.algebra.newton.Root`; set by `backsight.models.implicit`.
+    driven : tuple of Driven
+        States with a noise of their own, see `augment`. Noise and prior of every estimator count
+        it in.
+    virtual : Virtual, optional
+        Quantities that no sensor measures, made by `with_virtual`.
 
     Raises
     ------
@@ -69,6 +78,9 @@ class Model:
     parameters: tuple[Signal, ...]
     dt: float | None
     name: str
+    driven: tuple[Driven, ...]
+    unsolved: ca.Function | None
+    virtual: Virtual | None
 
     def __init__(
         self,
@@ -81,6 +93,9 @@ class Model:
         parameters: Signals = (),
         dt: float | None = None,
         name: str = "model",
+        driven: tuple[Driven, ...] = (),
+        unsolved: ca.Function | None = None,
+        virtual: Virtual | None = None,
     ) -> None:
         fields = {
             "states": signals(states, "state"),
@@ -89,6 +104,9 @@ class Model:
             "parameters": signals(parameters, "parameter"),
             "dt": dt,
             "name": name,
+            "driven": driven,
+            "unsolved": unsolved,
+            "virtual": virtual,
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -107,6 +125,7 @@ class Model:
             for name, count in Counter(s.name for s in self.signals).items()
             if count > 1 and name not in {s.name for s in self.outputs}
         ]
+        problems += self._faults_of_virtual()
         if not self.states:
             problems.append("a model needs at least one state")
         if not self.outputs:
@@ -114,9 +133,36 @@ class Model:
         if self.dt is not None:
             problems.append(fault(Positive, self.dt, "the sampling period dt") or "")
         problems.append(fault(str, self.name, "the name") or "")
+        known = {s.name for s in self.states}
+        problems += [
+            f"'{name}' has a noise of its own, but is no state"
+            for group in self.driven
+            for name in group.states
+            if name not in known
+        ]
         problems = [p for p in problems if p]
         if problems:
             raise ModelError(f"model '{self.name}': " + "; ".join(problems))
+
+    def _faults_of_virtual(self) -> list[str]:
+        if self.virtual is None:
+            return []
+        names = [s.name for s in self.virtual.signals]
+        taken = {s.name for s in self.signals}
+        problems = [
+            f"'{n}' is not a name: use letters, digits and underscores"
+            for n in names
+            if not n.isidentifier()
+        ]
+        problems += [
+            f"the virtual output '{n}' has the name of another signal"
+            for i, n in enumerate(names)
+            if n in taken or n in names[:i]
+        ]
+        sizes = [self.virtual.g.numel_in(i) for i in range(3)]
+        if sizes != [self.nx, self.nu, len(self.parameters)]:
+            problems.append("its virtual outputs are those of a model with other signals")
+        return problems
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -165,6 +211,20 @@ class Model:
         """Output equation with the parameters at their values."""
         return self.h.call([x, u, ca.SX(self.theta)])[0]
 
+    def unsolved_at(self, symbols: list[ca.SX], given: list[ca.SX]) -> ca.Function | None:
+        """`unsolved` as a function of the symbols of another model, of which `given` are made."""
+        if self.unsolved is None:
+            return None
+        return ca.Function("unsolved", symbols, self.unsolved.call(given))
+
+    def noise_of_its_own(self) -> Array:
+        """Noise of the `driven` states among all, (nx, nx): a density, or per sample."""
+        whole = np.zeros((self.nx, self.nx))
+        for group in self.driven:
+            at = [self.index(name) for name in group.states]
+            whole[np.ix_(at, at)] = group.noise
+        return whole
+
     def index(self, state: str) -> int:
         """Position of a state; raises `ModelError` if there is none of that name."""
         names = [s.name for s in self.states]
@@ -179,6 +239,8 @@ class Model:
             ("inputs", ", ".join(map(_label, self.inputs))),
             ("outputs", ", ".join(map(_label, self.outputs))),
             ("parameters", ", ".join(f"{s.name} = {s.value:g}" for s in self.parameters)),
+            ("driven", "; ".join(group.says for group in self.driven)),
+            ("virtual", ", ".join(map(_label, self.virtual.signals if self.virtual else ()))),
         ]
         return tree(f"{self.name} ({kind})", [row for row in rows if row[1]])
 
@@ -193,41 +255,25 @@ class Model:
         what = {"f": "state equation f", "h": "output equation h"}[name]
         where = f"model '{self.name}': {what}"
         if isinstance(given, ca.Function):
-            rows = given.call([x, u, p])
+            rows = rows_of_function(given, [x, u, p], where)
         else:
-            with warnings.catch_warnings():
-                # CasADi announces that np.sin(x.q) will return another type; `_rows` takes either.
-                warnings.filterwarnings("ignore", "(?s).*casadi", FutureWarning)
-                returned = given(
-                    Named("state", [s.name for s in self.states], x),
-                    Named("input", [s.name for s in self.inputs], u),
-                    Named("parameter", [s.name for s in self.parameters], p),
-                )
-            rows = _rows(returned, of, where)
+            returned = traced(
+                given,
+                Named("state", [s.name for s in self.states], x),
+                Named("input", [s.name for s in self.inputs], u),
+                Named("parameter", [s.name for s in self.parameters], p),
+            )
+            rows = returned_rows(returned, of, where)
         expression = ca.densify(ca.vertcat(*rows))
         if expression.shape != (len(of), 1):
             raise ModelError(
                 f"{where} returns {expression.shape[0]} values for "
                 f"{len(of)}: {', '.join(s.name for s in of)}"
             )
-        return ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
-
-
-def _rows(returned: Any, of: tuple[Signal, ...], where: str) -> list[ca.SX]:
-    if isinstance(returned, Mapping):
-        names = [s.name for s in of]
-        for name in returned:
-            if name not in names:
-                raise ModelError(f"{where} has an entry '{name}': {nearest(name, names)}")
-        missing = [n for n in names if n not in returned]
-        if missing:
-            raise ModelError(f"{where} has no entry for {', '.join(missing)}")
-        returned = [returned[n] for n in names]
-    rows = returned if isinstance(returned, list | tuple) else [returned]
-    try:
-        return [ca.SX(row) for row in rows]
-    except NotImplementedError:
-        raise ModelError(f"{where} returns something that is not a number or expression") from None
+        made = ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
+        if isinstance(given, ca.Function) and (known := remembered(given)):
+            remember(made, known)
+        return made
 
 
 def _label(s: Signal) -> str:

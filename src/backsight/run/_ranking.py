@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from backsight.analysis.comparison import Final, Row
+from backsight.analysis.comparison import Final, Row, VirtualOutput
 from backsight.rounding import grouped, percent, plus_minus, shortest, significant
 from backsight.schema import Status
 
@@ -84,6 +84,29 @@ def true_errors(rows: Sequence[Row]) -> Table:
     return table
 
 
+def virtual_values(rows: Sequence[Row]) -> Table:
+    """Size of every virtual output with its typical deviation, one column per estimator.
+
+    Where the truth is known, its root mean square error stands behind.
+    """
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("virtual (RMS)", no_wrap=True)
+    for row in rows:
+        table.add_column(row.estimator, justify="right")
+    every = {name: found for row in reversed(rows) for name, found in row.virtual.items()}
+    for name, found in every.items():
+        cells = [_virtual(row.virtual.get(name)) for row in rows]
+        table.add_row(_labelled(name, found.unit), *cells)
+    return table
+
+
+def _virtual(found: VirtualOutput | None) -> str:
+    if found is None:
+        return ""
+    text = plus_minus(found.rms, found.typical_std)
+    return text if not found.within else f"{text} (error {significant(found.rms_error, 2)})"
+
+
 def as_text(tables: Sequence[Table], width: int) -> str:
     """Return tables as plain text, at most `width` columns wide."""
     page = Console(file=io.StringIO(), width=width, color_system=None, legacy_windows=False)
@@ -100,7 +123,7 @@ def _labelled(name: str, unit: str) -> str:
 def _final(final: Final | None) -> str:
     if final is None:
         return ""
-    text = plus_minus(final.value, final.std)
+    text = final.shown
     if final.reference is None or math.isnan(final.value):
         return text
     error = percent(final.relative_error) if final.reference else significant(final.error, 2)

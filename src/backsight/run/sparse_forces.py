@@ -19,7 +19,7 @@ from backsight.sparse import (
     Fit,
     ForceSearch,
     Greedy,
-    Matrices,
+    MatricesInTime,
     force_search,
     free_motion,
     matrices_along,
@@ -127,7 +127,7 @@ def _search(
     estimator: AbstractForceEstimator,
     forced: Forced,
     data: tuple[Array, Array, Array],
-    matrices: Matrices | None = None,
+    matrices: MatricesInTime | None = None,
 ) -> ForceSearch:
     return force_search(
         forced,

@@ -7,7 +7,7 @@ import psutil
 
 from backsight.errors import DataError
 from backsight.estimators.force_estimator import Forced
-from backsight.sparse._matrices import Matrices, linear_matrices
+from backsight.sparse._matrices import MatricesInTime, linear_matrices
 from backsight.sparse._whitened import Whitened, whitened
 from backsight.sparse.regression import Indices, Regression
 from backsight.types import Array
@@ -81,7 +81,7 @@ def force_search(
     side: Array,
     lam: float,
     threshold: float,
-    matrices: Matrices | None = None,
+    matrices: MatricesInTime | None = None,
 ) -> ForceSearch:
     """Filter a recording and work out the responses.
 
@@ -95,7 +95,7 @@ def force_search(
         See `Regression`.
     lam, threshold : float
         See `ForceSearch`.
-    matrices : Matrices, optional
+    matrices : MatricesInTime, optional
         The model at every sample; that of a linear model if not given.
 
     Raises

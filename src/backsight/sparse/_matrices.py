@@ -17,7 +17,7 @@ from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Matrices:
+class MatricesInTime:
     """Matrices of every sample, scaled; forces in their own unit.
 
     Parameters
@@ -35,11 +35,11 @@ class Matrices:
     seen: Array
 
 
-def linear_matrices(forced: Forced, u: Array) -> Matrices:
+def linear_matrices(forced: Forced, u: Array) -> MatricesInTime:
     """Of a linear model with known inputs u (n, nu), scaled."""
     system, nu, n = forced.system, forced.nu, len(u)
     after = np.vstack([u[1:], np.zeros((1, nu))])
-    return Matrices(
+    return MatricesInTime(
         *(np.broadcast_to(m, (n, *m.shape)) for m in (system.A, forced.E, system.C, forced.F)),
         moves=u @ system.B[:, :nu].T + after @ system.B_next[:, :nu].T,
         seen=u @ system.D[:, :nu].T,
@@ -57,7 +57,7 @@ def free_motion(forced: Forced, u: Array) -> Array:
     return np.array(x)
 
 
-def matrices_along(forced: Forced, x: Array, u: Array, d: Array) -> Matrices:
+def matrices_along(forced: Forced, x: Array, u: Array, d: Array) -> MatricesInTime:
     """Of a nonlinear model along states (n, nx), known inputs (n, nu) and forces (n, nf)."""
     s, nu, n = forced.system.s, forced.nu, len(x)
     unit = s.su[nu:]
@@ -73,7 +73,7 @@ def matrices_along(forced: Forced, x: Array, u: Array, d: Array) -> Matrices:
     E, F = B[:, :, nu:] / unit, D[:, :, nu:] / unit
     moves = after.T - np.einsum("kij,kj->ki", A, x) - np.einsum("kij,kj->ki", E, d)
     seen = shown.T - np.einsum("kij,kj->ki", C, x) - np.einsum("kij,kj->ki", F, d)
-    return Matrices(A, E, C, F, moves, seen)
+    return MatricesInTime(A, E, C, F, moves, seen)
 
 
 def _apart(side_by_side: Array, n: int) -> Array:

@@ -21,7 +21,7 @@ import dataclasses
 import numpy as np
 
 from backsight.estimators.force_estimator import Forced
-from backsight.sparse._matrices import Matrices
+from backsight.sparse._matrices import MatricesInTime
 from backsight.types import Array
 
 
@@ -32,7 +32,7 @@ class Whitened:
     Parameters
     ----------
     forced : Forced
-    matrices : Matrices
+    matrices : MatricesInTime
         The model at every sample.
     y : (n, ny) array
         Outputs; 0 where not measured.
@@ -49,7 +49,7 @@ class Whitened:
     """
 
     forced: Forced
-    matrices: Matrices
+    matrices: MatricesInTime
     y: Array
     mask: Array
     P: Array
@@ -145,7 +145,7 @@ class Whitened:
         return found
 
 
-def whitened(forced: Forced, matrices: Matrices, y: Array, mask: Array) -> Whitened:
+def whitened(forced: Forced, matrices: MatricesInTime, y: Array, mask: Array) -> Whitened:
     """Run the Kalman filter over scaled outputs (n, ny) and their mask (n, ny)."""
     s, n = forced.system.s, len(y)
     ny, nx = matrices.C[0].shape

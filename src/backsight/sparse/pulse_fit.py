@@ -18,9 +18,9 @@ import scipy
 
 from backsight.discrete.exact import zoh
 from backsight.estimators.dictionaries import AbstractPulses, ForceLine, MovingLoads
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.model import Model
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.sparse._whitened import Whitened
 from backsight.types import Array
 

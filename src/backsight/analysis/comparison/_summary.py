@@ -10,6 +10,7 @@ import xarray as xr
 from backsight.analysis.comparison.error_measures import rms_innovation, rmse
 from backsight.analysis.comparison.row import Final, Row
 from backsight.analysis.comparison.verdict import sentence
+from backsight.analysis.comparison.virtual_outputs import VirtualOutput, virtual_outputs
 from backsight.analysis.consistency import (
     Consistency,
     NoiseFactors,
@@ -23,14 +24,15 @@ from backsight.analysis.consistency import (
 from backsight.analysis.forces import FoundHits, force_remarks, hits
 from backsight.analysis.outliers import outliers
 from backsight.errors import DataError, nearest
-from backsight.schema import COARSE, FAILURES, Status, check_estimates
+from backsight.schema import COARSE, FAILURES, POSITIVE, Status, check_estimates
 
 ALIGNMENT, ALIGNED = "alignment", "aligned"
 """Attributes of a result: what was found out about its recording, a line per sentence; and 1 if
 outputs and inputs belong to the same samples, 0 if not (not there if that is not known)."""
 
 DOUBTS = "doubts"
-"""Attribute of a result: which parameters the recording hardly tells, a line per sentence."""
+"""Attribute of a result: which parameters the recording hardly tells, and which readings are not
+what they are taken for; a line per sentence."""
 
 MOST_HITS = 50
 """So many of the largest hits are in a summary; all are in the result."""
@@ -88,6 +90,7 @@ def assess(
         outliers=outliers(result),
         coarse=str(result.attrs.get(COARSE, "")),
         doubts=tuple(str(result.attrs.get(DOUBTS, "")).splitlines()),
+        virtual=virtual_outputs(settled),
     )
 
 
@@ -105,9 +108,12 @@ def summary(
     ``within`` (per state whose truth is known: the shares within 1, 2 and 3 deviations), and
     ``noise_factors`` (by how much the variances R and Q should be larger) or None; ``hits`` (number
     of unknown forces found, and the largest of them), or None if the estimator looks for none;
-    ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force);
+    ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force, and
+    on readings that are not what they are taken for);
     ``outliers`` (per output, if there is a rule for outliers: the ``count`` of samples that were
-    left out or weighed down, of ``samples``, and how many were ``opened``, see `Outliers`).
+    left out or weighed down, of ``samples``, and how many were ``opened``, see `Outliers`);
+    ``virtual`` (per quantity without a sensor: last ``value`` and ``std``, ``rms``, ``largest``,
+    ``typical_std`` and ``unit``, and where its truth is known ``rms_error`` and ``within``).
     Arguments and errors as in `assess`.
     """
     row = assess(result, reference, burn_in=burn_in)
@@ -134,6 +140,7 @@ def summary(
             o.output: {"count": o.count, "samples": o.samples, "opened": o.opened}
             for o in row.outliers
         },
+        "virtual": {name: _virtual(found) for name, found in row.virtual.items()},
     }
 
 
@@ -188,20 +195,40 @@ def _worst_if_unknown(value: float) -> float:
 
 def _final(result: xr.Dataset, reference: Mapping[str, float]) -> dict[str, Final]:
     value, std = (_by_name(result[v].isel(time=-1), "state") for v in ("x_hat", "x_std"))
+    sides = [_by_name(result[v].isel(time=-1), "state") for v in ("x_low", "x_high") if v in result]
+    skew = set(result.attrs.get(POSITIVE, "").split())
     return {
-        state: Final(value[state], std[state], unit, reference.get(state))
+        state: Final(
+            value[state],
+            std[state],
+            unit,
+            reference.get(state),
+            (sides[0][state], sides[1][state]) if state in skew and sides else None,
+        )
         for state, unit in units(result, "state").items()
     }
 
 
 def _final_entry(final: Final) -> dict[str, object]:
     entry = {"value": _known(final.value), "std": _known(final.std), "unit": final.unit}
+    if final.band is not None:
+        entry |= {"low": _known(final.band[0]), "high": _known(final.band[1])}
     if final.reference is None:
         return entry
     return entry | {
         "reference": final.reference,
         "error": _known(final.error),
         "relative_error": _known(final.relative_error),
+    }
+
+
+def _virtual(found: VirtualOutput) -> dict[str, object]:
+    entry = dataclasses.asdict(found)
+    known = bool(found.within)
+    return {
+        name: _known(value) if isinstance(value, float) else value
+        for name, value in entry.items()
+        if known or name not in ("rms_error", "within")
     }
 
 

@@ -1,7 +1,6 @@
 """Compressive-sensing moving horizon estimation: states and sparse unknown forces."""
 
 import dataclasses
-import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
@@ -24,7 +23,7 @@ from backsight.estimators.arrival import SmoothedArrival, arrival_name
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.cs_mhe._arrival import LinearArrival, arrival_faults
 from backsight.estimators.cs_mhe._step import cs_recursion
-from backsight.estimators.cs_mhe._tables import check_forces, tables
+from backsight.estimators.cs_mhe._tables import check_forces, check_unbounded, tables
 from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.dictionaries import (
@@ -42,10 +41,11 @@ from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.linear import Linear, at_mean, linear
 from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.varied_noise import VariedNoise
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import Innovations
 from backsight.types import Array, ByName
 
@@ -215,7 +215,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         joined = self._joined(model)
         system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
         check_sampling(joined, dt)
-        forced = self._with_forces(system)
+        forced = self._with_forces(system, model)
         check_forces(forced, self.N)
         return forced
 
@@ -224,7 +224,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         if self.hold != "zoh":
             raise TuningError("hold 'foh' needs a linear model; use 'zoh'")
         joined = self._joined(model)
-        return self._with_forces(at_mean(joined, dt, noise=self.noise, prior=self.prior))
+        system = at_mean(joined, dt, noise=self.noise, prior=self.prior)
+        return self._with_forces(system, model)
 
     def _joined(self, model: Model) -> Model:
         """The model with its unknown forces as the last inputs."""
@@ -232,18 +233,27 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             joined = forces_as_inputs(model, self.forces)
         except ModelError as error:
             raise TuningError(f"forces: {error}") from None
-        _check_unbounded(joined)
+        check_unbounded(joined)
+        if (rule := self.outliers) is not None:
+            raise TuningError(self._refusal(rule))
+        if isinstance(self.noise, VariedNoise) or self.noise.beyond_additive:
+            raise TuningError(f"{self.title} takes additive noise of constant size only")
         return joined
 
-    def _with_forces(self, system: Linear) -> Forced:
-        m, inputs = len(self.forces), system.s.model.inputs
-        try:
-            sigma = vector(self.sigma_force, inputs[-m:], what="sigma_force", default=np.zeros(m))
-        except ModelError as error:
-            raise TuningError(str(error)) from None
+    def _with_forces(self, system: Linear, model: Model) -> Forced:
+        m, sigma = len(self.forces), self.background(model)
         E, F = (system.B + system.B_next)[:, -m:], system.D[:, -m:]
         unit = system.s.su[-m:]
         return Forced(system, E / unit, F / unit, sigma, self.forces)
+
+    def background(self, model: Model) -> Array:
+        """See `AbstractEstimator.background`: `sigma_force`."""
+        known = {s.name: s for s in model.parameters}
+        forces, none = [known[name] for name in self.forces], np.zeros(len(self.forces))
+        try:
+            return vector(self.sigma_force, forces, what="sigma_force", default=none)
+        except ModelError as error:
+            raise TuningError(str(error)) from None
 
     def _solver(self, forced: Forced) -> Solver:
         shapes = self.dictionary.shapes(len(self.forces))
@@ -285,13 +295,3 @@ class CompressiveSensingMHE(AbstractForceEstimator):
                 "forces of a known sign need a dictionary whose atoms are of one force"
             )
         return side[belongs]
-
-
-def _check_unbounded(model: Model) -> None:
-    """Raise `TuningError` if a state has bounds: windows with forces know none."""
-    bounded = [s.name for s in model.states if math.isfinite(s.lower) or math.isfinite(s.upper)]
-    if bounded:
-        raise TuningError(
-            f"the model has bounds of {', '.join(bounded)}, which this estimator would not keep: "
-            "take a model without them, or LinearMHE, whose limits are kept"
-        )

@@ -32,6 +32,26 @@ class ShortTable(StrictTable):
         return {"anyOf": [dict(table["properties"][cls.alone]), dict(table)]}
 
 
+class EstimateTable(StrictTable):
+    """``[estimate.NAME]``: a parameter that is not known."""
+
+    start: float
+    sigma: float | None = None
+    walk: float = 0.0
+    unit: str | None = None
+    lower: float | None = None
+    upper: float | None = None
+    scale: float | None = None
+    positive: bool = False
+
+
+class GapsTable(EstimateTable):
+    """``gaps`` of an input: it is a state with a walk, which the column measures to `sigma_u`."""
+
+    start: float = 0.0
+    sigma_u: float
+
+
 class ColumnTable(ShortTable):
     """A column of the file: ``factor * column + offset`` [unit]; its name alone will do."""
 
@@ -45,13 +65,26 @@ class ColumnTable(ShortTable):
     remove_mean: bool = False
 
 
+class CommandColumnTable(ColumnTable):
+    """A column of an input, which may have gaps."""
+
+    gaps: GapsTable | None = None
+
+
+class SensorColumnTable(ColumnTable):
+    """A column of an output, with what is known of its sensor."""
+
+    wrap: float | str | None = None
+    resolution: float | None = None
+
+
 class FileTable(StrictTable):
     """A file, its columns and its time."""
 
     path: str
     source: str = ""
-    inputs: dict[str, ColumnTable] = {}
-    outputs: dict[str, ColumnTable] = {}
+    inputs: dict[str, CommandColumnTable] = {}
+    outputs: dict[str, SensorColumnTable] = {}
     truth: dict[str, ColumnTable] = {}
     sigma_factor: dict[str, ColumnTable] = {}
     formulas: dict[str, str] = {}
@@ -72,6 +105,11 @@ class FileTable(StrictTable):
     header: int | None = pydantic.Field(default=None, ge=0)
     skip_lines: int = pydantic.Field(default=0, ge=0)
 
+    @property
+    def with_gaps(self) -> Mapping[str, GapsTable]:
+        """Inputs that were not recorded at every sample."""
+        return {name: c.gaps for name, c in self.inputs.items() if c.gaps is not None}
+
 
 class SourceTable(FileTable):
     """``[recording.sources.NAME]``: a further file, whose clock is late by `delay` [s]."""
@@ -82,8 +120,14 @@ class SourceTable(FileTable):
 class RecordingTable(FileTable):
     """``[recording]``: the file, and others that were recorded with it."""
 
-    outputs: dict[str, ColumnTable] = pydantic.Field(min_length=1)
+    outputs: dict[str, SensorColumnTable] = pydantic.Field(min_length=1)
     sources: dict[str, SourceTable] = {}
+    high_pass: float | None = None
+
+    @property
+    def gaps(self) -> dict[str, GapsTable]:
+        """Inputs of all files that were not recorded at every sample."""
+        return {n: g for table in self.files.values() for n, g in table.with_gaps.items()}
 
     @property
     def files(self) -> dict[str, FileTable]:
@@ -96,16 +140,29 @@ class RecordingTable(FileTable):
         return {n: c for table in self.files.values() for n, c in getattr(table, kind).items()}
 
 
-class EstimateTable(StrictTable):
-    """``[estimate.NAME]``: a parameter that is not known."""
+class VirtualTable(ShortTable):
+    """``[virtual.NAME]``: a quantity without a sensor; its formula alone will do.
 
-    start: float
+    Either a formula, or a kind and a place as of a sensor of the structure.
+    """
+
+    alone = "expression"
+
+    expression: str | None = None
+    kind: str | None = None
+    at: Any = None
+    unit: str = ""
+
+    @property
+    def placed(self) -> bool:
+        """Whether it is described like a sensor."""
+        return self.kind is not None or self.at is not None
+
+
+class DummyTable(VirtualTable):
+    """``[dummy.NAME]``: a dummy measurement, that is zero to `sigma` in every sample."""
+
     sigma: float | None = None
-    walk: float = 0.0
-    unit: str | None = None
-    lower: float | None = None
-    upper: float | None = None
-    scale: float | None = None
 
 
 class DisturbanceTable(EstimateTable):
@@ -113,6 +170,33 @@ class DisturbanceTable(EstimateTable):
 
     acts_on: str
     start: float = 0.0
+
+
+class ForceTable(StrictTable):
+    """``[forces.NAME]``: an unknown force with dynamics; its other keys are those of the process.
+
+    It is a parameter of the model, or, with `acts_on`, added to the rate of a state.
+    """
+
+    model_config = pydantic.ConfigDict(extra="allow")
+
+    kind: str
+    acts_on: str | None = None
+    mean: float = 0.0
+    unit: str | None = None
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The keys that only this process knows."""
+        return self.model_extra or {}
+
+
+class MovingTable(StrictTable):
+    """``[moving.NAME]``: a load along forces of a structure, see `backsight.forces.moving_load`."""
+
+    position: str
+    along: dict[str, float] = pydantic.Field(min_length=1)
+    supports: list[float] = []
 
 
 class NoiseTable(StrictTable):
@@ -160,6 +244,28 @@ class OutputTable(StrictTable):
     covariance: bool = False
 
 
+class FreeTable(ShortTable):
+    """An entry of ``tune.free``: a value that is found, or options of which one is chosen."""
+
+    alone = "name"
+
+    name: str
+    spread: float | None = None
+    sigma: float | None = None
+    per: Literal["all", "recording"] | list[str] = "all"
+    options: list[int | float | str] = []
+
+
+class TuneTable(StrictTable):
+    """``[tune]``: what `backsight tune` finds, and what it found last time."""
+
+    free: list[FreeTable] = []
+    estimator: str | None = None
+    criterion: dict[str, Any] = {}
+    recordings: list[str] = []
+    found: dict[str, dict[str, Any]] = {}
+
+
 class ProblemTable(StrictTable):
     """The whole file."""
 
@@ -168,9 +274,14 @@ class ProblemTable(StrictTable):
     model: dict[str, Any]
     estimate: dict[str, EstimateTable] = {}
     disturbances: dict[str, DisturbanceTable] = {}
+    forces: dict[str, ForceTable] = {}
+    moving: dict[str, MovingTable] = {}
+    virtual: dict[str, VirtualTable] = {}
+    dummy: dict[str, DummyTable] = {}
     noise: NoiseTable
     prior: PriorTable = PriorTable()
     integrator: dict[str, Any] = {}
     estimators: dict[str, EstimatorTable] = pydantic.Field(min_length=1)
     reference: dict[str, float] = {}
+    tune: TuneTable = TuneTable()
     output: OutputTable = OutputTable()

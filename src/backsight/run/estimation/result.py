@@ -12,16 +12,24 @@ from backsight.engine.recursion import Channel
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
+from backsight.run.estimation._culprit import with_culprit
 from backsight.run.estimation._integration import with_integration
-from backsight.run.estimation._match import output_mask
+from backsight.run.estimation._match import (
+    dummies,
+    measured_outputs,
+    output_mask,
+    with_turns,
+)
 from backsight.schema import (
     AGO,
     INNOVATIONS,
+    POSITIVE,
     RESULT_VARIABLES,
     ROLE,
     SCHEMA_VERSION,
     SIGMA_FACTOR,
     UNKNOWN,
+    VIRTUAL_TRUE,
     WEIGHT,
     Status,
 )
@@ -76,7 +84,9 @@ def as_result(
             THRESHOLD: rule.threshold,
             OUTLIER_WEIGHT: DOUBTED,
         }
-    result = with_integration(result, estimator, model)
+    if positive := [s.name for s in model.states if s.positive]:
+        result.attrs[POSITIVE] = " ".join(positive)
+    result = with_culprit(with_integration(result, estimator, model), estimator, model)
     remarks = force_remarks(result)
     if remarks:
         result.attrs[REMARKS] = "\n".join(remarks)
@@ -93,8 +103,10 @@ def _dataset(
     outputs = [s.name for s in model.outputs]
     inputs = [s.name for s in model.inputs]
     resting = model.resting
-    measured = recording["y"].sel(output=outputs).values
-    measured = np.where(output_mask(model, recording) > 0, measured, np.nan)
+    measured = measured_outputs(model, recording)
+    # What no sensor has measured has no innovation either.
+    seen = (output_mask(model, recording) > 0) & ~dummies(model)
+    measured = np.where(seen, with_turns(model, measured, values["y_hat"]), np.nan)
     values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
     if WEIGHT in values:
         values[WEIGHT] = np.where(np.isfinite(measured), values[WEIGHT], np.nan)
@@ -105,6 +117,9 @@ def _dataset(
     if "P" in values:
         variance = np.einsum("kii->ki", values["P"])
         values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
+    if any(s.positive for s in model.states) and "x_std" in values:
+        values["x_low"], values["x_high"] = _bands(values["x_hat"], values["x_std"], model)
+        dims["x_low"] = dims["x_high"] = ("time", "state")
     flags = [bit for bit in Status if bit]
     result = xr.Dataset(
         {n: (dims[n], v, {"long_name": _long_name(n)}) for n, v in values.items()},
@@ -128,10 +143,13 @@ def _dataset(
             result[channel.name].attrs[AGO] = channel.ago
     if "force" in result.dims:
         result = _with_forces(result, model)
+    if model.virtual is not None:
+        of_virtual = [s.unit for s in model.virtual.signals]
+        result = result.assign_coords(virtual_unit=("virtual", of_virtual))
     result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
     result["y"] = (("time", "output"), measured)
     if SIGMA_FACTOR in recording:
-        factors = recording[SIGMA_FACTOR].sel(output=outputs).values
+        factors = recording[SIGMA_FACTOR].reindex(output=outputs).values
         result[SIGMA_FACTOR] = (("time", "output"), factors)
     result["status"].attrs |= {
         "flag_masks": [int(f) for f in flags],
@@ -141,7 +159,25 @@ def _dataset(
         truth = recording["x_true"]
         known = [n for n in names if n in truth["state"].values]
         result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
+        if model.virtual is not None:
+            result[VIRTUAL_TRUE] = _virtual_truth(truth, [s.name for s in model.virtual.signals])
     return result
+
+
+def _bands(x: Array, std: Array, model: Model) -> tuple[Array, Array]:
+    """Ends of the bands of one standard deviation; of positive states as factors."""
+    positive = np.array([s.positive for s in model.states])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        factor = np.exp(std / x)
+        low, high = np.where(positive, x / factor, x - std), np.where(positive, x * factor, x + std)
+    return low, high
+
+
+def _virtual_truth(truth: xr.DataArray, names: list[str]) -> xr.DataArray:
+    """True values of virtual outputs, NaN where they are not known."""
+    known = truth.sel(state=[n for n in names if n in truth["state"].values])
+    columns = known.reindex(state=names).transpose("time", "state").values
+    return xr.DataArray(columns, dims=("time", "virtual"), coords={"time": truth["time"]})
 
 
 def _worthless(values: dict[str, np.ndarray], measured: Array) -> Array:

@@ -26,13 +26,14 @@ import scipy
 
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.exact import zoh
+from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.uncertainty import Noise, Prior, covariance_faults
 from backsight.models.lti import state_equation, state_space
 from backsight.models.model import Model
-from backsight.models.signals import Signal
+from backsight.models.signals import Signal, along
 from backsight.models.structures import forces_as_inputs
 from backsight.schema import Status
 from backsight.types import Array
@@ -68,6 +69,7 @@ def widened(
     """
     inputs, parameters = noise.of_inputs(model), noise.of_parameters(model)
     common = _common(noise, model)
+    own = _own_noise(model, prior, dt)
     pick_u = np.eye(model.nu)[:, inputs > 0]
     pick_p = np.eye(len(model.parameters))[:, parameters > 0]
     W = scipy.linalg.block_diag(
@@ -84,6 +86,9 @@ def widened(
     moved += ca.mtimes(common.to_x, shared)
     seen = model.h.call(felt)[0] + ca.mtimes(common.to_y, shared)
     forgotten = ca.SX.zeros(len(W))
+    # The step of a sample, as the rate that virtual outputs of a continuous model know.
+    w = ca.SX.sym("w", z.numel())
+    step = w[:nx] + ca.mtimes(common.to_x, shared)
     names = [s.name for s, v in zip(model.inputs, inputs, strict=True) if v > 0]
     names += [s.name for s, v in zip(model.parameters, parameters, strict=True) if v > 0]
     names += [f"common{i + 1}" for i in range(len(common.W))]
@@ -92,16 +97,34 @@ def widened(
         f=ca.Function("f", [z, u, p], [ca.vertcat(moved, forgotten)]),
         h=ca.Function("h", [z, u, p], [seen]),
         states=(*model.states, *(Signal(name=_unused(n, model)) for n in names)),
+        # The rounding of readings is in R already.
+        outputs=tuple(dataclasses.replace(s, resolution=None) for s in model.outputs),
         dt=dt if model.continuous else model.dt,
+        driven=(),  # what it adds is in Q
+        unsolved=model.unsolved_at([z, u, p], felt),
+        virtual=along(
+            model.virtual, [z, u, p, w], [*felt, step / dt if model.continuous else step]
+        ),
     )
     return Widened(
         wide,
-        Noise(R=common.R, Q=scipy.linalg.block_diag(common.Q, W)),
+        Noise(R=common.R, Q=scipy.linalg.block_diag(common.Q + own, W)),
         Prior(
             x0=np.concatenate([prior.mean(model), np.zeros(len(W))]),
             P0=scipy.linalg.block_diag(prior.covariance(model), W),
         ),
     )
+
+
+def _own_noise(model: Model, prior: Prior, dt: float) -> Array:
+    """What the model's own noise adds per sample; at the prior's mean if it is not linear."""
+    own = model.noise_of_its_own()
+    if not (model.continuous and own.any()):
+        return own
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    slope = ca.densify(ca.jacobian(model.rhs(x, u), x))
+    A = np.array(ca.Function("A", [x, u], [slope])(prior.mean(model), np.zeros(model.nu)))
+    return discretise_noise(np.where(np.isfinite(A), A, 0.0), own, dt=dt)[1]
 
 
 def linear_in_noise(noise: Noise, model: Model) -> bool:
@@ -118,7 +141,8 @@ def without_noise_states(plain: Recursion, nx: int, *, raised: Status) -> Recurs
         _of_states(c, value, nx) + (int(raised) if c.name == "status" else 0)
         for c, value in zip(plain.channels, values, strict=True)
     ]
-    return dataclasses.replace(plain, step=ca.Function(plain.name, data, [carry, *cut]))
+    step = ca.Function(plain.name, data, [carry, *cut])
+    return dataclasses.replace(plain, step=step, start=None)
 
 
 def _of_states(channel: Channel, value: ca.MX, nx: int) -> ca.MX:
