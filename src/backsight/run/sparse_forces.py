@@ -179,14 +179,14 @@ def _channels(search: ForceSearch) -> tuple[Channel, ...]:
 def _outputs(search: ForceSearch, fit: Fit) -> list[Array]:
     """Outputs of the channels of `_channels`, (n, length) each, physical."""
     f = search.filter
-    m, s = f.matrices, f.forced.system.s
+    s = f.forced.system.s
     pulses = search.pulses(fit.which)
     d = pulses @ fit.values
     x, e = f.smoothed(d)
     moved = f.moved(pulses)
     P = f.smoothed_covariance() + moved @ fit.covariance @ moved.transpose(0, 2, 1)
     variance = np.einsum("kfi,ij,kfj->kf", pulses, fit.covariance, pulses)
-    y = np.einsum("kij,kj->ki", m.C, x) + m.seen + np.einsum("kij,kj->ki", m.F, d)
+    y = f.outputs(x, d)
     return [
         x * s.sx,
         _lower(P * np.outer(s.sx, s.sx)),

@@ -81,6 +81,11 @@ class Whitened:
         x, e = self._moving(d)
         return self._smoothed(x, e)[:, :, 0], e[:, :, 0]
 
+    def outputs(self, x: Array, d: Array) -> Array:
+        """Outputs (n, ny) of states (n, nx) and forces (n, nf)."""
+        m = self.matrices
+        return np.einsum("kij,kj->ki", m.C, x) + m.seen + np.einsum("kij,kj->ki", m.F, d)
+
     def moved(self, d: Array) -> Array:
         """What forces d (n, nf, c) change in `smoothed`, (n, nx, c)."""
         m = self.matrices
