@@ -13,6 +13,7 @@ import backsight
 from backsight.description import Description, plain
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import Noise, Prior
+from backsight.estimators.dictionaries import ForceLine
 from backsight.estimators.varied_noise import NoisePart
 from backsight.tune import Choice
 
@@ -63,6 +64,8 @@ def example(kind: type) -> dict[str, object]:
         return {"name": "N", "options": (5, 10)}
     if kind is Prior:
         return {"sigma_x0": 1.0}
+    if kind is ForceLine:
+        return {"places": (0.5, 1.0)}
     needed = [f for f in dataclasses.fields(kind) if f.init and f.default is dataclasses.MISSING]
     needed = [f for f in needed if f.default_factory is dataclasses.MISSING]
     return {f.name: _value(options(hints(kind)[f.name])[0], f.name) for f in needed}
@@ -84,4 +87,6 @@ def _value(option: object, name: str) -> object:
         return option(**example(option))
     if option is Integrator:
         return Integrator()
+    if option is ForceLine:
+        return ForceLine(**example(option))
     return np.eye(2)

@@ -11,10 +11,9 @@ from backsight import schema
 from backsight.engine import native, vm
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.arrival import arrival_name
-from backsight.estimators.cs_mhe import Atoms, Carryover, HalfSines
+from backsight.forces import Atoms, Carryover, ForceLine, HalfSines, MovingLoads
 from backsight.run.compare import compare
 from backsight.settings import ConstantArrival, EKFArrival, NoArrival, SmoothedArrival
-from backsight.tune import lambda_max
 from closeness import assert_close
 from estimators import struck
 from oracles import struck_beam
@@ -64,6 +63,7 @@ CASES = {
     "known sign": {"nonnegative": struck.FORCES},
     "other sign": {"nonpositive": struck.FORCES},
     "pulses": {"dictionary": HalfSines((1, 3)), "lam": 1.0},
+    "moving": {"dictionary": MovingLoads(ForceLine((1, 2, 3, 4)), (3, -2)), "lam": 1.0},
     "groups": {"dictionary": Atoms(np.array([[1.0, 0], [1, 0], [0, 1], [0, 2]]))},
     "separate": {"carryover": Carryover((2.0, 30.0)), "threshold": 0.5},
     "prior": {"carryover": Carryover((0.1, 4.0), "prior"), "arrival": SmoothedArrival(naive=True)},
@@ -152,7 +152,7 @@ def test_lambda_max():
     of = struck.system()
     u, y = struck.record(of, 30, seed=2)
     model, made = struck.model(of), estimator(of)
-    most = lambda_max(made, model, recording(u, y))
+    most = bs.tune.lambda_max(made, model, recording(u, y))
     above = dataclasses.replace(made, lam=1.001 * most)
     below = dataclasses.replace(made, lam=0.98 * most)
     nothing = bs.estimate(above, model, recording(u, y))

@@ -189,8 +189,12 @@ def test_a_rule_that_can_never_act_is_told():
         (bs.Luenberger(noise(RULES[1]), PRIOR, poles=(0.5, 0.6)), "has a constant gain"),
         (bs.KalmanFilter(noise(RULES[2]), PRIOR, steady_state=True), "has a constant gain"),
         (bs.RecursiveMHE(noise(RULES[0]), PRIOR, N=4), "cannot weigh single samples"),
+        (
+            bs.CompressiveSensingMHE(noise(RULES[0]), PRIOR, forces=("F",), lam=1.0),
+            "would take hits for outliers",
+        ),
     ],
-    ids=["luenberger", "steady", "rmhe"],
+    ids=["luenberger", "steady", "rmhe", "csmhe"],
 )
 def test_what_cannot_follow_a_rule_says_so(estimator, reason):
     with pytest.raises(TuningError, match=reason):

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from backsight.data import from_arrays
 from backsight.estimators import (
     MHE,
     CompressiveSensingMHE,
@@ -17,6 +18,9 @@ from backsight.estimators import (
 from backsight.estimators.arrival import ConstantArrival, NoArrival, SmoothedArrival
 from backsight.models.lti import lti
 from backsight.models.model import Model
+from backsight.run.estimation import estimate
+from backsight.run.sparse_forces import find_sparse_forces
+from backsight.sparse import L1
 from closeness import assert_close
 from estimators import struck
 from relations.linear import Run
@@ -44,6 +48,39 @@ def test_no_sparse_force_allowed_is_the_kalman_filter(missing, accelerations):
     for name in ("x_hat", "P", "y_hat", "e", "S"):
         assert_close(found[name], expected[name], 1e-9)
     assert not found["d_raw"].any()
+
+
+def test_every_sample_has_its_own_noise():
+    """Where no force is allowed it is the Kalman filter, with gaps and background forces."""
+    of = struck.system()
+    u, y = struck.record(of, 40, seed=1, missing=0.1)
+    factor = np.random.default_rng(2).choice([1.0, 1.0, 0.25, 3.0, 30.0], size=y.shape)
+    units = {"inputs": {"f": "N"}, "outputs": {"y": "m", "z": "m"}, "sigma_factor": factor}
+    recording = from_arrays(u=u, y=y, dt=struck.DT, **units)
+    Q = of.Q + of.E @ np.diag(struck.SIGMA_FORCE**2) @ of.E.T
+    made = sparse(of, sigma_force=struck.SIGMA_FORCE)
+    found = estimate(made, struck.model(of), recording, engine="vm")
+    filtered = KalmanFilter(Noise(R=of.R, Q=Q), Prior(P0=struck.P0, x0=struck.X0))
+    expected = estimate(filtered, struck.model(of), recording, engine="vm")
+    for name in ("x_hat", "P", "S"):
+        assert_close(found[name].values, expected[name].values, 1e-9)
+    assert_close(*(np.nan_to_num(r["e"].values) for r in (found, expected)), 1e-9)
+
+
+def test_one_window_over_all_is_the_whole_recording():
+    """By another route, an l1 path over innovations; samples with a noise of their own, gaps."""
+    of, n = struck.system(accelerations=True), 12
+    u, y = struck.record(of, n, seed=7, missing=0.1)
+    factor = np.random.default_rng(8).choice([1.0, 0.25, 3.0, 30.0], size=y.shape)
+    units = {"inputs": {"f": "N"}, "outputs": {"y": "m", "z": "m"}, "sigma_factor": factor}
+    recording = from_arrays(u=u, y=y, dt=struck.DT, **units)
+    made = sparse(of, lam=0.4, N=n - 1, lag="N", sigma_force=struck.SIGMA_FORCE)
+    window = estimate(made, struck.model(of), recording, engine="vm")
+    whole = find_sparse_forces(made, struck.model(of), recording, selection=L1(refit=False))
+    assert whole.attrs["nonzeros"] == window["nonzeros"].values[0] > 2
+    for name in ("x_hat", "P"):
+        assert_close(window[name].values[0], whole[name].values[0], 1e-7)
+    assert_close(window["d_raw"].values[0], whole["d_hat"].values[0], 1e-7)
 
 
 @pytest.mark.parametrize("lag", [0, 2, "N"])

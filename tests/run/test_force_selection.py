@@ -8,7 +8,7 @@ import pytest
 import backsight as bs
 from backsight import schema
 from backsight.errors import DataError, TuningError
-from backsight.estimators.cs_mhe import HalfSines
+from backsight.estimators.dictionaries import HalfSines
 from backsight.run.sparse_forces import prepared
 from backsight.sparse import _force_search as force_search
 from estimators import struck

@@ -44,6 +44,8 @@ class Compilable(Description, abc.ABC):
     title: ClassVar[str]
     weighs: ClassVar[bool] = False
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
+    seeks_surprises: ClassVar[bool] = False
+    """Whether surprising samples are what it looks for, so that no rule may hide them."""
     noise_states: ClassVar[bool] = False
     """Whether it is right for noise as states, see `backsight.estimators.around.noise_states`."""
     varies_noise: ClassVar[bool] = False
@@ -258,6 +260,8 @@ class Compilable(Description, abc.ABC):
     def _refusal(self, rule: AbstractOutlierRule) -> str:
         """Why the estimator cannot follow a rule for outliers; empty if it can."""
         kind = type(rule).__name__
+        if self.seeks_surprises:
+            return f"outliers = {kind}() would take hits for outliers; weigh by sigma_factor"
         if not self.weighs:
             return (
                 f"{self.title} cannot weigh single samples, which outliers = {kind}() needs; use "

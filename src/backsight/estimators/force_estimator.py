@@ -104,6 +104,18 @@ class AbstractForceEstimator(AbstractEstimator):
         """
 
     @abc.abstractmethod
+    def linearised(self, model: Model, dt: float) -> Forced:
+        """`forced` of a model that need not be linear, at the prior's mean.
+
+        Its setting has the model itself, and the integrator that carries it over a sample.
+
+        Raises
+        ------
+        TuningError
+            As `forced`.
+        """
+
+    @abc.abstractmethod
     def sides(self) -> Array:
         """Sign of every atom: 1, -1, or 0 if it is free."""
 

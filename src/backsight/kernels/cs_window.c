@@ -191,7 +191,7 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
         const int from = i + absent * z.ny;
         mask[i] = from < m ? arg[ARG_MASK][from] : 0;
         r[i] = from < m && mask[i] != 0 ? arg[ARG_R][from] : 0;
-        if (mask[i] == 0) complete = 0;
+        if (mask[i] != 1) complete = 0;
     }
     const int lag = (int)options[OPTION_LAG], newest = z.N - absent;
     const int at[PLACES] = {1, newest > lag ? newest - lag : 0, newest + 1};

@@ -9,7 +9,7 @@ enum { ARRIVAL_NONE, ARRIVAL_CONSTANT, ARRIVAL_FILTERED, ARRIVAL_SMOOTHED };
 
 /* Arguments: the problem; its tables where all was measured; the atoms; the window. */
 enum {
-    ARG_O, ARG_G, ARG_S0, ARG_POWERS, ARG_P, ARG_CROSS, ARG_MOVED,
+    ARG_O, ARG_G, ARG_S0, ARG_POWERS, ARG_P, ARG_CROSS, ARG_MOVED, ARG_NOISE,
     ARG_W, ARG_J, ARG_V,
     ARG_ATOMS, ARG_ACROSS, ARG_PSI, ARG_SIDE, ARG_OPTIONS,
     ARG_R, ARG_MASK, ARG_ABSENT, ARG_PA, ARG_LAM, ARG_Q, ARG_C, ARG_EXTRA_Q, ARG_EXTRA_C, ARG_WARM
@@ -48,8 +48,19 @@ static long cs_window_tables_size(long nx, long d, long m, long places)
     return m * m + rows * (m + rows) + places * nx * nx;
 }
 
-/* Tables of the first m rows and d modal forces, as far as they were measured, for the states `at`.
-   A row that was not measured is one of zeros with unit variance. */
+/* Covariance of two rows, each times its weight: what the motion adds is weighted with them, the noise
+   of the sensors is as large as it nominally is. A row that was not measured has unit variance. */
+static real cs_window_noise(const cs_window_sizes *z, const real *const *arg, const real *mask, int i,
+                            int j)
+{
+    const real both = mask[i] * mask[j], all = arg[ARG_S0][i + j * z->m];
+    if (both == 0) return (real)(i == j);
+    if (both == 1 || i / z->ny != j / z->ny) return both * all;
+    const real own = arg[ARG_NOISE][i % z->ny + j % z->ny * z->ny];
+    return both * (all - own) + own;
+}
+
+/* Tables of the first m rows and d modal forces, times their weights, for the states `at`. */
 static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *const *arg,
                                           const real *mask, int m, int d, const int *at,
                                           int places, real *w)
@@ -57,8 +68,7 @@ static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *
     const int nx = z->nx, known = nx + d, rows = known + places * nx;
     real *L = w, *W = L + m * m, *J = W + rows * m, *V = J + rows * rows;
     for (int j = 0; j < m; ++j)
-        for (int i = 0; i < m; ++i)
-            L[i + j * m] = mask[i] * mask[j] != 0 ? arg[ARG_S0][i + j * z->m] : (real)(i == j);
+        for (int i = 0; i < m; ++i) L[i + j * m] = cs_window_noise(z, arg, mask, i, j);
     cs_window_factor(L, m);
     cs_window_ready(L, m);
     for (int i = 0; i < m; ++i) { /* L^-1 [O G cross]', row by row, as columns of W */

@@ -126,6 +126,15 @@ def state_space(model: Model) -> tuple[Array, Array, Array, Array]:
     return F[:, : model.nx], F[:, model.nx :], H[:, : model.nx], H[:, model.nx :]
 
 
+def is_linear(model: Model) -> bool:
+    """Whether `state_space` has matrices for a model."""
+    try:
+        state_space(model)
+    except ModelError:
+        return False
+    return True
+
+
 def bent(model: Model) -> list[str]:
     """Equations that are not linear in the states, in words; none if the model is.
 

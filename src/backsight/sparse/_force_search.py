@@ -7,6 +7,7 @@ import psutil
 
 from backsight.errors import DataError
 from backsight.estimators.force_estimator import Forced
+from backsight.sparse._matrices import MatricesInTime, linear_matrices
 from backsight.sparse._whitened import Whitened, whitened
 from backsight.sparse.regression import Indices, Regression
 from backsight.types import Array
@@ -52,7 +53,7 @@ class ForceSearch:
 
     def measuring(self, y: Array) -> "ForceSearch":
         """Search in other measurements (n, ny) of the same sensors at the same samples."""
-        scaled = np.where(self.filter.mask, y / self.filter.forced.system.s.sy, 0.0)
+        scaled = np.where(self.filter.mask > 0, y / self.filter.forced.system.s.sy, 0.0)
         filtered = dataclasses.replace(self.filter, y=scaled)
         quiet = filtered.innovations(np.zeros((self.samples, len(self.shapes)))).ravel()
         regression = dataclasses.replace(self.regression, target=quiet)
@@ -80,6 +81,7 @@ def force_search(
     side: Array,
     lam: float,
     threshold: float,
+    matrices: MatricesInTime | None = None,
 ) -> ForceSearch:
     """Filter a recording and work out the responses.
 
@@ -93,6 +95,8 @@ def force_search(
         See `Regression`.
     lam, threshold : float
         See `ForceSearch`.
+    matrices : MatricesInTime, optional
+        The model at every sample; that of a linear model if not given.
 
     Raises
     ------
@@ -107,7 +111,10 @@ def force_search(
             f"the responses to {atoms} atoms at each of {n} samples would take "
             f"{needed / 1e9:.1f} GB of memory; cut the recording, or take a moving window"
         )
-    filtered = whitened(forced, *data)
+    (u, y, mask), s = data, forced.system.s
+    if matrices is None:
+        matrices = linear_matrices(forced, u / s.su[: forced.nu])
+    filtered = whitened(forced, matrices, y / s.sy, mask)
     units = filtered.responses()
     columns = np.zeros((n, ny, n, atoms))
     for s in range(min(shapes.shape[1], n)):

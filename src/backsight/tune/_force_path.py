@@ -68,7 +68,11 @@ def trace_force_path(
             "moment": ("atom", moments, {"units": "s"}),
             "place": ("atom", places(estimator)[search.atom[path.which]]),
         },
-        attrs={"measured": int(search.filter.mask.sum()), "kkt": path.kkt, "model": model.name},
+        attrs={
+            "measured": int((search.filter.mask > 0).sum()),
+            "kkt": path.kkt,
+            "model": model.name,
+        },
     )
 
 

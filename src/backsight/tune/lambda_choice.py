@@ -10,6 +10,7 @@ from backsight.description import Count, Level, Printed, Whole, checked
 from backsight.errors import DataError, TuningError
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
+from backsight.run.estimation import match
 from backsight.sparse import ForceSearch, refit
 from backsight.tune._force_path import unweighted, whole_path
 from backsight.types import Array
@@ -136,7 +137,7 @@ def lambda_from_whiteness(
     """
     search = unweighted(estimator, model, recording)
     path = whole_path(search, LEAST)
-    measured = int(search.filter.mask.sum())
+    measured = int((search.filter.mask > 0).sum())
     rows, weights = [], []
     for here, after in zip(path.lam[:-1], path.lam[1:], strict=True):
         lam = float(np.sqrt(here * after))
@@ -250,16 +251,14 @@ def _left_out(
     others["y"] = recording["y"].where(recording["output"] != name)
     search = unweighted(estimator, model, others)
     path = whole_path(search, LEAST)
-    f = search.filter
-    forced, s = f.forced, f.forced.system.s
+    f, s = search.filter, search.filter.forced.system.s
     i = [output.name for output in model.outputs].index(name)
     y = recording["y"].sel(output=name).values / s.sy[i]
-    scale = np.sqrt(s.R[i, i])
+    scale, weight = np.sqrt(s.R[i, i]), match(model, recording, estimator=estimator)[2][:, i]
     found = []
     for lam in grid:
         fit = refit(search.regression, path.at(max(lam, path.lam[-1]))[0])
         d = search.forces(fit.which, fit.values)
         x, _ = f.smoothed(d)
-        shown = x @ forced.system.C[i] + f.u @ forced.system.D[i, : forced.nu] + d @ forced.F[i]
-        found.append(((y - shown) / scale) ** 2)
+        found.append((weight * (y - f.outputs(x, d)[:, i]) / scale) ** 2)
     return np.array(found)

@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import vech
+from backsight.algebra.update import measured, noise_of
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.base import ESTIMATE_CHANNELS
@@ -204,13 +205,15 @@ def _innovation(forced: Forced, samples: int) -> ca.Function:
     at its end.
     """
     system, nu = forced.system, forced.nu
-    C, R = ca.sparsify(ca.DM(system.C)), system.s.R + (forced.F * forced.sigma**2) @ forced.F.T
+    C, background = ca.sparsify(ca.DM(system.C)), (forced.F * forced.sigma**2) @ forced.F.T
+    R = ca.SX(ca.DM(system.s.R))
     D, B_next = (ca.sparsify(ca.DM(k[:, :nu])) for k in (system.D, system.B_next))
 
     def formula(x: ca.SX, whole: ca.SX, absent: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         x_prior = x + ca.if_else(absent < samples, ca.densify(ca.mtimes(B_next, u)), 0)
-        e = mask * (y - ca.mtimes(C, x_prior) - ca.mtimes(D, u))
-        return {"e": e, "S": ca.densify(ca.mtimes([C, whole, C.T]) + ca.DM(R))}
+        e = measured(mask) * (y - ca.mtimes(C, x_prior) - ca.mtimes(D, u))
+        S = ca.mtimes([C, whole, C.T]) + ca.DM(background) + noise_of(R, mask)
+        return {"e": e, "S": ca.densify(S)}
 
     nx = len(system.A)
     sizes = {**notation(system.s), "u": nu, "whole": (nx, nx), "absent": 1}

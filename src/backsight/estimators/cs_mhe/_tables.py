@@ -1,6 +1,7 @@
 """A window of a linear model with unknown forces in numbers, as the kernel `cs_window` takes it."""
 
 import dataclasses
+import math
 
 import numpy as np
 import scipy
@@ -8,6 +9,7 @@ import scipy
 from backsight.errors import TuningError
 from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.linear import root
+from backsight.models.model import Model
 from backsight.types import Array
 
 SAME = 1e-10
@@ -66,7 +68,8 @@ def tables(forced: Forced, shapes: Array, *, N: int, lag: int) -> Tables:
     P = [x @ x.T for x in by_noise]
     cross = [seen_noise @ x.T for x in by_noise]
     moved = [power @ modes[:nx] for power in powers[:-1]]
-    problem = (start, seen_force, S0, *map(np.hstack, (powers, P, cross, moved)))
+    joined = map(np.hstack, (powers, P, cross, moved))
+    problem = (start, seen_force, S0, *joined, system.s.R)
 
     factor = scipy.linalg.cho_factor(S0, lower=True)
     both = np.hstack([start, seen_force])
@@ -135,4 +138,14 @@ def check_forces(forced: Forced, N: int) -> None:
         raise TuningError(
             f"no sensor sees the force {', '.join(unseen)} within a window of N = {N}; add a "
             "sensor that moves with it"
+        )
+
+
+def check_unbounded(model: Model) -> None:
+    """Raise `TuningError` if a state has bounds: windows with forces know none."""
+    bounded = [s.name for s in model.states if math.isfinite(s.lower) or math.isfinite(s.upper)]
+    if bounded:
+        raise TuningError(
+            f"the model has bounds of {', '.join(bounded)}, which this estimator would not keep: "
+            "take a model without them, or LinearMHE, whose limits are kept"
         )

@@ -1,7 +1,6 @@
 """Compressive-sensing moving horizon estimation: states and sparse unknown forces."""
 
 import dataclasses
-import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
@@ -24,15 +23,25 @@ from backsight.estimators.arrival import SmoothedArrival, arrival_name
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.cs_mhe._arrival import LinearArrival, arrival_faults
 from backsight.estimators.cs_mhe._step import cs_recursion
-from backsight.estimators.cs_mhe._tables import check_forces, tables
+from backsight.estimators.cs_mhe._tables import check_forces, check_unbounded, tables
 from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
-from backsight.estimators.cs_mhe.dictionary import Atoms, HalfSines, Impulses
+from backsight.estimators.dictionaries import (
+    Atoms,
+    Decays,
+    HalfSines,
+    Haversines,
+    Impulses,
+    MovingLoads,
+    Splines,
+    SteadyLoads,
+)
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.kalman.square_root import refuse_too_wide
-from backsight.estimators.parts.linear import linear
+from backsight.estimators.parts.linear import Linear, at_mean, linear
 from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.varied_noise import VariedNoise
 from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
@@ -42,6 +51,11 @@ from backsight.types import Array, ByName
 
 Correction: TypeAlias = Literal["none", "amplitude", "energy"]
 CORRECTIONS = get_args(Correction)
+
+Dictionary: TypeAlias = (
+    Impulses | HalfSines | Haversines | Splines | Decays | SteadyLoads | MovingLoads | Atoms
+)
+"""Of which atoms a force may be made."""
 
 STEPS_PER_ATOM = 4
 """The active set may take so many steps for every atom that can be active, and some more."""
@@ -77,7 +91,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     sigma_force : dict or number
         Standard deviation per sample, as white noise, of the part of the forces that is not looked
         for: :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
-    dictionary : Impulses, HalfSines or Atoms
+    dictionary : Impulses, HalfSines, Haversines, Splines, Decays, SteadyLoads, MovingLoads or Atoms
+        Of which pulses the forces are made.
     nonnegative, nonpositive : tuple of str
         Forces with a known sign.
     arrival : SmoothedArrival, ConstantArrival or NoArrival
@@ -121,7 +136,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     ``SmoothedArrival(naive=True)`` and ``bias="kept"`` they are too small, since its measurements
     count several times; with ``bias="removed"`` they count them once.
 
-    A window that is not full yet, or has gaps, is one with samples that were not measured.
+    A window that is not full yet, or has gaps, is one with samples that were not measured. Samples
+    may have a noise of their own (eq. 8).
 
     Raises
     ------
@@ -141,6 +157,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     key: ClassVar[str] = "csmhe"
     title: ClassVar[str] = "Compressive-sensing moving horizon estimator"
     kernels: ClassVar[tuple[str, ...]] = (KERNEL,)
+    weighs: ClassVar[bool] = True
+    seeks_surprises: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -148,7 +166,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     lam: PositiveOrInfinite
     N: Horizon = 10
     sigma_force: Annotated[ByName, Range("not be negative", 0.0)] = 0.0
-    dictionary: Impulses | HalfSines | Atoms = dataclasses.field(default_factory=Impulses)
+    dictionary: Dictionary = dataclasses.field(default_factory=Impulses)
     nonnegative: Annotated[tuple[str, ...], Distinct()] = ()
     nonpositive: Annotated[tuple[str, ...], Distinct()] = ()
     arrival: Annotated[LinearArrival, Called("the arrival cost")] = dataclasses.field(
@@ -194,19 +212,39 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     def forced(self, model: Model, dt: float) -> Forced:
         """See `AbstractForceEstimator.forced`."""
+        joined = self._joined(model)
+        system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+        check_sampling(joined, dt)
+        forced = self._with_forces(system, model)
+        check_forces(forced, self.N)
+        return forced
+
+    def linearised(self, model: Model, dt: float) -> Forced:
+        """See `AbstractForceEstimator.linearised`."""
+        if self.hold != "zoh":
+            raise TuningError("hold 'foh' needs a linear model; use 'zoh'")
+        joined = self._joined(model)
+        system = at_mean(joined, dt, noise=self.noise, prior=self.prior)
+        return self._with_forces(system, model)
+
+    def _joined(self, model: Model) -> Model:
+        """The model with its unknown forces as the last inputs."""
         try:
             joined = forces_as_inputs(model, self.forces)
         except ModelError as error:
             raise TuningError(f"forces: {error}") from None
-        _check_unbounded(joined)
-        system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
-        check_sampling(joined, dt)
+        check_unbounded(joined)
+        if (rule := self.outliers) is not None:
+            raise TuningError(self._refusal(rule))
+        if isinstance(self.noise, VariedNoise) or self.noise.beyond_additive:
+            raise TuningError(f"{self.title} takes additive noise of constant size only")
+        return joined
+
+    def _with_forces(self, system: Linear, model: Model) -> Forced:
         m, sigma = len(self.forces), self.background(model)
         E, F = (system.B + system.B_next)[:, -m:], system.D[:, -m:]
         unit = system.s.su[-m:]
-        forced = Forced(system, E / unit, F / unit, sigma, self.forces)
-        check_forces(forced, self.N)
-        return forced
+        return Forced(system, E / unit, F / unit, sigma, self.forces)
 
     def background(self, model: Model) -> Array:
         """See `AbstractEstimator.background`: `sigma_force`."""
@@ -257,13 +295,3 @@ class CompressiveSensingMHE(AbstractForceEstimator):
                 "forces of a known sign need a dictionary whose atoms are of one force"
             )
         return side[belongs]
-
-
-def _check_unbounded(model: Model) -> None:
-    """Raise `TuningError` if a state has bounds: windows with forces know none."""
-    bounded = [s.name for s in model.states if math.isfinite(s.lower) or math.isfinite(s.upper)]
-    if bounded:
-        raise TuningError(
-            f"the model has bounds of {', '.join(bounded)}, which this estimator would not keep: "
-            "take a model without them, or LinearMHE, whose limits are kept"
-        )

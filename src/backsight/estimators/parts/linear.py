@@ -8,7 +8,8 @@ import numpy as np
 from backsight.analysis.observability import check_observability
 from backsight.discrete.exact import foh, zoh
 from backsight.discrete.noise import discretise_noise
-from backsight.discrete.runge_kutta import Hold
+from backsight.discrete.runge_kutta import Hold, Integrator
+from backsight.discrete.steps import over_sample
 from backsight.discrete.varying import transitions
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import Setting, setting
@@ -16,8 +17,6 @@ from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.lti import bent, coefficients, lti, state_space
 from backsight.models.model import Model
 from backsight.types import Array
-
-"""Input between the samples: held, or interpolated linearly."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,6 +137,27 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -
     )
     s = dataclasses.replace(s, model=sampled)
     return Linear(s, A, B, B_next, C, D, hold == "foh")
+
+
+def at_mean(model: Model, dt: float, *, noise: Noise, prior: Prior) -> Linear:
+    """Carry any model to discrete time at the prior's mean, without inputs.
+
+    The setting has the nonlinear model, its integrator, and all process noise per sample.
+
+    Raises
+    ------
+    TuningError
+        If the description does not fit, or the model has no slope there.
+    """
+    given = setting(model, dt, noise=noise, prior=prior, integrator=Integrator())
+    s, still = given.sampled(), np.zeros(model.nu)
+    _, A, B = (np.array(m) for m in over_sample(s.integrator, s.model, dt)(s.x0, still, still))
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    slopes = [ca.densify(ca.jacobian(s.model.output(x, u), z)) for z in (x, u)]
+    C, D = (np.array(m) for m in ca.Function("slopes", [x, u], slopes)(s.x0, still))
+    if not all(np.isfinite(m).all() for m in (A, B, C, D)):
+        raise TuningError(f"model '{model.name}' has no slope at the prior's mean; move the prior")
+    return Linear(s, A, B, np.zeros_like(B), C, D, ramp=False)
 
 
 def _check_hold(model: Model, hold: Hold) -> None:

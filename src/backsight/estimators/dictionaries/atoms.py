@@ -1,4 +1,4 @@
-"""Dictionaries: of which atoms an unknown force is made."""
+"""The dictionary of atoms that the user gives."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -6,45 +6,10 @@ from typing import Annotated
 
 import numpy as np
 
-from backsight.description import Called, Count, Distinct, Sound
+from backsight.description import Called, Sound
 from backsight.errors import TuningError
 from backsight.estimators.force_estimator import AbstractDictionary
 from backsight.types import Array
-
-
-@dataclasses.dataclass(frozen=True)
-class Impulses(AbstractDictionary):
-    """Every force at every step by itself: short hits, the identity as dictionary."""
-
-    def shapes(self, forces: int) -> Array:
-        """See `AbstractDictionary.shapes`."""
-        return np.eye(forces)[:, np.newaxis, :]
-
-
-@dataclasses.dataclass(frozen=True)
-class HalfSines(AbstractDictionary):
-    """Half-sine pulses of the height 1, as of a hammer, at every force.
-
-    Parameters
-    ----------
-    widths : tuple of int
-        Durations in sampling periods; pulses of all of them are offered.
-    """
-
-    widths: Annotated[tuple[Count, ...], Distinct()] = (2,)
-
-    def conflicts(self, sound: Sound) -> Iterator[str]:
-        """See `Description.conflicts`."""
-        if sound("widths") and not self.widths:
-            yield "widths is (); give whole numbers of samples from 1 on"
-
-    def shapes(self, forces: int) -> Array:
-        """See `AbstractDictionary.shapes`."""
-        pulses = np.zeros((forces, max(self.widths), len(self.widths), forces))
-        for i, width in enumerate(self.widths):
-            pulse = np.sin(np.pi * (np.arange(width) + 0.5) / width)
-            pulses[:, :width, i, :] = pulse[:, np.newaxis] * np.eye(forces)[:, np.newaxis, :]
-        return pulses.reshape(forces, max(self.widths), -1)
 
 
 @dataclasses.dataclass(frozen=True)
