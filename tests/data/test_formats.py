@@ -8,7 +8,7 @@ import pytest
 import scipy.io
 import scipy.io.wavfile
 
-from backsight.data import read
+from backsight.data import list_columns, read
 from backsight.errors import DataError
 
 N = 40
@@ -77,7 +77,12 @@ def write_outb(path):
     )
 
 
-WRITERS = {"r.lvm": write_lvm, "r.tdms": write_tdms, "r.uff": write_uff, "r.outb": write_outb}
+WRITERS = {
+    "r.lvm": write_lvm,
+    "r.tdms": write_tdms,
+    "r.uff": write_uff,
+    "r.outb": write_outb,
+}
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -244,3 +249,12 @@ def test_a_gap_stays_a_gap_when_it_is_resampled(tmp_path):
     assert not np.isnan(r.y[13:]).any()
     r = read(path, inputs={"u": "y"}, outputs={"y": "y"}, time="t", resample=0.1)
     assert "inputs go along a line through 9 samples in gaps" in r.attrs["understood"]
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_columns_of_every_recorder_are_listed(tmp_path, name):
+    WRITERS[name](tmp_path / name)
+    found = list_columns(tmp_path / name)
+    assert {"a", "b"} <= {c.name.rpartition("/")[2] for c in found.signals}
+    assert found.dt == pytest.approx(0.5e-3)
+    assert {c.unit for c in found.signals} == {"V", "m"}

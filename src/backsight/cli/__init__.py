@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
+from backsight.cli import _recordings
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.errors import ProblemError, nearest
 
@@ -34,6 +35,8 @@ study = typer.Typer(
     context_settings=SHORT,
 )
 app.add_typer(study, name="study")
+app.command("columns")(_recordings.show_columns)
+app.command("init")(_recordings.write_problem)
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
 Force = Annotated[
@@ -143,6 +146,7 @@ def check(
             *found.lines(),
             *(bands.lines() if bands else []),
             *(timing.lines() if timing else []),
+            *(timing.remedies(float(data.attrs["dt"])) if timing else []),
             *steps,
             *coarse,
         ]:
@@ -222,6 +226,20 @@ def list_methods(
         from backsight.problem.methods import method, methods
 
         say(methods(tell=warn) if name is None else method(name))
+
+
+@app.command("schema")
+def print_schema() -> None:
+    """Print a JSON schema of problem files, for editors that complete and check TOML.
+
+    Name it in the first line of a problem file, #:schema problem.schema.json
+    """
+    import json
+
+    from backsight.problem.json_schema import json_schema
+
+    # As it is: it holds no text of a file, and a line is a line.
+    typer.echo(json.dumps(json_schema(tell=warn), indent=2))
 
 
 @study.command("list")

@@ -70,12 +70,20 @@ def check_regular(time: Array, dt: float | None, where: str) -> Grid | None:
         k = int(np.argmax(np.abs(steps - period)))
         raise DataError(
             f"{where}: time is irregular: samples {k} and {k + 1} (t = {time[k]:.9g} s) are "
-            f"{steps[k]:.6g} s apart, the others {period:.6g} s; interpolate with "
-            f"resample = {period:.6g} (which smooths the noise), put them on a fine grid with NaN "
-            "where nothing was measured, or give dt instead of time if the stamps are only "
-            f"rounded: on average they are {np.mean(steps):.9g} s apart"
+            f"{steps[k]:.6g} s apart, the others {period:.6g} s; put them on a grid, "
+            f"grid = {_grid_for(steps, period):.6g} (exact: nothing is measured between them), "
+            f"interpolate with resample = {period:.6g} (which smooths the noise), or give dt "
+            "instead of time if the stamps are only rounded: on average they are "
+            f"{np.mean(steps):.9g} s apart"
         )
     return grid
+
+
+def _grid_for(steps: Array, period: float) -> float:
+    """The period if the intervals are multiples of it, lost samples; else a tenth of it."""
+    counts = np.rint(steps / period)
+    lost = (counts >= 1).all() and (np.abs(steps - counts * period) <= 0.05 * period).all()
+    return period if lost else 0.1 * period
 
 
 def check_inputs(

@@ -59,6 +59,12 @@ def kind_of(path: Path, wish: str | None, known: Extended[Any]) -> str:
     return kind
 
 
+def begins_with(path: Path, sign: bytes) -> bool:
+    """Whether a file has these first bytes."""
+    with path.open("rb") as file:
+        return file.read(len(sign)) == sign
+
+
 def _by_content(path: Path, head: bytes, suffix: str) -> str | None:
     for sign, kind in SIGNS.items():
         if head.startswith(sign):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from backsight.data._request import Axis
+from backsight.data._request import Axis, Listed
 from backsight.errors import DataError, nearest
 from backsight.types import Array
 
@@ -14,6 +14,10 @@ INDEXED = re.compile(r"(?P<name>.+)\[(?P<index>\d+)\]")
 
 MUCH = 5
 """How much longer than the other an axis must be to be that of time without further signs."""
+
+
+MOST_CHANNELS = 100
+"""Of a matrix that are listed one by one."""
 
 
 def no_column(name: str, known: Iterable[str]) -> str:
@@ -79,6 +83,43 @@ def pick(
     for reference, (name, index, values) in matrices.items():
         found[reference] = _channel(values, name, index, axis, lengths)
     return found
+
+
+def present(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
+    """The wanted names; raises `DataError` if some are not among those that are known."""
+    wanted, known = list(wanted), list(known)
+    absent = [no_column(name, known) for name in wanted if name not in known]
+    if absent:
+        raise DataError("; ".join(absent))
+    return wanted
+
+
+def list_arrays(arrays: Mapping[str, Any], axis: Axis | None = None) -> list[Listed]:
+    """List vectors, and the channels of matrices as ``acc[2]``, as `pick` takes them."""
+    found: list[Listed] = []
+    for name, entry in arrays.items():
+        shape = tuple(n for n in np.shape(entry) if n != 1)
+        array = entry if hasattr(entry, "dtype") else np.asarray(entry)
+        own = Listed.of(name, array.dtype)
+        if own.kind != "numbers" or len(shape) == 1:
+            found.append(own)
+        elif not shape:
+            found.append(Listed(name, "other", "one number"))
+        elif len(shape) > 2:
+            found.append(Listed(name, "other", f"an array {' x '.join(map(str, shape))}"))
+        else:
+            found += _channels(name, shape, axis)
+    return found
+
+
+def _channels(name: str, shape: tuple[int, ...], axis: Axis | None) -> list[Listed]:
+    time = _longer(shape) if axis is None else axis
+    size = f"a matrix {shape[0]} x {shape[1]}"
+    if time is None:
+        return [Listed(name, "other", f"{size}: say the axis of time")]
+    if shape[1 - time] > MOST_CHANNELS:
+        return [Listed(name, "other", f"{size}: channels {name}[0], ...")]
+    return [Listed(f"{name}[{k}]") for k in range(shape[1 - time])]
 
 
 def _vector(matrix: Array, name: str) -> Array:

@@ -67,6 +67,37 @@ class Request:
 
 
 @dataclasses.dataclass(frozen=True)
+class Listed:
+    """A column that a file holds.
+
+    Parameters
+    ----------
+    name : str
+        By which it can be asked for.
+    kind : {"numbers", "dates", "other"}
+        Only numbers can be signals, only numbers and dates time.
+    remark : str
+        What it is if it is neither.
+    """
+
+    name: str
+    kind: Literal["numbers", "dates", "other"] = "numbers"
+    remark: str = ""
+
+    @classmethod
+    def of(cls, name: str, dtype: np.dtype | None) -> "Listed":
+        """Judge a column by the type of its values."""
+        match dtype.kind if dtype is not None else "O":
+            case "f" | "i" | "u" | "b":
+                return cls(name)
+            case "M" | "m":
+                return cls(name, "dates")
+            case "c":
+                return cls(name, "other", "complex numbers")
+        return cls(name, "other", "text" if dtype is None or dtype.kind in "OSUT" else str(dtype))
+
+
+@dataclasses.dataclass(frozen=True)
 class Contents:
     """What a file holds of it.
 

@@ -10,6 +10,7 @@ import numpy as np
 from backsight.description import Description, Range, Sound
 from backsight.errors import BacksightError, DataError, nearest
 from backsight.types import Array
+from backsight.units import conversion, convertible, is_unit
 
 ANY = Range("be a number", infinite=True, missing=True)
 
@@ -25,10 +26,13 @@ class Column(Description):
         column of a matrix.
     unit : str
         Unit of the signal, after `factor`; if not given, that of the file, where it says one.
-    factor : float
-        From the file's unit to `unit`.
+    factor : float, optional
+        From the file's unit to `unit`. If not given, it follows from the two, if the file says its
+        unit; 1.0 takes the numbers as they are.
     offset : float
         Added after `factor` [unit].
+    delay : float
+        By which the samples come late [s], see `backsight.data.remove_delays`.
     remove_mean : bool
         Subtract the mean over the samples that are kept.
 
@@ -42,8 +46,9 @@ class Column(Description):
 
     name: str
     unit: str = ""
-    factor: Annotated[float, ANY] = 1.0
+    factor: Annotated[float, ANY] | None = None
     offset: Annotated[float, ANY] = 0.0
+    delay: float = dataclasses.field(default=0.0, kw_only=True)
     remove_mean: bool = False
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
@@ -51,17 +56,41 @@ class Column(Description):
         if not sound("name") or not self.name:
             yield f"a column is given by its name in the file, not by {self.name!r}"
         for name, value in (("factor", self.factor), ("offset", self.offset)):
-            if sound(name) and not math.isfinite(value):
+            if sound(name) and value is not None and not math.isfinite(value):
                 yield f"{name} is {value}, not a finite number"
+
+    def settled(self, found: str) -> "Column":
+        """With a factor and an offset that also come from the file's unit, `found`, to `unit`.
+
+        A unit that is given wins over one of the file to which there is no way.
+        """
+        if self.factor is not None or not found or not self.unit:
+            return self
+        if not convertible(found, self.unit):
+            return self
+        between = conversion(found, self.unit)
+        if between.same:
+            return self
+        return dataclasses.replace(self, factor=between.factor, offset=self.offset + between.offset)
+
+    def contradicts(self, found: str) -> bool:
+        """Whether `unit` and the file's unit, `found`, are units of different things."""
+        given = self.factor is None and self.unit and found
+        return (
+            bool(given)
+            and all(map(is_unit, (found, self.unit)))
+            and not (convertible(found, self.unit))
+        )
 
     def unit_by(self, found: str) -> str:
         """Unit of the signal: as given, or that of the file, `found`, if nothing is converted."""
-        return self.unit or (found if self.factor == 1.0 else "")
+        return self.unit or (found if self.factor in (None, 1.0) else "")
 
     def physical(self, raw: Array) -> Array:
         """Values of the signal [unit] from those in the file, (n,)."""
-        same = self.factor == 1.0 and self.offset == 0.0
-        values = raw if same else self.factor * raw + self.offset
+        factor = 1.0 if self.factor is None else self.factor
+        same = factor == 1.0 and self.offset == 0.0
+        values = raw if same else factor * raw + self.offset
         if not self.remove_mean:
             return values
         known = values[np.isfinite(values)]

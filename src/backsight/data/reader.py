@@ -1,7 +1,8 @@
 """Read a recording from a file."""
 
+import dataclasses
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -11,7 +12,8 @@ import xarray as xr
 from backsight.data import _checks as checks
 from backsight.data._request import Axis, Request, TextForm
 from backsight.data.columns import Column, ColumnLike, column, columns
-from backsight.data.formats.loading import read_contents
+from backsight.data.derived import columns_in, evaluated, remove_delays
+from backsight.data.formats.loading import list_contents, read_contents
 from backsight.data.recording import Group, as_recording, time_axis
 from backsight.data.times.clock import seconds
 from backsight.description import Whole, checked
@@ -32,7 +34,9 @@ def read(
     start: float | None = None,
     stop: float | None = None,
     resample: float | None = None,
+    grid: float | None = None,
     sigma_factor: Mapping[str, ColumnLike] | None = None,
+    formulas: Mapping[str, str] | None = None,
     format: str | None = None,  # noqa: A002  the word of problem files
     axis: Axis | None = None,
     time_format: str | None = None,
@@ -60,7 +64,8 @@ def read(
         column of a table; ``acc[2]`` is the third channel of a matrix. An empty cell or ``NaN`` in
         an output is "not measured". A unit that the file says is used where none is given.
     time : column, optional
-        Time stamps [s], ``Column("t_ms", factor=1e-3)`` for milliseconds; or dates, which count
+        Time stamps [s], ``Column("t_ms", factor=1e-3)`` for milliseconds unless the file says
+        that unit of the column (``t [ms]``); or dates, which count
         from the first sample (its date is the attribute ``begin``), or clock times.
     dt : float, optional
         Sampling period [s]; needed if there is no `time`, nor a time of the file's own (LVM, TDMS,
@@ -71,10 +76,17 @@ def read(
         Keep the samples with ``start <= t < stop`` [s].
     resample : float, optional
         Interpolate to this sampling period [s]; see `backsight.data.resample`.
+    grid : float, optional
+        Put samples with gaps or irregular times on an even grid of this period [s], nothing
+        measured between them; see `backsight.data.to_grid`.
     sigma_factor : dict, optional
         Outputs whose samples have a noise of their own, as `outputs`: the column holds its standard
         deviation by the `sigma_y` of the estimator, or, with ``Column(name, factor=1 / sigma_y)``,
         the standard deviation itself. An empty cell is "not measured".
+    formulas : dict, optional
+        Further columns that are arithmetic on those of the file, ``{"a_rel": "roof - ground"}``,
+        to be named as any other; see `backsight.from_equations` for what a formula may hold. A
+        column whose name is no word is written with ``_``: ``Acc_roof`` for ``Acc roof``.
     format : str, optional
         How to read the file whatever it is called: "text", or a suffix as "mat".
     axis : 0 or 1, optional
@@ -157,23 +169,46 @@ def read(
             missing=tuple(missing),
         ),
     )
+    made = {n: text for n, text in (formulas or {}).items() if n in request.wanted}
+    meant: dict[str, str] = {}
+    if made:
+        listed = list_contents(path, dataclasses.replace(request, wanted=()), format)
+        meant = columns_in(made, [c.name for c in listed if c.kind == "numbers"])
+        own = [n for n in request.wanted if n not in made]
+        wanted = tuple(dict.fromkeys([*own, *meant.values()]))
+        request = dataclasses.replace(request, wanted=wanted)
     contents = read_contents(path, request, format)
     where = str(path)
     raw = {n: _measured(v, n, missing) for n, v in contents.columns.items() if n != request.clock}
+    raw |= evaluated(made, meant, raw)
     given, begin = contents.time, contents.begin
     if clock:
         marks = contents.columns[clock.name]
         given, begin = seconds(marks, time_format=time_format, where=where)
         raw[clock.name] = given
-        given = clock.physical(given)
+        if time_format is None and marks.dtype.kind in "fiub":
+            given = _in_seconds(clock, contents.units.get(clock.name, "")).physical(given)
+        else:
+            given = clock.physical(given)
     lengths = {name: len(values) for name, values in raw.items()}
     if given is not None and not clock:
         lengths["the file's own time"] = len(given)
     n = checks.check_lengths(lengths, where)
+    understood = contents.understood
+    timed = slice(0, n) if given is None else _with_time(given, raw.values())
+    if timed != slice(0, n):
+        raw = {name: values[timed] for name, values in raw.items()}
+        given = None if given is None else given[timed]
+        note = f"{n - (timed.stop - timed.start)} rows without time and values left off"
+        understood, n = "; ".join(filter(None, (understood, note))), timed.stop - timed.start
     stamps = time_axis(given, n, dt=dt, where=where)
     kept = _selected(stamps, start, stop, where)
+    for name, c in ((n, c) for group in signals for n, c in group.items()):
+        if c.contradicts(own := contents.units.get(c.name, "")):
+            note = f"'{name}' is taken in {c.unit}, though the file says {own}"
+            understood = "; ".join(filter(None, (understood, note)))
     u, y, x, factors = (_group(group, raw, contents.units, kept) for group in signals)
-    return as_recording(
+    recording = as_recording(
         stamps[kept],
         u=u,
         y=y,
@@ -181,11 +216,21 @@ def read(
         sigma_factor=_spread(factors, y) if sigma_factor else None,
         dt=dt,
         resample=resample,
-        first=kept.start,
+        grid=grid,
+        first=timed.start + kept.start,
         begin=begin,
-        understood=contents.understood,
+        understood=understood,
         where=where,
     )
+    late = {n: c.delay for group in signals[:3] for n, c in group.items() if c.delay}
+    return remove_delays(recording, late) if late else recording
+
+
+def _in_seconds(clock: Column, found: str) -> Column:
+    """The clock with a factor to seconds by the unit that is given, or that of the file."""
+    if clock.factor is not None or clock.unit in ("", "s"):
+        return dataclasses.replace(clock, unit="s").settled(found)
+    return dataclasses.replace(clock, unit="s").settled(clock.unit)
 
 
 def _measured(values: Array, name: str, missing: Sequence[str | float]) -> Array:
@@ -194,6 +239,17 @@ def _measured(values: Array, name: str, missing: Sequence[str | float]) -> Array
         raise DataError(f"'{name}' holds dates; only time may be given by them")
     codes = [code for code in missing if not isinstance(code, str)]
     return np.where(np.isin(values, codes), np.nan, values) if codes else values
+
+
+def _with_time(time: Array, columns: Iterable[Array]) -> slice:
+    """All samples but those at both ends that have neither a time nor a value."""
+    if np.isfinite(time[0]) and np.isfinite(time[-1]):
+        return slice(0, len(time))
+    there = np.isfinite(time)
+    for values in columns:
+        there |= ~np.isnan(values)
+    known = np.flatnonzero(there)
+    return slice(int(known[0]), int(known[-1]) + 1) if known.size else slice(0, len(time))
 
 
 def _selected(time: Array, start: float | None, stop: float | None, where: str) -> slice:
@@ -213,12 +269,20 @@ def _spread(factors: Group, y: Group) -> Array:
     return np.stack([given.get(name, np.ones(len(y.values))) for name in y.units], axis=1)
 
 
+def _side_by_side(columns: Sequence[Array], n: int) -> Array:
+    """Columns of a matrix (n, k); a single one is not copied."""
+    if len(columns) == 1:
+        return columns[0][:, None]
+    return np.stack(columns, axis=1) if columns else np.empty((n, 0))
+
+
 def _group(
     signals: Mapping[str, Column], raw: Mapping[str, Array], units: Mapping[str, str], kept: slice
 ) -> Group:
-    values = [c.physical(raw[c.name][kept]) for c in signals.values()]
+    settled = {name: c.settled(units.get(c.name, "")) for name, c in signals.items()}
+    values = [c.physical(raw[c.name][kept]) for c in settled.values()]
     n = kept.stop - kept.start
     return Group(
-        np.stack(values, axis=1) if values else np.empty((n, 0)),
+        _side_by_side(values, n),
         {name: c.unit_by(units.get(c.name, "")) for name, c in signals.items()},
     )

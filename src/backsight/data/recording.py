@@ -11,6 +11,7 @@ from backsight import schema
 from backsight.data import _checks as checks
 from backsight.data._named import index_of, is_named, named_columns
 from backsight.data.resampling import resample as resampled
+from backsight.data.resampling import to_grid
 from backsight.data.times.clock import seconds
 from backsight.errors import DataError
 from backsight.types import Array
@@ -47,6 +48,7 @@ def from_arrays(
     time: Any = None,
     dt: float | None = None,
     resample: float | None = None,
+    grid: float | None = None,
     sigma_factor: Any = None,
 ) -> xr.Dataset:
     """Make a recording of arrays.
@@ -67,6 +69,9 @@ def from_arrays(
         Sampling period [s]; needed if there is no `time`.
     resample : float, optional
         Interpolate to this sampling period [s]; see `backsight.data.resample`.
+    grid : float, optional
+        Put samples with gaps or irregular times on an even grid of this period [s], nothing
+        measured between them; see `backsight.data.to_grid`.
     sigma_factor : array as y, optional
         Where the noise of a sample is not the nominal one: its standard deviation by the `sigma_y`
         of the estimator, above 0. With correlated noise the correlation stays. ``NaN`` and infinity
@@ -111,6 +116,7 @@ def from_arrays(
         sigma_factor=factors,
         dt=dt,
         resample=resample,
+        grid=grid,
         begin=begin,
         where=where,
     )
@@ -160,6 +166,7 @@ def as_recording(
     sigma_factor: Array | None = None,
     dt: float | None = None,
     resample: float | None = None,
+    grid: float | None = None,
     first: int = 0,
     begin: str = "",
     understood: str = "",
@@ -179,6 +186,8 @@ def as_recording(
         Sampling period [s]; if not given, the mean interval.
     resample : float, optional
         Interpolate to this period [s]; time may then be irregular.
+    grid : float, optional
+        Put the samples on a grid of this period [s]; time may then be irregular.
     first : int
         Number of the first sample in the file, for messages.
     begin : str
@@ -188,12 +197,14 @@ def as_recording(
     where : str
         What messages begin with.
     """
-    if resample is None:
-        grid = checks.check_regular(time, dt, where)
-        if grid is not None:
-            time = grid.times(len(time))
-            understood = "; ".join(filter(None, (understood, str(grid))))
-    else:
+    if resample is not None and grid is not None:
+        raise DataError(f"{where}: give resample (interpolates) or grid (does not), not both")
+    if resample is None and grid is None:
+        even = checks.check_regular(time, dt, where)
+        if even is not None:
+            time = even.times(len(time))
+            understood = "; ".join(filter(None, (understood, str(even))))
+    elif resample is not None:
         checks.check_period(resample, "resample", where)
     checks.check_inputs(u.values, u.units, time, first=first, where=where)
     checks.check_measured(y.values, y.units, time, first=first, where=where)
@@ -211,6 +222,8 @@ def as_recording(
         recording = with_sigma_factor(recording, sigma_factor, where=where)
     if x is not None:
         recording = with_truth(recording, x)
+    if grid is not None:
+        return to_grid(recording, grid)
     return recording if resample is None else resampled(recording, resample)
 
 

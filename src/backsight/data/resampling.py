@@ -4,12 +4,16 @@ import numpy as np
 import xarray as xr
 
 from backsight.data._checks import check_period
+from backsight.data._room import check_room
 from backsight.description import checked
 from backsight.errors import DataError
 from backsight.types import Array
 
 SAME = 1e-6
 """Times closer than this, in periods, are the same time."""
+
+MOST_MOVED = 0.1
+"""How far a sample may be moved to a grid, by the usual interval."""
 
 GAP = 3.0
 """Samples further apart than this, in periods, have lost some between them."""
@@ -66,6 +70,74 @@ def resample(recording: xr.Dataset, dt: float) -> xr.Dataset:
         signals,
         coords={**fixed, "time": ("time", new, recording.time.attrs)},
         attrs=attrs,
+    )
+
+
+@checked(DataError)
+def to_grid(recording: xr.Dataset, dt: float) -> xr.Dataset:
+    """Put the samples of a recording on an even grid, with nothing measured between them.
+
+    Nothing is interpolated: an output is ``NaN`` at the times of the grid without a sample, so that
+    its noise stays what it is, and an input holds its last value. It is the exact way for
+    recordings with gaps (`dt` is then their period) and irregular times (`dt` is then a fraction of
+    the intervals).
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Its time must increase but may be irregular.
+    dt : float
+        Period of the grid [s], which begins with the first sample.
+
+    Returns
+    -------
+    xarray.Dataset
+        By how much samples were moved at most, the attribute ``understood`` says.
+
+    Raises
+    ------
+    DataError
+        If `dt` is not positive, or so long that samples would be moved by more than a tenth of
+        their usual interval.
+
+    Examples
+    --------
+    >>> from backsight.data import from_arrays
+    >>> time, y = [0.0, 1.0, 4.0], [0.0, 0.1, 0.4]
+    >>> recording = from_arrays(y=y, time=time, grid=1.0, inputs={}, outputs={"q": "m"})
+    >>> recording.y.values.ravel()
+    array([0. , 0.1, nan, nan, 0.4])
+    """
+    check_period(dt, "the period of the grid", "to_grid")
+    old = recording.time.to_numpy()
+    at = np.rint((old - old[0]) / dt)
+    check_room(int(at[-1]) * 8 * (recording.sizes["input"] + recording.sizes["output"]), "the grid")
+    place = at.astype(np.int64)
+    moved = np.abs(old - (old[0] + dt * place))
+    k, usual = int(np.argmax(moved)), float(np.median(np.diff(old)))
+    double = np.diff(place) == 0
+    if moved[k] > MOST_MOVED * usual or double.any():
+        raise DataError(
+            f"to_grid: with a period of {dt:g} s the sample at {old[k]:.9g} s would be moved by "
+            f"{moved[k]:.3g} s, and the samples are {usual:.6g} s apart; give a shorter period, "
+            f"{2 * MOST_MOVED * usual:.3g} s will do"
+        )
+    n = int(place[-1]) + 1
+    held = np.searchsorted(place, np.arange(n), side="right") - 1
+    signals = {}
+    for name, variable in recording.data_vars.items():
+        values = variable.to_numpy()
+        spread = np.full((n, *values.shape[1:]), np.nan)
+        spread[place] = values
+        signals[name] = (variable.dims, values[held] if name == "u" else spread)
+    note = f"{len(old)} samples on a grid of {n}, moved by {moved[k]:.2g} s at most"
+    understood = "; ".join(filter(None, (recording.attrs.get("understood", ""), note)))
+    fixed = {name: c for name, c in recording.coords.items() if "time" not in c.dims}
+    new = old[0] + dt * np.arange(n)
+    return xr.Dataset(
+        signals,
+        coords={**fixed, "time": ("time", new, recording.time.attrs)},
+        attrs={**recording.attrs, "dt": float(dt), "understood": understood},
     )
 
 

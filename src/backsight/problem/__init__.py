@@ -8,12 +8,18 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     path = "drive.csv"            # relative to this file; ${NAME}: environment variable
     source = "..."                # [where to get it, told when it is missing]
     time = "t_s"                  # column of time [s]; or dt = 1e-3
-    inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, remove_mean]
+    inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, delay, remove_mean]
     outputs.y = { column = "q_m", unit = "m" }
                                   # [truth.STATE; sigma_factor.OUTPUT: noise of single samples;
-                                  # start, stop, resample [s]; format, axis, time_format,
+                                  # formulas.NAME: arithmetic on columns;
+                                  # start, stop, resample, grid [s]; format, axis, time_format,
                                   # missing, delimiter, decimal, thousands, encoding, header,
                                   # skip_lines]
+    [recording.sources.camera]    # [a further file, with all keys of [recording]]
+    path = "camera.csv"
+    delay = 0.012                 # [s by which its clock is late]
+    outputs.z = "z_m"
+
     [model]
     kind = "friction_drive"       # with its arguments; or "equations", "lti", "second_order",
                                   # "beam", "modal", "reduced"

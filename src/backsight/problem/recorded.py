@@ -8,10 +8,12 @@ from pathlib import Path
 import xarray as xr
 
 from backsight.data.columns import Column
+from backsight.data.derived import convert_units
+from backsight.data.merging import merge
 from backsight.data.reader import read
 from backsight.errors import ProblemError
 from backsight.problem.problem import Problem
-from backsight.problem.reading.tables import ColumnTable
+from backsight.problem.reading.tables import ColumnTable, FileTable, SourceTable
 
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
@@ -19,9 +21,11 @@ _VARIABLE = re.compile(r"\$\{(\w+)\}")
 def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Dataset:
     """Read the recording of a problem, as `backsight.data.read` does.
 
-    The path is relative to the problem file; ``${NAME}`` in it stands for the environment variable.
-    From which other files it may take measurements (`outside`), a problem file cannot say: it may
-    come from elsewhere with the recording.
+    Several files are brought together by their times, each on its own clock, less its `delay`, as
+    `backsight.data.merge` does. Signals are converted to the units of the model. The path is
+    relative to the problem file; ``${NAME}`` in it stands for the environment variable. From
+    which other files it may take measurements (`outside`), a problem file cannot say: it may come
+    from elsewhere with the recording.
 
     Raises
     ------
@@ -31,23 +35,35 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
     DataError
         If the recording cannot be read or is not regular.
     """
-    table = problem.recording
-    path = _path(problem)
+    parts = [
+        _read(table, where, problem.path.parent, outside)
+        for where, table in problem.recording.files.items()
+    ]
+    recording = merge(*parts) if len(parts) > 1 else parts[0]
+    model = problem.model
+    signals = (*model.inputs, *model.outputs, *model.states)
+    return convert_units(recording, {s.name: s.unit for s in signals if s.unit})
+
+
+def _read(table: FileTable, where: str, folder: Path, outside: Collection[str]) -> xr.Dataset:
+    path = _path(table, where, folder)
     if table.source and not path.exists():
         raise ProblemError(
-            f"recording.path: there is no file '{path}'; where to get it: {table.source}"
+            f"{where}.path: there is no file '{path}'; where to get it: {table.source}"
         )
-    return read(
+    recording = read(
         path,
         inputs={name: _column(entry) for name, entry in table.inputs.items()},
         outputs={name: _column(entry) for name, entry in table.outputs.items()},
         truth={name: _column(entry) for name, entry in table.truth.items()},
         sigma_factor={name: _column(entry) for name, entry in table.sigma_factor.items()},
+        formulas=table.formulas,
         time=None if table.time is None else _column(table.time),
         dt=table.dt,
         start=table.start,
         stop=table.stop,
         resample=table.resample,
+        grid=table.grid,
         format=table.format,
         axis=table.axis,
         time_format=table.time_format,
@@ -60,19 +76,22 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
         skip_lines=table.skip_lines,
         outside=outside,
     )
+    if isinstance(table, SourceTable) and table.delay:
+        recording = recording.assign_coords(time=recording.time - table.delay)
+    return recording
 
 
-def _path(problem: Problem) -> Path:
-    text, source = problem.recording.path, problem.recording.source
+def _path(table: FileTable, where: str, folder: Path) -> Path:
+    text, source = table.path, table.source
     for name in _VARIABLE.findall(text):
         if not os.environ.get(name):
             hint = f"; where to get it: {source}" if source else ""
             raise ProblemError(
-                f"recording.path: the environment variable {name} is not set; set it to the folder "
+                f"{where}.path: the environment variable {name} is not set; set it to the folder "
                 f"of the data{hint}"
             )
     expanded = _VARIABLE.sub(lambda match: os.environ[match[1]], text)
-    return problem.path.parent / expanded
+    return folder / expanded
 
 
 def _column(entry: ColumnTable) -> Column:
@@ -81,5 +100,6 @@ def _column(entry: ColumnTable) -> Column:
         unit=entry.unit,
         factor=entry.factor,
         offset=entry.offset,
+        delay=entry.delay,
         remove_mean=entry.remove_mean,
     )

@@ -111,6 +111,17 @@ class Alignment(Printed):
         """Whether another shift is better for certain, even if it may be that of the search."""
         return bool(self.shifts) and self._certain(self.best)
 
+    def remedies(self, dt: float) -> list[str]:
+        """What to put into a problem file, a line each, where a delay is certain; `dt` is in s."""
+        whole = f"delay = {significant(self.fraction * dt, 3)}" if self.delay else ""
+        if not self.single:
+            return [f"Into every output of [recording]: {whole}"] if whole else []
+        late = [(name, a.delay) for name, a in self.channels if a.late and a.delay]
+        return [
+            f"Into recording.outputs.{name}: delay = {significant(delay * dt, 3)}"
+            for name, delay in late
+        ]
+
     def lines(self) -> list[str]:
         """One sentence on the times, and one on the sizes or on every output that is wrong."""
         wrong = [f"{text[0].upper()}{text[1:]}." for r in self.ratios if (text := r.sentence())]

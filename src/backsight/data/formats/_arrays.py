@@ -3,6 +3,8 @@
 What is wanted is looked at before it is read: where it is, how large, and that it is numbers.
 """
 
+import dataclasses
+import math
 import re
 import struct
 import zipfile
@@ -13,12 +15,14 @@ from typing import IO, Any
 
 import numpy as np
 import scipy
+import scipy.sparse
 import xarray as xr
 
-from backsight.data._pick import pick
-from backsight.data._request import Contents, Request
+from backsight.data._kinds import begins_with
+from backsight.data._pick import list_arrays, pick
+from backsight.data._request import Contents, Listed, Request
 from backsight.data._room import check_density, check_room
-from backsight.data.formats._hdf5 import check_dataset, check_links, datasets, wanted_names
+from backsight.data.formats._hdf5 import check_dataset, check_links, datasets, leaves, wanted_names
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -123,6 +127,44 @@ def read_netcdf(path: Path, request: Request) -> Contents:
     return _picked(variables, request)
 
 
+def list_containers(path: Path, request: Request) -> list[Listed]:
+    """List the arrays of a MAT, HDF5, NetCDF or NumPy file, none read but those of MAT 4 to 7."""
+    import h5py
+
+    if h5py.is_hdf5(path):
+        with h5py.File(path) as file:
+            return list_arrays(leaves(file), request.axis)
+    if zipfile.is_zipfile(path):
+        return list_arrays(_npz_arrays(path), request.axis)
+    if begins_with(path, b"\x93NUMPY"):
+        values = np.load(path, mmap_mode="r", allow_pickle=False)
+        fields = {name: values[name] for name in values.dtype.names or ()}
+        return list_arrays(fields or {"data": values}, request.axis)
+    if begins_with(path, b"CDF"):
+        with xr.open_dataset(path, decode_times=False, **_CLASSIC) as dataset:
+            return list_arrays({str(k): v for k, v in dataset.variables.items()}, request.axis)
+    check_room(_mat_bytes(path), "the file")
+    read = scipy.io.loadmat(path, simplify_cells=True)
+    return list_arrays(_flat({k: v for k, v in read.items() if not k.startswith("__")}))
+
+
+def _npz_arrays(path: Path) -> dict[str, Any]:
+    """Arrays of an archive as their heads claim them: nothing is unpacked."""
+    found: dict[str, Any] = {}
+    with zipfile.ZipFile(path) as archive:
+        for member in archive.infolist():
+            name = member.filename.removesuffix(".npy")
+            with archive.open(member) as file:
+                found[name] = _Claimed(*_head(file, name))
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class _Claimed:
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+
 def _read_hdf5(path: Path, request: Request, *, column_major: bool) -> Contents:
     import h5py
 
@@ -192,6 +234,21 @@ def _flat(tree: Mapping[str, Any]) -> dict[str, Any]:
             leaves |= _flat({f"{name}[{k}]": cell for k, cell in cells})
         elif isinstance(entry, list):
             leaves |= _flat({f"{name}[{k}]": part for k, part in enumerate(entry)})
+        elif scipy.sparse.issparse(entry):
+            leaves[name] = _Sparse(entry)
         else:
             leaves[name] = entry
     return leaves
+
+
+class _Sparse:
+    """A sparse matrix, filled up with zeros when it is made an array."""
+
+    def __init__(self, matrix: Any) -> None:
+        self.matrix = matrix
+        self.shape = matrix.shape
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Fill it up."""
+        check_room(math.prod(self.shape) * np.dtype(float).itemsize, "a sparse matrix")
+        return np.array(self.matrix.toarray(), dtype=dtype, copy=copy)

@@ -45,13 +45,7 @@ def datasets(file: "h5py.File", wanted: Sequence[str], outside: Collection[str])
     """
     import h5py
 
-    found: dict[str, Any] = {}
-
-    def collect(name: str, entry: Any) -> None:
-        if isinstance(entry, h5py.Dataset) and not name.startswith("#"):  # MATLAB's "#refs#"
-            found[name] = entry
-
-    file.visititems(collect)  # follows no links
+    found = _found(file)
     for name in wanted_names(wanted, found):
         table, _, field = name.rpartition("/")
         if name not in found and table in found and field in (found[table].dtype.names or ()):
@@ -64,6 +58,28 @@ def datasets(file: "h5py.File", wanted: Sequence[str], outside: Collection[str])
                 continue
             found[name] = entry
         check_dataset(found[name], name, outside)
+    return found
+
+
+def leaves(file: "h5py.File") -> dict[str, Any]:
+    """All datasets, and the columns of tables, by name; none is read."""
+    columns: dict[str, Any] = {}
+    for name, entry in _found(file).items():
+        fields = entry.dtype.names or ()
+        columns |= {f"{name}/{field}": Field(entry, field) for field in fields} or {name: entry}
+    return columns
+
+
+def _found(file: "h5py.File") -> dict[str, Any]:
+    import h5py
+
+    found: dict[str, Any] = {}
+
+    def collect(name: str, entry: Any) -> None:
+        if isinstance(entry, h5py.Dataset) and not name.startswith("#"):  # MATLAB's "#refs#"
+            found[name] = entry
+
+    file.visititems(collect)  # follows no links
     return found
 
 
@@ -99,6 +115,7 @@ class Field:
     def __init__(self, table: "h5py.Dataset", name: str) -> None:
         self.table, self.name = table, name
         self.shape = table.shape
+        self.dtype = table.dtype[name]
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """Read it."""

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from backsight.data._kinds import begins_with
 from backsight.data._pick import no_column
-from backsight.data._request import Contents, Request
+from backsight.data._request import Contents, Listed, Request
 from backsight.data._room import check_density, check_room
 from backsight.data.formats._libraries import library
-from backsight.data.texts.reading import read_content
+from backsight.data.texts.reading import list_content, read_content
 from backsight.errors import DataError
 
 
@@ -67,27 +68,32 @@ def _values(column: Any, name: str, request: Request) -> np.ndarray:
     return values.to_numpy(float)
 
 
+def list_frames(path: Path, _: Request) -> list[Listed]:
+    """List the columns of a Parquet or Feather file."""
+    arrow = library("pyarrow")
+    if begins_with(path, b"PAR1"):
+        schema = library("pyarrow.parquet").read_schema(path)
+    else:
+        with arrow.memory_map(str(path)) as source:
+            schema = library("pyarrow.ipc").open_file(source).schema
+    return [Listed.of(f.name, _dtype(f.type)) for f in schema]
+
+
+def _dtype(kind: Any) -> np.dtype | None:
+    try:
+        return np.dtype(kind.to_pandas_dtype())
+    except (NotImplementedError, TypeError):
+        # Dates with a time zone are no type of NumPy's.
+        return np.dtype("M8[ns]") if str(kind).startswith("timestamp") else None
+
+
 def read_xlsx(path: Path, request: Request) -> Contents:
     """Read columns of a spreadsheet, as of a text: names, units, preamble and footer are found.
 
     The first sheet is read, or that of ``sheet/column``. Values are those that were last computed;
     formulas are not run.
     """
-    openpyxl = library("openpyxl")
-    with zipfile.ZipFile(path) as archive:
-        claimed = sum(member.file_size for member in archive.infolist())
-    check_density(claimed, path.stat().st_size, "the workbook")
-    check_room(claimed, "the workbook")
-    book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
-    try:
-        sheets = {name.rpartition("/")[0] for name in request.wanted} & set(book.sheetnames)
-        if len(sheets) > 1:
-            raise DataError(f"the columns are on several sheets: {', '.join(sorted(sheets))}")
-        title = sheets.pop() if sheets else book.sheetnames[0]
-        rows = book[title].iter_rows(values_only=True)
-        content = "\n".join("\t".join(map(_cell, row)) for row in rows)
-    finally:
-        book.close()
+    title, content = _sheet(path, request.wanted)
     bare = {name: name.removeprefix(f"{title}/") for name in request.wanted}
     text = dataclasses.replace(request.text, delimiter="\t", decimal=".")
     asked = dataclasses.replace(
@@ -96,12 +102,37 @@ def read_xlsx(path: Path, request: Request) -> Contents:
         clock=bare.get(request.clock or ""),
         text=text,
     )
-    found = read_content(content.encode(), asked)
+    found = read_content(content, asked)
     return Contents(
         {name: found.columns[own] for name, own in bare.items()},
         {name: found.units[own] for name, own in bare.items() if own in found.units},
         found.understood,
     )
+
+
+def list_xlsx(path: Path, request: Request) -> list[Listed]:
+    """List the columns of the first sheet."""
+    text = dataclasses.replace(request.text, delimiter="\t", decimal=".")
+    return list_content(_sheet(path, ())[1], dataclasses.replace(request, text=text))
+
+
+def _sheet(path: Path, wanted: Sequence[str]) -> tuple[str, bytes]:
+    """Title and cells of the sheet that is meant, as a text of tabs."""
+    openpyxl = library("openpyxl")
+    with zipfile.ZipFile(path) as archive:
+        claimed = sum(member.file_size for member in archive.infolist())
+    check_density(claimed, path.stat().st_size, "the workbook")
+    check_room(claimed, "the workbook")
+    book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
+    try:
+        sheets = {name.rpartition("/")[0] for name in wanted} & set(book.sheetnames)
+        if len(sheets) > 1:
+            raise DataError(f"the columns are on several sheets: {', '.join(sorted(sheets))}")
+        title = sheets.pop() if sheets else book.sheetnames[0]
+        rows = book[title].iter_rows(values_only=True)
+        return title, "\n".join("\t".join(map(_cell, row)) for row in rows).encode()
+    finally:
+        book.close()
 
 
 def _cell(value: Any) -> str:

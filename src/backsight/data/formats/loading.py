@@ -2,20 +2,37 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
 from backsight.data._kinds import TEXT, kind_of
-from backsight.data._pick import pick
-from backsight.data._request import Contents, Request, TextForm
+from backsight.data._pick import list_arrays, pick
+from backsight.data._request import Contents, Listed, Request, TextForm
 from backsight.data._room import check_room
-from backsight.data.formats._arrays import read_hdf5, read_mat, read_netcdf, read_npy, read_npz
-from backsight.data.formats._recorders import read_lvm, read_outb, read_tdms, read_uff, read_wav
-from backsight.data.formats._tables import read_feather, read_parquet, read_xlsx
-from backsight.data.texts.reading import read_text
+from backsight.data.formats._arrays import (
+    list_containers,
+    read_hdf5,
+    read_mat,
+    read_netcdf,
+    read_npy,
+    read_npz,
+)
+from backsight.data.formats._lvm import list_lvm, read_lvm
+from backsight.data.formats._openfast import list_outb, read_outb
+from backsight.data.formats._tables import (
+    list_frames,
+    list_xlsx,
+    read_feather,
+    read_parquet,
+    read_xlsx,
+)
+from backsight.data.formats._tdms import list_tdms, read_tdms
+from backsight.data.formats._uff import list_uff, read_uff
+from backsight.data.formats._wav import list_wav, read_wav
+from backsight.data.texts.reading import list_text, read_text
 from backsight.errors import DataError, PluginError, nearest
 from backsight.plugins import Extended
 from backsight.types import Array
@@ -46,6 +63,24 @@ RECORDERS: Mapping[str, Reader] = {
 }
 """Of recorders, simulators and spreadsheets."""
 
+Lister: TypeAlias = Callable[[Path, Request], Sequence[Listed]]
+"""What says which columns a file holds."""
+
+LISTERS: Mapping[str, Lister] = {
+    **dict.fromkeys(TEXT, list_text),
+    **dict.fromkeys(CONTAINERS, list_containers),
+    ".lvm": list_lvm,
+    ".tdms": list_tdms,
+    ".uff": list_uff,
+    ".unv": list_uff,
+    ".wav": list_wav,
+    ".outb": list_outb,
+    ".parquet": list_frames,
+    ".feather": list_frames,
+    ".xlsx": list_xlsx,
+}
+"""Extension to lister, for all readers of ours."""
+
 UNREADABLE = (OSError, ValueError, LookupError, EOFError, MemoryError)
 """What a sound reader may raise on files that are cut off or of another kind."""
 
@@ -63,7 +98,9 @@ def _adopted(key: str, found: object) -> Reader:
         if not isinstance(columns, Mapping):
             raise DataError(f"the reader of '{key}' files returned no columns by name")
         arrays = {name: np.asarray(values) for name, values in columns.items()}
-        return Contents(pick(arrays, request.wanted, axis=request.axis))
+        # Where nothing is asked for, everything is listed.
+        signals = [c.name for c in list_arrays(arrays, request.axis) if c.kind == "numbers"]
+        return Contents(pick(arrays, request.wanted or signals, axis=request.axis))
 
     return reader
 
@@ -80,6 +117,24 @@ READERS = Extended(
 
 def read_contents(path: Path, request: Request, wish: str | None) -> Contents:
     """Read what is wanted of a file; raises `DataError` or `PluginError`, which name it."""
+    kind = _kind(path, request, wish)
+    with _readable(path, kind):
+        return READERS[kind](path, request)
+
+
+def list_contents(path: Path, request: Request, wish: str | None) -> list[Listed]:
+    """List the columns of a file; raises as `read_contents`.
+
+    The reader of an extension is asked for no column: what it returns then is listed.
+    """
+    kind = _kind(path, request, wish)
+    with _readable(path, kind):
+        if kind in READERS.own:
+            return list(LISTERS[kind](path, request))
+        return list_arrays(READERS[kind](path, request).columns, request.axis)
+
+
+def _kind(path: Path, request: Request, wish: str | None) -> str:
     _check_file(path, READERS)
     kind = kind_of(path, wish, READERS)
     if request.text != TextForm(missing=request.text.missing) and kind not in TEXT:
@@ -89,12 +144,17 @@ def read_contents(path: Path, request: Request, wish: str | None) -> Contents:
             if f.name != "missing" and getattr(request.text, f.name) != f.default
         )
         raise DataError(f"{path}: {option} is for text files, not for '{kind}'")
-    reader = READERS[kind]
+    return kind
+
+
+@contextlib.contextmanager
+def _readable(path: Path, kind: str) -> Iterator[None]:
+    """Say what is wrong with a file, and whose reader is at fault."""
     try:
         if kind in TEXT:
             check_room(path.stat().st_size, "the file")
         with READERS.blamed(kind, but=UNREADABLE):
-            return reader(path, request)
+            yield
     except PluginError:
         raise
     except DataError as error:

@@ -3,13 +3,8 @@
 import re
 from collections.abc import Sequence
 
-_PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])?"
-_BASE = (
-    "m|s|g|A|K|N|Pa|J|W|V|C|F|H|T|Hz|Ohm|Ω|rad|deg|°|°C|degC|°F|min|h|d|L|l|t|bar|psi|rpm|RPM|"
-    "rev|cycles|in|ft|lb|lbf|kip|mile|mi|grav|dB|%|ppm|ue|strain|count|counts|sec|Sec|cts"
-)
-_FACTOR = rf"{_PREFIX}(?:{_BASE}|1)(?:\^?[-+]?\d|[²³⁻¹]+)?"
-_UNIT = re.compile(rf"{_FACTOR}(?:\s*[*/·. -]\s*\(?{_FACTOR}\)?)*")
+from backsight.units import PATTERN
+
 _BRACKETS = re.compile(r"[(\[<]\s*(?P<unit>[^()\[\]<>]*)\s*[)\]>]")
 _BEHIND = re.compile(r"(?P<name>.+?)\s*[(\[]\s*(?P<unit>[^()\[\]]*)\s*[)\]]\s*")
 
@@ -27,7 +22,7 @@ def _unit(cell: str) -> str | None:
         return "" if bracketed["unit"] in ("-", "1") else bracketed["unit"].strip()
     if cell in ("", "-", "1"):
         return ""
-    return cell if _UNIT.fullmatch(cell) else None
+    return cell if PATTERN.fullmatch(cell) else None
 
 
 def split(name: str) -> tuple[str, str]:

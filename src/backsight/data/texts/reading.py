@@ -1,24 +1,20 @@
 """Columns of a text file: CSV, TSV and what loggers and NumPy write."""
 
-import io
-import warnings
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
-import pandas as pd
 
 from backsight.data._pick import no_column
-from backsight.data._request import Contents, Request
+from backsight.data._request import Contents, Listed, Request
 from backsight.data.texts._cells import cells_of, is_blank, lines, trimmed
+from backsight.data.texts._fast import Cells, parsed_fast
 from backsight.data.texts._layout import Layout, layout_of
+from backsight.data.texts._units import split
 from backsight.data.texts.content import content_of
 from backsight.data.times.clock import NUMERIC
 from backsight.data.times.dates import is_date
 from backsight.errors import DataError
-
-_LOOK = 1 << 16
-"""Bytes at the beginning of the numbers that tell how cells are written."""
 
 
 def read_text(path: Path, request: Request) -> Contents:
@@ -56,13 +52,36 @@ def read_content(content: bytes, request: Request) -> Contents:
         if layout.names.count(name) > 1:
             raise DataError(f"{layout.names.count(name)} columns are called '{name}'; rename them")
     kinds = {name: _kind(content, layout, request, name) for name in request.wanted}
-    try:
-        table = _fast(content, layout, kinds)
-    except (ValueError, OverflowError, pd.errors.ParserWarning):
-        # The fast parser also stumbles over harmless cells, and cannot say where.
+    columns = {name: Cells(_place(layout, name), kind) for name, kind in kinds.items()}
+    table = parsed_fast(content, layout, columns)
+    if table is None:
+        # A fast parser also stumbles over harmless cells, and cannot say where.
         table = _careful(content, layout, kinds)
     units = {name: layout.units[_place(layout, name)] for name in request.wanted}
     return Contents(table, {n: unit for n, unit in units.items() if unit}, layout.understood)
+
+
+def list_text(path: Path, request: Request) -> list[Listed]:
+    """List the columns; see `read_text`."""
+    return list_content(content_of(path, request.text.encoding), request)
+
+
+def list_content(content: bytes, request: Request) -> list[Listed]:
+    """List the columns of a text, given as to `read_content`."""
+    layout = layout_of(content, request.text, ())
+    bare = [split(name)[0] for name in layout.names]
+    found = []
+    for name in dict.fromkeys(filter(None, layout.names)):
+        place, count = layout.names.index(name), layout.names.count(name)
+        own = bare[place] if bare.count(bare[place]) == 1 else name
+        if count > 1:
+            found.append(Listed(name, "other", f"{count} columns are called so"))
+        elif place not in layout.numeric:
+            found.append(Listed(own, "other", "text"))
+        else:
+            dates = _kind_by_cells(content, layout, place) is str
+            found.append(Listed(own, "dates" if dates else "numbers"))
+    return found
 
 
 def _place(layout: Layout, name: str) -> int:
@@ -80,7 +99,10 @@ def _kind(content: bytes, layout: Layout, request: Request, name: str) -> type:
         return int if request.time_format not in ("excel", "matlab") else float
     if request.time_format is not None:
         return str
-    place = _place(layout, name)
+    return _kind_by_cells(content, layout, _place(layout, name))
+
+
+def _kind_by_cells(content: bytes, layout: Layout, place: int) -> type:
     for line in lines(content, start=layout.start, stop=layout.stop):
         cells = cells_of(line.text, layout.delimiter)
         if is_blank(line.text) or len(cells) <= place or not cells[place]:
@@ -90,58 +112,6 @@ def _kind(content: bytes, layout: Layout, request: Request, name: str) -> type:
         number = layout.numbers.value(cells[place]) is not None
         return float if number or not is_date(cells[place]) else str
     return float
-
-
-def _fast(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, np.ndarray]:
-    if layout.numbers.thousands is not None:
-        raise ValueError("pandas takes signs of thousands anywhere")
-    for sign in {'"', "#", layout.comment, "\0"}:
-        if content.find(sign.encode(), layout.start) >= 0:
-            raise ValueError("pandas lets quotes and comments swallow what follows")
-    if any(kind is float and _is_word(content, layout, name) for name, kind in kinds.items()):
-        raise ValueError("pandas takes True and False for numbers")
-    if layout.stop == len(content):
-        file = io.BytesIO(content)  # shares the bytes
-        file.seek(layout.start)
-    else:
-        file = io.BytesIO(content[layout.start : layout.stop])
-    places = {name: _place(layout, name) for name in kinds}
-    dtypes: dict[Any, Any] = {
-        place: np.int64 if kinds[n] is int else kinds[n] for n, place in places.items()
-    }
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", pd.errors.ParserWarning)  # more cells than columns
-        table = pd.read_csv(
-            file,
-            sep=layout.delimiter or r"\s+",
-            header=None,
-            names=list(range(len(layout.names))),
-            index_col=False,
-            dtype=dtypes,
-            decimal=layout.numbers.decimal,
-            # Blanks before numbers do not matter, those before words do; looking costs time.
-            skipinitialspace=b" " in content[layout.start : layout.start + _LOOK],
-            keep_default_na=False,
-            na_values=list(layout.numbers.missing),
-            low_memory=False,  # or long columns of text and numbers cause a warning
-            encoding_errors="replace",
-        )
-    if layout.delimiter is None and table.iloc[:, -1].isna().any():
-        raise ValueError("between blanks, a cell that is missing moves the others")
-    return {
-        name: table[place].fillna("").to_numpy(object)
-        if kinds[name] is str
-        else table[place].to_numpy()
-        for name, place in places.items()
-    }
-
-
-def _is_word(content: bytes, layout: Layout, name: str) -> bool:
-    """Whether the first cell of a column is no number; pandas takes a column of words at once."""
-    first = next(lines(content, start=layout.start, stop=layout.stop), None)
-    cells = cells_of(first.text, layout.delimiter) if first else []
-    place = _place(layout, name)
-    return place < len(cells) and layout.numbers.value(cells[place]) is None
 
 
 def _careful(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, np.ndarray]:

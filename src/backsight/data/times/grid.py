@@ -1,9 +1,11 @@
-"""Time stamps that are the times of an even grid, rounded or cut off to a few digits."""
+"""Even grids: of channels that say their period, and behind stamps that are rounded to digits."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from backsight.errors import DataError
 from backsight.types import Array
 
 DIGITS = range(10)
@@ -15,6 +17,9 @@ FEWEST = 3
 SLACK = 1e-6
 
 MOST = 0.6
+
+CLOSE = 1e-9
+"""Sampling periods that differ by less, relatively, are the same."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,3 +86,35 @@ def _quantum(time: Array) -> float | None:
         if np.mean(np.abs(np.round(time, digits) - time) <= noise) >= MOST:
             return 10.0**-digits
     return None
+
+
+def even_times(
+    clocks: Sequence[tuple[str, float, float]], columns: Mapping[str, Array]
+) -> Array | None:
+    """Times of channels that say their first time and period [s], which must be the same.
+
+    Parameters
+    ----------
+    clocks : sequence of (name, first time, period)
+    columns : dict of (n,) arrays
+
+    Returns
+    -------
+    (n,) array or None
+        None without clocks.
+
+    Raises
+    ------
+    DataError
+        If the channels have different times.
+    """
+    if not clocks:
+        return None
+    name, start, step = clocks[0]
+    for other, begin, period in clocks[1:]:
+        if abs(period - step) > CLOSE * abs(step) or abs(begin - start) > CLOSE * abs(step):
+            raise DataError(
+                f"'{name}' has a sample every {step:g} s from {start:g} s on, '{other}' every "
+                f"{period:g} s from {begin:g} s on; read each by itself and merge them"
+            )
+    return start + step * np.arange(len(columns[name]), dtype=float)

@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from backsight.algebra.expressions import check_names, expressions
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model, Signals
 from backsight.models.signals import Signal, signals
-from backsight.models.text.expressions import check_names, expressions
 
 Entries: TypeAlias = ArrayLike | Sequence[Sequence[float | str]] | str
 """A matrix whose entries are numbers or formulas of the parameters."""

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import casadi as ca
 
+from backsight.algebra.expressions import check_names, expressions
 from backsight.models.model import Model, Signals
 from backsight.models.signals import Named, signals
-from backsight.models.text.expressions import check_names, expressions
 
 
 def from_equations(
@@ -22,7 +22,7 @@ def from_equations(
 ) -> Model:
     r"""Build a model from equations written as text, as a problem file holds them.
 
-    The text is read by a parser for arithmetic (see `expressions` beside this); it is never
+    The text is read by a parser for arithmetic (see `backsight.algebra.expressions`); it is never
     executed.
 
     Parameters

@@ -10,6 +10,7 @@ from backsight.models.signals import Signal
 from backsight.problem.reading.checking import at, shown_value, validated
 from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
 from backsight.problem.reading.tables import ColumnTable, EstimateTable, ProblemTable
+from backsight.units import check_unit, convertible
 
 
 def joint_model(table: ProblemTable) -> Model:
@@ -20,9 +21,11 @@ def joint_model(table: ProblemTable) -> Model:
     ProblemError
         With the key of what is wrong.
     """
+    _check_sources(table)
+    _check_units(table)
     plain = _plain(table)
-    _check_columns(plain.inputs, table.recording.inputs, "input")
-    _check_columns(plain.outputs, table.recording.outputs, "output")
+    _check_columns(plain.inputs, table.recording.columns("inputs"), "input")
+    _check_columns(plain.outputs, table.recording.columns("outputs"), "output")
     parameters = [s.name for s in plain.parameters]
     for name in table.estimate:
         if name not in parameters:
@@ -59,11 +62,52 @@ def _plain(table: ProblemTable) -> Model:
     with at("model"), ALL_KINDS.blamed(kind):
         return validated(described, given, where="model").build(
             RestOfFile(
-                inputs={name: column.unit for name, column in table.recording.inputs.items()},
-                outputs={name: column.unit for name, column in table.recording.outputs.items()},
+                inputs={n: c.unit for n, c in table.recording.columns("inputs").items()},
+                outputs={n: c.unit for n, c in table.recording.columns("outputs").items()},
                 start={name: entry.start for name, entry in table.estimate.items()},
             )
         )
+
+
+def _check_sources(table: ProblemTable) -> None:
+    """Raise `ProblemError` if two files have the same signal, or one has none."""
+    seen: dict[str, str] = {}
+    for where, file in table.recording.files.items():
+        if not file.inputs and not file.outputs:
+            raise ProblemError(f"{where}: names no column as input or output")
+        for kind in ("inputs", "outputs", "truth"):
+            for name in getattr(file, kind):
+                key = f"{kind}.{name}"
+                if key in seen:
+                    raise ProblemError(f"{where}.{key}: is a column of {seen[key]}, too")
+                seen[key] = where
+
+
+def _check_units(table: ProblemTable) -> None:
+    """Raise `ProblemError` if the unit of a column, an unknown or a state is none."""
+    units: dict[str, object] = {
+        f"{where}.{kind}.{name}.unit": column.unit
+        for where, file in table.recording.files.items()
+        for kind in ("inputs", "outputs", "truth")
+        for name, column in getattr(file, kind).items()
+    }
+    for kind in ("estimate", "disturbances"):
+        units |= {f"{kind}.{n}.unit": entry.unit for n, entry in getattr(table, kind).items()}
+    for kind in ("states", "coordinates"):
+        entries = table.model.get(kind)
+        if isinstance(entries, Mapping):
+            units |= {f"model.{kind}.{name}": unit for name, unit in entries.items()}
+    parameters = table.model.get("parameters")
+    if isinstance(parameters, Mapping):
+        units |= {
+            f"model.parameters.{name}.unit": entry.get("unit")
+            for name, entry in parameters.items()
+            if isinstance(entry, Mapping)
+        }
+    for where, unit in units.items():
+        if isinstance(unit, str):
+            with at(where):
+                check_unit(unit)
 
 
 def _check_columns(of: tuple[Signal, ...], columns: Mapping[str, ColumnTable], kind: str) -> None:
@@ -86,10 +130,11 @@ def check_known(
         if name not in known:
             hint = nearest(name, known)
             raise ProblemError(f"{where}.{name}: the model has no {kind} '{name}', {hint}")
-        if column.unit and known[name] and column.unit != known[name]:
+        if column.unit and known[name] and not convertible(column.unit, known[name]):
             raise ProblemError(
-                f"{where}.{name}.unit: the model takes '{name}' in {known[name]}, not "
-                f"{column.unit}; give the factor from the file's unit to {known[name]}"
+                f"{where}.{name}.unit: the model takes '{name}' in {known[name]}, to which "
+                f"{column.unit} cannot be converted; give the factor from the file's unit to "
+                f"{known[name]}"
             )
 
 

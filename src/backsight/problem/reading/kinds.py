@@ -20,7 +20,7 @@ from backsight.models.structures.reduced import reduced
 from backsight.models.structures.second_order import second_order
 from backsight.models.text.equations import from_equations
 from backsight.plugins import Extended
-from backsight.problem.reading.tables import StrictTable
+from backsight.problem.reading.tables import ShortTable, StrictTable
 
 Matrix = list[list[float]]
 
@@ -68,16 +68,13 @@ class BuiltinTable(ModelTable):
         return type(self).function(**values)
 
 
-class ParameterTable(StrictTable):
+class ParameterTable(ShortTable):
     """A known parameter; its value alone will do."""
+
+    alone = "value"
 
     value: float
     unit: str = ""
-
-    @pydantic.model_validator(mode="before")
-    @classmethod
-    def _value_alone(cls, given: Any) -> Any:
-        return {"value": given} if isinstance(given, int | float) else given
 
 
 class EquationsTable(ModelTable):

@@ -14,10 +14,10 @@ from backsight.models.model import Model
 from backsight.problem.problem import Problem
 from backsight.problem.reading._joint import check_known, joint_model
 from backsight.problem.reading._room import DEEPEST, MOST_BYTES, check_keys, check_tree
-from backsight.problem.reading._uncertain import noise, prior
 from backsight.problem.reading.checking import at, validated
 from backsight.problem.reading.settings import built, fields_of
 from backsight.problem.reading.tables import EstimatorTable, ProblemTable
+from backsight.problem.reading.uncertain import noise, prior
 
 _GROUP = re.compile(r"[\w+-]+(?:[ .][\w+-]+)*")
 """Names of estimators become names of groups in a file."""
@@ -50,7 +50,9 @@ def load(path: str | os.PathLike[str]) -> Problem:
     table = validated(ProblemTable, given)
     built(Integrator, table.integrator, where="integrator", fixed={})
     model = joint_model(table)
-    check_known(model.states, table.recording.truth, kind="state", where="recording.truth")
+    check_known(
+        model.states, table.recording.columns("truth"), kind="state", where="recording.truth"
+    )
     states = [s.name for s in model.states]
     for name in table.reference:
         if name not in states:

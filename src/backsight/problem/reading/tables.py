@@ -1,7 +1,7 @@
 """The tables of a problem file: which keys there are and what they hold."""
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import pydantic
 
@@ -14,35 +14,53 @@ class StrictTable(pydantic.BaseModel):
     )
 
 
-class ColumnTable(StrictTable):
-    """A column of the file: ``factor * column + offset`` [unit]; its name alone will do."""
+class ShortTable(StrictTable):
+    """A table that may be given by one of its values alone."""
 
-    column: str
-    unit: str = ""
-    factor: float = 1.0
-    offset: float = 0.0
-    remove_mean: bool = False
+    alone: ClassVar[str]
+    """The key of that value."""
 
     @pydantic.model_validator(mode="before")
     @classmethod
-    def _name_alone(cls, given: Any) -> Any:
-        return {"column": given} if isinstance(given, str) else given
+    def _value_alone(cls, given: Any) -> Any:
+        return given if isinstance(given, Mapping | cls) else {cls.alone: given}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> dict[str, Any]:
+        """Allow the value alone beside the table."""
+        table = handler.resolve_ref_schema(handler(core))
+        return {"anyOf": [dict(table["properties"][cls.alone]), dict(table)]}
 
 
-class RecordingTable(StrictTable):
-    """``[recording]``: the file, its columns and its time."""
+class ColumnTable(ShortTable):
+    """A column of the file: ``factor * column + offset`` [unit]; its name alone will do."""
+
+    alone = "column"
+
+    column: str
+    unit: str = ""
+    factor: float | None = None
+    offset: float = 0.0
+    delay: float = 0.0
+    remove_mean: bool = False
+
+
+class FileTable(StrictTable):
+    """A file, its columns and its time."""
 
     path: str
     source: str = ""
     inputs: dict[str, ColumnTable] = {}
-    outputs: dict[str, ColumnTable] = pydantic.Field(min_length=1)
+    outputs: dict[str, ColumnTable] = {}
     truth: dict[str, ColumnTable] = {}
     sigma_factor: dict[str, ColumnTable] = {}
+    formulas: dict[str, str] = {}
     time: ColumnTable | None = None
     dt: float | None = None
     start: float | None = None
     stop: float | None = None
     resample: float | None = None
+    grid: float | None = None
     format: str | None = None
     axis: Literal[0, 1] | None = None
     time_format: str | None = None
@@ -53,6 +71,29 @@ class RecordingTable(StrictTable):
     encoding: str | None = None
     header: int | None = pydantic.Field(default=None, ge=0)
     skip_lines: int = pydantic.Field(default=0, ge=0)
+
+
+class SourceTable(FileTable):
+    """``[recording.sources.NAME]``: a further file, whose clock is late by `delay` [s]."""
+
+    delay: float = 0.0
+
+
+class RecordingTable(FileTable):
+    """``[recording]``: the file, and others that were recorded with it."""
+
+    outputs: dict[str, ColumnTable] = pydantic.Field(min_length=1)
+    sources: dict[str, SourceTable] = {}
+
+    @property
+    def files(self) -> dict[str, FileTable]:
+        """Every file by the key of its table."""
+        others = {f"recording.sources.{name}": table for name, table in self.sources.items()}
+        return {"recording": self, **others}
+
+    def columns(self, kind: Literal["inputs", "outputs", "truth"]) -> dict[str, ColumnTable]:
+        """Columns of all files by signal."""
+        return {n: c for table in self.files.values() for n, c in getattr(table, kind).items()}
 
 
 class EstimateTable(StrictTable):

@@ -9,6 +9,7 @@ from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.schema import SIGMA_FACTOR, check_sigma_factor
 from backsight.types import Array
+from backsight.units import conversion, convertible
 
 
 def match(
@@ -83,6 +84,11 @@ def output_mask(model: Model, recording: xr.Dataset) -> Array:
     return np.where(measured, 1 / np.where(measured, factor, 1.0), 0.0)
 
 
+def _scaled(given: str, wanted: str) -> bool:
+    """Whether the same quantity is another number in the two units."""
+    return convertible(given, wanted) and not conversion(given, wanted).same
+
+
 def _weighs(estimator: AbstractEstimator | None) -> bool:
     return estimator is not None and estimator.weighs
 
@@ -95,4 +101,11 @@ def _columns(recording: xr.Dataset, variable: str, dim: str, *, of: tuple[Signal
         if s.name not in names:
             raise DataError(f"the recording has no {dim} '{s.name}': {nearest(s.name, names)}")
     order = [names.index(s.name) for s in of]
+    units = recording[f"{dim}_unit"].values.tolist() if f"{dim}_unit" in recording.coords else []
+    for s, k in zip(of, order, strict=True) if units else ():
+        if s.unit and units[k] and s.unit != units[k] and _scaled(units[k], s.unit):
+            raise DataError(
+                f"{dim} '{s.name}' is in {units[k]}, the model takes {s.unit}; convert it, "
+                f"bs.data.convert_units(recording, {{'{s.name}': '{s.unit}'}})"
+            )
     return np.ascontiguousarray(recording[variable].values[:, order], dtype=float)

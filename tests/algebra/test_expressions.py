@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backsight.errors import ModelError
-from backsight.models.text.expressions import (
+from backsight.algebra.expressions import (
     CONSTANTS,
     FUNCTIONS,
     MAX_DEPTH,
@@ -18,6 +17,7 @@ from backsight.models.text.expressions import (
     expression,
     expressions,
 )
+from backsight.errors import ModelError
 
 X = {name: ca.SX.sym(name) for name in ("x", "y", "v_max")}
 POINTS = np.array([[0.3, -1.7, 2.0], [-2.5, 0.4, 1e3], [1.0, 1.0, 0.0]])

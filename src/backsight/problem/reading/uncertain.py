@@ -14,6 +14,9 @@ from backsight.problem.reading.settings import part
 from backsight.problem.reading.tables import EstimateTable, NoiseTable, PriorTable
 from backsight.types import Array
 
+RULES = (Gate, StudentT, Huber)
+"""Rules for outliers that a file may give; the first without ``kind``."""
+
 Unknowns = Mapping[str, EstimateTable]
 """Parameters and disturbances that are estimated."""
 
@@ -45,7 +48,7 @@ def noise(table: NoiseTable, unknowns: Unknowns, model: Model, *, where: str) ->
 
 
 def _rule(given: Mapping[str, Any] | None, where: str) -> Gate | StudentT | Huber | None:
-    return None if given is None else part([Gate, StudentT, Huber], given, where=where)
+    return None if given is None else part(RULES, given, where=where)
 
 
 def prior(table: PriorTable, unknowns: Unknowns, model: Model, *, where: str) -> Prior:

@@ -1,0 +1,218 @@
+"""Write a problem file to start from, for a recording that was looked at."""
+
+import json
+import math
+import os
+import re
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from backsight.algebra.expressions import CONSTANTS, FUNCTIONS
+from backsight.data.listing import FileColumn, FileColumns
+from backsight.errors import DataError, OutputError
+
+MOST = 4
+"""Signals that are outputs at once; the others are in comments."""
+
+LEAST = 1e-4
+"""Standard deviation of the noise of a signal that shows none, by its range."""
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def write_start(
+    found: FileColumns,
+    path: str | os.PathLike[str],
+    given: Mapping[str, str | int | None],
+) -> Path:
+    """Write a problem file that begins with the columns of a recording.
+
+    Its model is that of no mechanics: every signal has a rate that walks at random, which smooths
+    it. Noise and walk are those that the samples show. What is not known is in a comment.
+
+    Parameters
+    ----------
+    found : FileColumns
+        From `backsight.data.list_columns`.
+    path : path
+        Where to write; the recording is named relative to it.
+    given : dict
+        Keys of ``[recording]`` with which the file was listed; None: not given.
+
+    Returns
+    -------
+    Path
+        What was written.
+
+    Raises
+    ------
+    DataError
+        If the recording has no signal.
+    OutputError
+        If the file is there already, or cannot be written.
+    """
+    path = Path(path)
+    text = _text(found, os.path.relpath(found.path, path.parent), path, given)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise OutputError(
+            f"'{path}' is there already; nothing is overwritten, name another"
+        ) from None
+    except OSError as error:
+        raise OutputError(f"cannot write '{path}': {error.strerror or error}") from None
+    return path
+
+
+def _text(found: FileColumns, place: str, path: Path, given: Mapping[str, str | int | None]) -> str:
+    names = _names([column.name for column in found.signals])
+    whole = [c for c in found.signals if _fault(c, found) == ""]
+    chosen = whole[:MOST]
+    if not chosen:
+        raise DataError(f"{found.path}: there is no signal to begin with; see backsight columns")
+    others = [c for c in found.signals if c not in chosen]
+    settled = found.clock is not None and found.sure
+    head = [
+        "# Written by backsight init. It runs as it is"
+        + (":" if settled else " once the sampling period is filled in:"),
+        f"#   backsight run {shlex.quote(path.name)} --out out",
+        "# The model below smooths the signals; put that of your system in its place.",
+        "",
+        f"title = {_quoted(found.path.stem)}",
+        "",
+        "[recording]",
+        f"path = {_quoted(place)}",
+        *(f"{key} = {_value(value)}" for key, value in given.items() if value is not None),
+        *([f"missing = {list(found.codes)}"] if found.codes else []),
+        *_clock(found),
+        "# What drives the model (forces, voltages, motions of the ground) is an input:",
+        f'# inputs.F = {{ column = {_quoted((others or chosen)[0].name)}, unit = "N" }}',
+        *(_output(c, names[c.name]) for c in chosen),
+    ]
+    for column in others:
+        fault = _fault(column, found)
+        head.append(f"# {_output(column, names[column.name])}{f'  # {fault}' if fault else ''}")
+    return "\n".join([*head, "", *_model(chosen, names, found)]) + "\n"
+
+
+def _clock(found: FileColumns) -> list[str]:
+    remarks = [f"# {remark}" for remark in found.remarks]
+    if found.clock is None or not (found.sure or found.clock):
+        return ["# dt = ...  # no column looks like time: fill in the sampling period [s]"]
+    if found.clock == "":
+        return ["# The file knows the times of its samples.", *remarks]
+    column = _quoted(found.clock)
+    if found.factor != 1.0:
+        column = f"{{ column = {column}, factor = {found.factor!r} }}"
+    lines = [*remarks, f"time = {column}"]
+    if not found.sure:
+        lines = [f"# time = {column}  # rises evenly: is it the time? Else fill in:", "# dt = ..."]
+    if found.time_format:
+        lines.append(f'time_format = "{found.time_format}"')
+    if found.sure and not found.even:
+        lines.append(f"grid = {found.dt!r}  # period [s]; in gaps nothing is measured")
+    return lines
+
+
+def _fault(column: FileColumn, found: FileColumns) -> str:
+    """Why a signal is no output at once."""
+    rate = max((c.rate for c in found.signals if not math.isnan(c.rate)), default=math.nan)
+    rows = max(c.samples for c in found.signals)
+    if math.isnan(column.low):
+        return "nothing is measured"
+    if column.low == column.high:
+        return f"constant, {column.low:g}"
+    if column.samples != rows or (found.clock == "" and abs(column.rate - rate) > 1e-6 * rate):
+        return f"{column.samples} samples of another rate or time: a recording of its own"
+    return ""
+
+
+def _output(column: FileColumn, name: str) -> str:
+    unit = f", unit = {_quoted(column.unit)}" if column.unit else ""
+    return f"outputs.{_key(name)} = {{ column = {_quoted(column.name)}{unit} }}"
+
+
+def _model(
+    columns: Sequence[FileColumn], names: Mapping[str, str], found: FileColumns
+) -> list[str]:
+    dt = found.dt if found.sure and found.dt > 0 else 1.0
+    signals = {names[c.name]: c for c in columns}
+    noise = {name: _noise(c) for name, c in signals.items()}
+    walk = {f"{name}_rate": _walk(c, dt) for name, c in signals.items()}
+    states = {name: c.unit for name, c in signals.items()}
+    states |= {f"{name}_rate": f"{c.unit or '1'}/s" for name, c in signals.items()}
+    start = {n: _rounded(2.0 * max(abs(c.low), abs(c.high))) for n, c in signals.items()}
+    start |= {f"{n}_rate": _rounded((c.high - c.low) / dt) for n, c in signals.items()}
+    return [
+        "[model]",
+        'kind = "equations"',
+        f"states = {_table(states)}",
+        f"outputs = {_table({name: name for name in signals})}",
+        "",
+        "[model.equations]",
+        *(f'{_key(name)} = "{name}_rate"' for name in signals),
+        *(f'{_key(f"{name}_rate")} = "0"' for name in signals),
+        "",
+        "[noise]",
+        "# Of the measurement, as the samples show it; better from the sensor's data sheet.",
+        f"sigma_y = {_table(noise)}",
+        "# By how much rates change from sample to sample: less smooths more, more follows faster.",
+        f"sigma_w = {_table(walk)}",
+        "",
+        "[prior]",
+        f"sigma_x0 = {_table(start)}",
+        "",
+        "[estimators.smoothed]",
+        'kind = "kf"',
+        "smooth = true",
+    ]
+
+
+def _noise(column: FileColumn) -> float:
+    least = LEAST * (column.high - column.low)
+    return _rounded(least if math.isnan(column.noise) else max(column.noise, least))
+
+
+def _walk(column: FileColumn, dt: float) -> float:
+    """Change of the rate per sample; something, lest what is still now can never move."""
+    return _rounded(max(column.walk, 0.01 * _noise(column)) / dt)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
+def _names(columns: Iterable[str]) -> dict[str, str]:
+    """Names of signals for columns: those that a formula can have, all different."""
+    names: dict[str, str] = {}
+    taken = {*FUNCTIONS, *CONSTANTS}
+    for column in columns:
+        last = re.sub(r"\W+", "_", column.replace("/", "_") if column in names else column)
+        base = last.strip("_") or "y"
+        base = f"y_{base}" if base[0].isdigit() else base
+        name, k = base, 2
+        while name in taken or f"{name}_rate" in taken:
+            name, k = f"{base}_{k}", k + 1
+        taken |= {name, f"{name}_rate"}
+        names[column] = name
+    return names
+
+
+def _table(entries: Mapping[str, str | float]) -> str:
+    listed = (f"{_key(name)} = {_value(value)}" for name, value in entries.items())
+    return f"{{ {', '.join(listed)} }}"
+
+
+def _key(name: str) -> str:
+    return name if _BARE.fullmatch(name) else _quoted(name)
+
+
+def _value(value: str | float) -> str:
+    return _quoted(value) if isinstance(value, str) else repr(value)
+
+
+def _quoted(text: str) -> str:
+    """A string of TOML, whose escapes are those of JSON."""
+    return json.dumps(text, ensure_ascii=False)

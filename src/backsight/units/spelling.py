@@ -1,0 +1,164 @@
+"""Units as engineers write them: whether they are any, and how to come from one to another.
+
+What pint knows is extended by the words of loggers, and by three traps that it does not see:
+``Nm`` is no number per metre, ``cts`` are no carats, and 1 Hz is no radian per second.
+"""
+
+import functools
+import math
+import re
+from typing import Any, NamedTuple
+
+from backsight.errors import BacksightError, nearest
+
+PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])?"
+BASE = (
+    "m|s|g|A|K|N|Pa|J|W|V|C|F|H|T|Hz|Ohm|Ω|rad|deg|°|°C|degC|°F|min|h|d|L|l|t|bar|psi|rpm|RPM|"
+    "rev|cycles|in|ft|lb|lbf|kip|mile|mi|grav|dB|%|ppm|ue|strain|count|counts|sec|Sec|cts"
+)
+_FACTOR = rf"{PREFIX}(?:{BASE}|1)(?:\^?[-+]?\d|[²³⁻¹]+)?"
+PATTERN = re.compile(rf"{_FACTOR}(?:\s*[*/·. -]\s*\(?{_FACTOR}\)?)*")
+"""Most units, without asking pint."""
+
+WORDS = {
+    "Nm": "N*m",
+    "kNm": "kN*m",
+    "Nmm": "N*mm",
+    "Ns": "N*s",
+    "Nms": "N*m*s",
+    "Ohm": "ohm",
+    "grav": "standard_gravity",
+    "g_n": "standard_gravity",
+    "cts": "count",
+    "ue": "microstrain",
+    "µe": "microstrain",
+    "με": "microstrain",
+    "µε": "microstrain",
+    "RPM": "rpm",
+    "rev": "revolution",
+    "Sec": "second",
+    "Sek": "second",
+    "sek": "second",
+    "cycles": "cycle",
+}
+"""What is written, to what pint calls it."""
+
+_NAME = r"(?:[^\W\d_]+(?:_[^\W\d_]+)*|°\w?|%)"
+_ANY = rf"[(]?(?:10*|{_NAME}(?:(?:\^|\*\*)?[-+]?\d|[²³⁻¹]+)?)[)]?"
+GRAMMAR = re.compile(rf"{_ANY}(?: ?[*/·. -] ?{_ANY})*")
+"""Names with one digit of a power: what goes to pint, which would also compute 9**9**9."""
+
+LONGEST = 60
+"""Characters of a unit."""
+
+_TOKEN = re.compile(r"[^\W\d_]+|[°%]\w?")
+_POWER = re.compile(r"(?<=[^\W\d_])\^?(-?\d+)")
+_ANGLES = {"radian", "degree", "revolution", "turn", "revolutions_per_minute", "gradian"}
+_FREQUENCIES = {"hertz", "cycle"}
+
+
+class UnitError(BacksightError):
+    """A unit that is none, or two that are of different kinds."""
+
+
+class Conversion(NamedTuple):
+    """A value in the new unit is ``factor * value + offset``."""
+
+    factor: float
+    offset: float = 0.0
+
+    @property
+    def same(self) -> bool:
+        """Whether nothing changes."""
+        return self.offset == 0.0 and math.isclose(self.factor, 1.0, rel_tol=1e-12)
+
+
+def check_unit(unit: str) -> None:
+    """Raise `UnitError` unless a text is a unit, or empty."""
+    if unit.strip() in ("", "-", "1") or PATTERN.fullmatch(unit):
+        return
+    _parsed(unit)
+
+
+def is_unit(unit: str) -> bool:
+    """Whether a text is a unit, or empty."""
+    try:
+        check_unit(unit)
+    except UnitError:
+        return False
+    return True
+
+
+def convertible(given: str, wanted: str) -> bool:
+    """Whether two units measure the same thing."""
+    try:
+        conversion(given, wanted)
+    except UnitError:
+        return False
+    return True
+
+
+def conversion(given: str, wanted: str) -> Conversion:
+    """How to come from one unit to another.
+
+    Raises
+    ------
+    UnitError
+        If one is no unit, or they measure different things; a frequency in Hz and an angular one
+        do, whose factor of 2 pi is for the user to decide.
+    """
+    if given == wanted:
+        return Conversion(1.0)
+    old, new = _parsed(given), _parsed(wanted)
+    if old.dimensionality != new.dimensionality:  # g of a balance, or of an accelerometer
+        old, new = (_parsed("grav") if u == "g" else _parsed(u) for u in (given, wanted))
+    if old.dimensionality != new.dimensionality or not _alike(old, new):
+        raise UnitError(f"'{given}' cannot be converted to '{wanted}'")
+    zero, one = (_registry().Quantity(v, old).to(new).magnitude for v in (0.0, 1.0))
+    return Conversion(float(one - zero), float(zero))
+
+
+def _alike(old: Any, new: Any) -> bool:
+    """Whether both count turns in the same way: pint takes Hz, rad/s and 1/s for one."""
+    names = [{str(name) for name in unit._units} for unit in (old, new)]
+    angles = [bool(n & _ANGLES) for n in names]
+    cycles = [any(name.endswith(tuple(_FREQUENCIES)) for name in n) for n in names]
+    if cycles[0] != cycles[1] and (angles[0] or angles[1]):
+        return False
+    plain = angles[0] != angles[1] and "[time]" in old.dimensionality
+    turns = {"revolution", "turn", "revolutions_per_minute", "degree"}
+    return not (plain and (names[0] | names[1]) & turns)
+
+
+@functools.cache
+def _parsed(unit: str) -> Any:
+    import pint
+
+    bare = unit.strip().strip("[]")
+    if len(bare) > LONGEST or not (bare in ("", "-") or GRAMMAR.fullmatch(bare)):
+        raise UnitError(f"'{unit}' is no unit; write it as N, mm/s or kg m^2")
+    text = _TOKEN.sub(lambda m: WORDS.get(m[0], m[0]), bare)
+    text = _POWER.sub(r"**\1", text.replace("·", "*"))
+    try:
+        return _registry().parse_units("" if text == "-" else text)
+    except pint.UndefinedUnitError as error:
+        for name in error.unit_names if not isinstance(error.unit_names, str) else [unit]:
+            small = str(name).lower().rstrip("s")
+            if hasattr(_registry(), small) and small.isidentifier():
+                return _parsed(unit.replace(str(name), small))
+        known = [*BASE.split("|"), *WORDS, "mm", "um", "kN", "mV", "kPa", "MPa", "kg"]
+        hint = nearest(unit, known)
+        hint = hint if "mean" in hint else "write it as N, mm/s or kg m^2, or leave it out"
+        raise UnitError(f"'{unit}' is no unit that is known: {hint}") from None
+    # What is no unit may fail in any way in the tokenizer.
+    except Exception:
+        raise UnitError(f"'{unit}' is no unit; write it as N, mm/s or kg m^2") from None
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint
+
+    registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
+    registry.define("microstrain = 1e-6")
+    return registry
