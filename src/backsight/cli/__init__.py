@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from backsight.cli import _recordings
+from backsight.cli import _recordings, _workbench
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.errors import ProblemError, nearest
 
@@ -37,6 +37,7 @@ study = typer.Typer(
 app.add_typer(study, name="study")
 app.command("columns")(_recordings.show_columns)
 app.command("init")(_recordings.write_problem)
+app.command("open")(_workbench.open_page)
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
 Force = Annotated[
