@@ -103,7 +103,7 @@ export function columnTable(state, choices, assign) {
   const facts = [`${state.recording.name}: ${signals[0]?.samples ?? 0} samples, ${time}`, ...state.recording.remarks];
   return [
     ...facts.map((f) => element("p", { className: "remark" }, f)),
-    table(["column", "", "range", "is"], rows),
+    table(["column", "samples", "range", "is"], rows),
   ];
 }
 
@@ -181,7 +181,7 @@ export function noiseFields(state, choices, change) {
     element("tr", {}, cell(`noise of ${name} [${unitOf(name) || "1"}]`), cell(numberField(`noise of ${name}`, value, (v) => change(name, v))),
       cell(element("small", {}, "standard deviation, as the samples show it; better from the data sheet"))),
   );
-  return fields.length ? [table(["sensor", "±", ""], fields)] : [];
+  return fields.length ? [table(["sensor", "±", "from"], fields)] : [];
 }
 
 export function runItem(run, { show, stop, tick, ticked }) {
