@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 OUT ?= out
-KERNELS := $(wildcard src/backsight/kernels/*.[ch])
+KERNELS := $(wildcard src/backsight/kernels/*.[ch] src/backsight/kernels/*/*.[ch])
 
 .PHONY: setup demo test test-all fast-tests all-tests wheel-test lint bench docs clean
 

@@ -36,12 +36,16 @@ setup(
         Extension(
             "backsight.kernels._backsight",
             sources=[
-                (KERNELS / f"{name}.c").as_posix() for name in ("bridge", *SOURCES["names"]())
+                # The build wants paths relative to this folder.
+                (KERNELS / file.relative_to(SOURCES["FOLDER"])).as_posix()
+                for file in (SOURCES["FOLDER"] / "bridge.c", *SOURCES["kernel_files"]())
             ],
-            depends=[file.as_posix() for file in sorted(KERNELS.glob("*.h"))],
+            include_dirs=[KERNELS.as_posix()],
+            depends=[file.as_posix() for file in sorted(KERNELS.rglob("*.h"))],
             define_macros=[
                 ("KERNELS", " ".join(f"X({name})" for name in SOURCES["names"]())),
                 ("SOURCES", SOURCES["fingerprint"]()),
+                ("BACKSIGHT_BLAS", None),
             ],
             py_limited_api=True,  # it uses nothing of Python, so one build serves all versions
             optional=True,  # without a compiler all that needs no kernel still works

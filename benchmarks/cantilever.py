@@ -16,10 +16,10 @@ from backsight.discrete.exact import zoh
 from backsight.estimators import Noise, Prior
 from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.cs_mhe import Carryover, CompressiveSensingMHE
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.structures.beam import beam
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import recording
 from backsight.types import Array
 

@@ -39,6 +39,7 @@ from backsight.models import Model as Model
 from backsight.models import Signal as Signal
 from backsight.models import augment as augment
 from backsight.models import beam as beam
+from backsight.models import craig_bampton as craig_bampton
 from backsight.models import duffing as duffing
 from backsight.models import friction_drive as friction_drive
 from backsight.models import from_equations as from_equations

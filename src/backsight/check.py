@@ -25,3 +25,4 @@ from backsight.models.sampling import check_sampling as check_sampling
 from backsight.run.diagnosis import certify as certify
 from backsight.run.diagnosis import check_alignment as check_alignment
 from backsight.run.diagnosis import check_identifiability as check_identifiability
+from backsight.run.diagnosis import profile as profile

@@ -1,5 +1,6 @@
-"""Sparse unknown forces: what they are made of, how they are found, and what is right of them.
+"""Unknown forces: with dynamics, or sparse; how they are found, and what is right of them.
 
+`GaussMarkov`, `Matern` and `Periodic` go to `backsight.augment`. Of sparse forces
 `backsight.CompressiveSensingMHE` finds them sample by sample, `find_sparse_forces` in a whole
 recording.
 `backsight.tune` chooses weights, places of sensors, and calibrates the model.
@@ -13,7 +14,11 @@ from backsight.estimators.cs_mhe import Atoms as Atoms
 from backsight.estimators.cs_mhe import Carryover as Carryover
 from backsight.estimators.cs_mhe import HalfSines as HalfSines
 from backsight.estimators.cs_mhe import Impulses as Impulses
-from backsight.models.structures.unknown_forces import forces_as_inputs as forces_as_inputs
+from backsight.models.forces.moving_load import moving_load as moving_load
+from backsight.models.forces.processes import GaussMarkov as GaussMarkov
+from backsight.models.forces.processes import Matern as Matern
+from backsight.models.forces.processes import Periodic as Periodic
+from backsight.models.forces.unknown_forces import forces_as_inputs as forces_as_inputs
 from backsight.run.sparse_forces import find_sparse_forces as find_sparse_forces
 from backsight.sparse import L1 as L1
 from backsight.sparse import Given as Given

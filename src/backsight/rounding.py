@@ -34,6 +34,15 @@ def plus_minus(value: float, std: float) -> str:
     return f"({body}) × {_power(exponent)}"
 
 
+def between(value: float, low: float, high: float) -> str:
+    """Return value and ends of its band, to two digits of its half: ``2.0 (1.6 to 2.5)``."""
+    if not (math.isfinite(value) and low < value < high):
+        return significant(value)
+    digits = _exponent(value, 4) - _exponent(min(value - low, high - value), 2) + 2
+    shown = [significant(v, max(2, min(digits, 8))) for v in (value, low, high)]
+    return f"{shown[0]} ({shown[1]} to {shown[2]})"
+
+
 def shortest(value: float) -> str:
     """Return the number as it would be given, with at most six digits: ``203.5``."""
     if not math.isfinite(value):

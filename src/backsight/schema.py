@@ -65,6 +65,7 @@ class Status(enum.IntFlag):
     DEPENDENT = 512
     COARSE_STEP = 1024
     GATE_OPEN = 2048
+    NOT_SOLVED = 4096
 
 
 STATUS_TEXT = {
@@ -113,6 +114,10 @@ STATUS_TEXT = {
         "most samples of an output looked like outliers, so that they were taken in after all; its "
         "noise, the model or the prior is wrong, or the sensor failed for longer than `patience`"
     ),
+    Status.NOT_SOLVED: (
+        "the equations of the model or of an implicit integration step were not solved, so that "
+        "the estimate rests on a wrong model; give a better guess, or take more sub-steps"
+    ),
 }
 """Cause and remedy of every status bit."""
 
@@ -134,6 +139,13 @@ SMALLEST_FACTOR = 1e-6
 
 INTEGRATION = "integration"
 """Attribute of a result: how the model was carried from sample to sample."""
+
+POSITIVE = "positive"
+"""Attribute of a result: names of the states that are estimated as logarithms. Such a result has
+the ends of the bands of one standard deviation, ``x_low`` and ``x_high (time, state)``."""
+
+CULPRIT = "culprit"
+"""Attribute of a result that is not finite: which equation of the model was not, and where."""
 
 COARSE = "coarse_step"
 """Attribute of a result: why the integration step is too coarse, if it is."""

@@ -4,10 +4,12 @@ import json
 import shutil
 import subprocess
 
+import numpy as np
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
+import backsight as bs
 import small_problem
 from attack.payloads import CONTROLS, PAYLOADS
 from backsight.cli import app
@@ -17,22 +19,21 @@ from backsight.export import export_c
 from backsight.models import lti
 from backsight.problem import load, run_problem
 from backsight.problem.recorded import recording_of
+from backsight.problem.results_file import read_estimates, write_estimates
 
 EVERYTHING = "".join(text for name, text in PAYLOADS.items() if name != "long")
 
 
 def hostile(folder, text=EVERYTHING):
-    """A problem whose title, units, model and source are this text."""
+    """A problem whose title, model and source are this text."""
     quoted = json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-    unit = json.dumps("".join(c for c in text if text in CONTROLS.values() or c.isprintable()))
     plain = small_problem.changed('title = "Mass on a spring"', f"title = {quoted}")
-    plain = plain.replace('unit = "N"', f"unit = {unit}").replace('unit = "m"', f"unit = {unit}")
     plain = plain.replace(
         '[model]\nkind = "sdof"\nc = 1.0',
         f"""[model]
 kind = "equations"
 name = {quoted}
-states = {{ q = {unit}, v = {unit} }}
+states = {{ q = "m", v = "m/s" }}
 outputs = {{ y = "q" }}
 [model.equations]
 q = "v"
@@ -40,6 +41,37 @@ v = "u - k*q - b*v"
 """,
     )
     return small_problem.write(folder, plain.replace("\u2028", "").replace("\u2029", ""))
+
+
+def hostile_units(text=EVERYTHING):
+    """A model and its recording whose units, free labels in Python, are this text."""
+    unit = "".join(c for c in text if c.isprintable())
+    model = lti(
+        [[0, 1], [-40, -1]], [[0], [1]], [[1, 0]],
+        states={"q": unit, "v": unit}, inputs={"u": unit}, outputs={"y": unit}, name=text,
+    )  # fmt: skip
+    return model, bs.simulate(model, np.ones((60, 1)), dt=0.01, sigma_y=1e-3)
+
+
+@pytest.mark.parametrize("text", [t for n, t in PAYLOADS.items() if n != "invisible"])
+def test_a_unit_that_is_none_is_refused_in_a_file(tmp_path, text):
+    unit = json.dumps("".join(c for c in text if c.isprintable()))
+    path = small_problem.write(tmp_path, small_problem.changed('unit = "N"', f"unit = {unit}"))
+    with pytest.raises(ProblemError) as caught:
+        recording_of(load(path))
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) <= 2000
+
+
+def test_units_come_back_from_a_file_of_results(tmp_path):
+    model, recording = hostile_units()
+    ekf = bs.EKF(bs.Noise(sigma_y=1e-3, sigma_w=1e-3), bs.Prior(sigma_x0=1.0))
+    results = {"EKF": bs.estimate(ekf, model, recording, engine="vm")}
+    path = tmp_path / "estimates.nc"
+    write_estimates(path, results, title=EVERYTHING, problem="", covariance=True)
+    read = read_estimates(path)
+    assert read.title == EVERYTHING
+    xr.testing.assert_equal(read.results["EKF"], results["EKF"])
 
 
 def test_what_is_written_reads_back_as_text(tmp_path):
@@ -82,9 +114,9 @@ def test_a_unit_with_control_characters_is_refused(text):
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="compiles C")
 def test_exported_code_compiles_and_says_only_what_it_should(tmp_path):
-    problem = load(hostile(tmp_path))
-    out = tmp_path / "c"
-    export_c(problem.estimators["EKF"], problem.model, recording_of(problem), out, name="ekf")
+    model, recording = hostile_units()
+    ekf = bs.EKF(bs.Noise(sigma_y=1e-3, sigma_w=1e-3), bs.Prior(sigma_x0=1.0))
+    out = export_c(ekf, model, recording, tmp_path / "c", name="ekf")
     # Trigraphs count in C99, and all warnings about comments are errors.
     subprocess.run(["make", "-s", "-C", str(out), "test"], check=True, capture_output=True)
     for file in ("ekf.c", "ekf.h"):

@@ -17,7 +17,10 @@ from backsight.models.model import Model
 DT = 0.5
 INPUT = [1.0, -0.6, 0.8, 0.2]
 START = np.array([0.7, -0.4])
-RANGES = {"euler": (64, 256), "heun": (64, 256), "rk4": (32, 128), "dopri5": (8, 32)}
+RANGES = {
+    "euler": (64, 256), "heun": (64, 256), "rk4": (32, 128), "dopri5": (8, 32),
+    "implicit_midpoint": (64, 256), "sdirk": (64, 256), "radau": (64, 256),
+}  # fmt: skip
 """Sub-steps between which the error falls with the order: above rounding, below the first terms."""
 
 
@@ -52,11 +55,26 @@ def exact(hold) -> np.ndarray:
 
 def integrated(integrator: Integrator) -> np.ndarray:
     x, n = START, integrator.substeps
+    step = stepping(integrator)
     for a, b in grid(integrator.hold):
         for i in range(n):
             ua, ub = a + (b - a) * i / n, a + (b - a) * (i + 1) / n
-            x = integrator.substep(slope, x, ua=ua, ub=ub, h=DT / n)
+            x = step(x, ua, ub)
     return x
+
+
+def stepping(integrator: Integrator):
+    """One sub-step: on numbers, or, with the expressions that an implicit one needs, compiled."""
+    h = DT / integrator.substeps
+    if not TABLEAUS[integrator.scheme].implicit:
+        return lambda x, ua, ub: integrator.substep(slope, x, ua=ua, ub=ub, h=h)
+    x, ua, ub = ca.SX.sym("x", 2), ca.SX.sym("ua"), ca.SX.sym("ub")
+
+    def rates(x, u):
+        return ca.vertcat(x[1], -4 * x[0] - 0.5 * x[1] - x[0] ** 3 + u)
+
+    moved = ca.Function("moved", [x, ua, ub], [integrator.substep(rates, x, ua=ua, ub=ub, h=h)])
+    return lambda *values: np.asarray(moved(*values))[:, 0]
 
 
 def test_every_tableau_is_tested():

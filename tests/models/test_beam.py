@@ -6,11 +6,11 @@ import pytest
 from backsight.discrete.exact import zoh
 from backsight.errors import ModelError
 from backsight.models import duffing
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import lti, state_space
 from backsight.models.sampling import check_sampling
 from backsight.models.structures import beam
 from backsight.models.structures._beam_modes import BOUNDARIES, shapes
-from backsight.models.structures.unknown_forces import forces_as_inputs
 
 SIZE = {"width": 0.025, "thickness": 0.003, "youngs_modulus": 65.9e9, "density": 7502.0}
 NODES = [0.125 + 0.04 * i for i in range(8)]

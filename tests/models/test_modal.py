@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from backsight.errors import ModelError
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.structures import beam, modal, reduced, second_order
-from backsight.models.structures.unknown_forces import forces_as_inputs
 
 N = 5
 STIFFNESS = 1e4 * (2 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1))
@@ -135,8 +135,8 @@ def test_bad_modes_are_said(changes, message):
     ("changes", "message"),
     [
         ({"mass": np.ones((5, 4))}, r"mass has the shape \(5, 4\); it must be square"),
-        ({"mass": np.diag([1.0, 1, 0, 1, 1])}, "mass is not positive definite"),
-        ({"mass": MASS + np.eye(N, k=1)}, "mass is not symmetric"),
+        ({"mass": np.diag([1.0, 1, -1e-3, 1, 1])}, "mass is not positive definite"),
+        ({"mass": MASS + np.eye(N, k=1) + 0.9 * np.eye(N, k=-1)}, "mass is not symmetric"),
         ({"stiffness": np.eye(3)}, r"stiffness has the shape \(3, 3\), but mass \(5, 5\)"),
         ({"stiffness": -STIFFNESS}, "stiffness is not positive semidefinite"),
         ({"modes": 6}, "modes is 6; with 5 coordinates it must be from 1 to 5"),

@@ -5,10 +5,10 @@ from scipy.linalg import expm
 
 from backsight.estimators import CompressiveSensingMHE, Noise, Prior
 from backsight.estimators.arrival import SmoothedArrival
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.structures.beam import beam
-from backsight.models.structures.unknown_forces import forces_as_inputs
 
 DT, SAMPLES, N = 1 / 400, 61, 10
 NODES = 0.125 + 0.04 * np.arange(8)

@@ -8,9 +8,9 @@ import xarray as xr
 
 from backsight.discrete.exact import zoh
 from backsight.errors import ProblemError
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.structures import beam, modal, reduced
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.problem import load, run_problem
 
 DT, N = 1 / 400, 80

@@ -39,13 +39,26 @@ def test_equals_dense_conditioning_with_gaps_and_two_rates(kind, singular):
     assert not result["status"].values.any()
 
 
-@pytest.mark.parametrize("kind", [KalmanFilter, UKF])
-def test_many_states_equal_dense_conditioning(kind):
-    p = random_plant(2, nx=14, ny=3)
+@pytest.mark.parametrize(
+    ("kind", "ny", "correlated"),
+    [
+        (KalmanFilter, 3, False), (KalmanFilter, 14, True), (EKF, 14, False), (UKF, 3, True),
+    ],
+)  # fmt: skip
+def test_many_states_equal_dense_conditioning(kind, ny, correlated):
+    p = random_plant(2, nx=14, ny=ny)
+    if not correlated:
+        p = dataclasses.replace(p, R=np.diag(np.diag(p.R)))
     u, y = data_of(p, 8, missing=0.2)
     result = bs.smooth(kind(**assumed(p)), model_of(p), recording_of(u, y), engine="vm")
     states, P, *_ = conditioned(p, u, y)
     assert_smoothed(result, states, P)
+    exact = bs.estimate(KalmanFilter(**assumed(p)), model_of(p), recording_of(u, y), engine="vm")
+    assert np.allclose(result["S"], exact["S"], rtol=1e-9, atol=1e-12)
+    short = bs.smooth(
+        kind(**assumed(p)), model_of(p), recording_of(u, y), engine="vm", covariance="std"
+    )
+    assert np.allclose(short["x_std"], result["x_std"], rtol=1e-10)
 
 
 @pytest.mark.parametrize("kind", GAUSSIAN)
@@ -84,7 +97,7 @@ def test_continuous_models_with_held_and_interpolated_inputs(hold):
 
 
 @pytest.mark.parametrize("direct", [True, False])
-@pytest.mark.parametrize("nx", [4, 12])
+@pytest.mark.parametrize("nx", [4, 12, 14])
 def test_unknown_forces_equal_least_squares_without_a_prior(direct, nx):
     p = random_plant(4, nx=nx, ny=3, m=2, direct=direct)
     n = 12

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from backsight.errors import DataError, TuningError
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.run.estimation import estimate, estimate_many
 from backsight.types import Array
 from backsight_studies import STUDIES

@@ -8,6 +8,7 @@ from typing import NamedTuple, final
 
 import casadi as ca
 
+from backsight.algebra._limits import hypotenuse, quotient, root_of
 from backsight.errors import ModelError, nearest
 
 MAX_LENGTH = 10_000
@@ -30,12 +31,12 @@ FUNCTIONS = {
     "exp": (1, ca.exp),
     "log": (1, ca.log),
     "log10": (1, ca.log10),
-    "sqrt": (1, ca.sqrt),
+    "sqrt": (1, root_of),
     "abs": (1, ca.fabs),
     "sign": (1, ca.sign),
     "min": (2, ca.fmin),
     "max": (2, ca.fmax),
-    "hypot": (2, ca.hypot),
+    "hypot": (2, hypotenuse),
 }
 """Functions that a formula may use: number of arguments and meaning. ``log`` is the natural one."""
 
@@ -46,7 +47,7 @@ _BINARY = {
     "+": (1, operator.add),
     "-": (1, operator.sub),
     "*": (2, operator.mul),
-    "/": (2, operator.truediv),
+    "/": (2, quotient),
     "**": (4, operator.pow),
 }
 _SIGN_LEVEL = 3  # a sign binds less than a power and more than a product: -x**2 is -(x**2)

@@ -1,6 +1,7 @@
 """Symmetric matrices as their lower triangle, column by column (vech)."""
 
 import casadi as ca
+import numpy as np
 
 
 def vech(A: ca.SX) -> ca.SX:
@@ -12,14 +13,10 @@ def vech(A: ca.SX) -> ca.SX:
 def unvech(v: ca.SX) -> ca.SX:
     """Fill a symmetric matrix from its lower triangle: (n (n + 1) / 2,) to (n, n)."""
     n = side(v.shape[0])
-    A = ca.SX(n, n)
-    k = 0
-    for j in range(n):
-        for i in range(j, n):
-            A[i, j] = v[k]
-            A[j, i] = v[k]
-            k += 1
-    return A
+    columns, rows = np.triu_indices(n)
+    places = np.empty((n, n), dtype=int)
+    places[rows, columns] = places[columns, rows] = np.arange(len(rows))
+    return ca.reshape(v[places.ravel().tolist()], n, n)
 
 
 def side(length: int) -> int:

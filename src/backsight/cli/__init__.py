@@ -129,24 +129,24 @@ def check(
     the problem or the recording is at fault.
     """
     with told():
-        from backsight.problem import load
+        from backsight.problem import load, seeing
         from backsight.problem.recorded import recording_of
-        from backsight.problem.seeing import coarse_steps, examine, integration
         from backsight.run.diagnosis import aligned, expected
         from backsight.run.diagnosis import certify as certified
 
         read = load(problem)
         chosen = None if certify is None else _estimator(certify, read.estimators)
         data = recording_of(read, outside=outside or ())
-        found = examine(read, data)
+        found = seeing.examine(read, data)
         timing = aligned(read.estimators, read.model, data)
         bands = expected(read.estimators, read.model, data) if found.observable else None
-        steps, coarse = integration(read, data), coarse_steps(read, data)
+        steps, coarse = seeing.integration(read, data), seeing.coarse_steps(read, data)
         say(f"{read.title}\n\n{read.model}\n")
         for sentence in [
             *found.lines(),
             *(bands.lines() if bands else []),
             *(timing.lines() if timing else []),
+            *seeing.priors_at_poles(read),
             *(timing.remedies(float(data.attrs["dt"])) if timing else []),
             *steps,
             *coarse,

@@ -69,6 +69,10 @@ class Accuracy:
 def stability(scheme: RungeKutta, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
     r"""Stability function :math:`R(z) = 1 + z\,b'(I - z A)^{-1} 1` of a method at every z."""
     tableau = TABLEAUS[scheme]
+    if tableau.implicit:
+        A, b = np.array(tableau.a_square), np.array(tableau.b)
+        stages = np.linalg.solve(np.eye(len(b)) - z[..., None, None] * A, np.ones((len(b), 1)))
+        return 1 + z * (b @ stages)[..., 0]
     slopes: list[NDArray[np.complex128]] = []
     # The stages of an explicit method are polynomials in z: no solve is needed.
     for row in tableau.a:
@@ -154,9 +158,9 @@ def explicit(given: Integrator, modes: Callable[[], Modes], *, dt: float) -> Int
         lost = accuracy(schemes[-1], there, dt=dt, steps=MOST_STEPS)
         raise TuningError(
             f"{MOST_STEPS} steps of {tried} per sample of {dt:g} s do not carry {lost.mode} over "
-            "it: take out what is so fast (a contact, friction, an electrical state), give the "
-            "prior a narrower range, record faster, or fix the choice with "
-            "Integrator(scheme, substeps)"
+            "it: take an implicit method, scheme = 'radau' or 'sdirk', take out what is so fast (a "
+            "contact, friction, an electrical state), give the prior a narrower range, record "
+            "faster, or fix the choice with Integrator(scheme, substeps)"
         )
     n, scheme = min(found, key=lambda k: k[0] * len(TABLEAUS[k[1]].b))
     return dataclasses.replace(given, scheme=scheme, substeps=n)

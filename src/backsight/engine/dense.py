@@ -1,13 +1,18 @@
 """Operations on matrices that are too large to unroll.
 
-Like a loop, each is a function whose *name* says what it is: the virtual machine runs its body,
-other back ends recognise the name (`dense_of`) and write loops.
+A product with a matrix of few entries is, like a loop, a function whose *name* says what it is: the
+virtual machine runs its body, other back ends recognise the name (`dense_of`) and write a loop over
+the entries. All other operations are kernels (`backsight.engine.foreign`), which call BLAS and
+LAPACK: code for them takes no longer to compile than code for a number.
 """
 
 import dataclasses
 import re
 
 import casadi as ca
+import numpy as np
+
+from backsight.engine import foreign
 
 UNROLL = 12
 """Up to this many rows straight-line code is faster."""
@@ -15,28 +20,27 @@ UNROLL = 12
 VECTOR = 4
 """Loops over a multiple of this many rows have no remainder, and are several times faster."""
 
+FEW = 0.25
+"""Share of entries up to which a product runs over the entries only."""
+
 
 @dataclasses.dataclass(frozen=True)
-class Dense:
-    """What a function of this module stands for.
+class Product:
+    """What a function of this module stands for: ``C, A, F -> C + A F'``.
 
     Parameters
     ----------
-    kind : {"product", "transpose", "symmetrise"}
-        ``C, A, F -> C + A F'``, ``A -> A'``, ``A -> (A + A') / 2``.
-    rows, columns : int
-        Of A.
-    pattern : casadi.Sparsity, optional
-        Of F, for a product.
+    rows : int
+        Of A and C.
+    pattern : casadi.Sparsity
+        Of F.
     """
 
-    kind: str
     rows: int
-    columns: int
-    pattern: ca.Sparsity | None = None
+    pattern: ca.Sparsity
 
 
-_NAME = re.compile(r"dense_(product|transpose|symmetrise)_(\d+)_(\d+)(?:_\d+_\d+)?")
+_NAME = re.compile(r"dense_product_(\d+)_\d+_\d+_\d+")
 
 
 def filled_up(rows: int) -> int:
@@ -45,30 +49,110 @@ def filled_up(rows: int) -> int:
 
 
 def add_product(C: ca.MX, A: ca.MX, F: ca.MX) -> ca.MX:
-    """C + A F' for dense C (m, p) and A (m, n) and sparse F (p, n)."""
+    """C + A F' for dense C (m, p) and A (m, n) and F (p, n), of which only the entries count."""
+    if F.nnz() > FEW * F.numel():
+        if ca.MX(C).is_zero():
+            return product_of(A, F, turned=(False, True))
+        return plus_product(C, A, F, turned=(False, True))
     (m, n), p = A.shape, F.shape[0]
     c, a, f = ca.MX.sym("C", m, p), ca.MX.sym("A", m, n), ca.MX.sym("F", F.sparsity())
     name = f"dense_product_{m}_{n}_{p}_{F.nnz()}"
     return ca.Function(name, [c, a, f], [c + a @ f.T])(ca.densify(C), ca.densify(A), F)
 
 
+def dense_of(function: ca.Function) -> Product | None:
+    """What product a function stands for, or None if it is an ordinary function."""
+    match = _NAME.fullmatch(function.name())
+    return Product(int(match.group(1)), function.sparsity_in(2)) if match else None
+
+
+Turned = tuple[bool, bool]
+"""Whether the first and the second factor of a product are transposed."""
+
+
+def product_of(A: ca.MX, B: ca.MX, *, turned: Turned = (False, False)) -> ca.MX:
+    """op(A) op(B) of dense matrices."""
+    shape = _shape(A, B, turned)
+    if 0 in (*shape, *A.shape, *B.shape):
+        return ca.MX.zeros(*shape[:2])
+    sizes = [*shape, *map(int, turned), 0, 0]
+    return foreign.call("matrix_product", sizes, inputs=[A, B], outputs=[shape[:2]])[0]
+
+
+def plus_product(
+    C: ca.MX, A: ca.MX, B: ca.MX, *, turned: Turned = (False, False), minus: bool = False
+) -> ca.MX:
+    """C + op(A) op(B) of dense matrices; with `minus` the product is subtracted."""
+    shape = _shape(A, B, turned)
+    if 0 in (*shape, *A.shape, *B.shape):
+        return ca.densify(C)
+    sizes = [*shape, *map(int, turned), int(minus), 1]
+    return foreign.call("matrix_product", sizes, inputs=[A, B, C], outputs=[shape[:2]])[0]
+
+
+def _shape(A: ca.MX, B: ca.MX, turned: Turned) -> tuple[int, int, int]:
+    """Rows and columns of a product, and over how many numbers it sums."""
+    rows, inner = reversed(A.shape) if turned[0] else A.shape
+    return rows, B.shape[0] if turned[1] else B.shape[1], inner
+
+
 def transpose(A: ca.MX) -> ca.MX:
     """A' of a dense matrix."""
-    a = ca.MX.sym("A", *A.shape)
-    return ca.Function(f"dense_transpose_{A.shape[0]}_{A.shape[1]}", [a], [a.T])(A)
+    if 1 in A.shape or 0 in A.shape:
+        return ca.densify(A.T)
+    m, n = A.shape
+    return foreign.call("matrix_turn", (m, n, 0), inputs=[A], outputs=[(n, m)])[0]
 
 
 def symmetrise(A: ca.MX) -> ca.MX:
     """(A + A') / 2 of a dense square matrix."""
-    a = ca.MX.sym("A", *A.shape)
-    return ca.Function(f"dense_symmetrise_{A.shape[0]}_{A.shape[1]}", [a], [(a + a.T) / 2])(A)
+    n = A.shape[0]
+    return foreign.call("matrix_turn", (n, n, 1), inputs=[A], outputs=[(n, n)])[0]
 
 
-def dense_of(function: ca.Function) -> Dense | None:
-    """What operation a function stands for, or None if it is an ordinary function."""
-    match = _NAME.fullmatch(function.name())
-    if match is None:
-        return None
-    kind, rows, columns = match.group(1), int(match.group(2)), int(match.group(3))
-    pattern = function.sparsity_in(2) if kind == "product" else None
-    return Dense(kind, rows, columns, pattern)
+def cholesky_of(A: ca.MX) -> ca.MX:
+    """Lower factor of a positive semidefinite matrix."""
+    n = A.shape[0]
+    return foreign.call("matrix_cholesky", (n,), inputs=[A], outputs=[(n, n)])[0]
+
+
+def solve_triangular(L: ca.MX, B: ca.MX, *, turned: bool = False) -> ca.MX:
+    """Solve L X = B, or L' X = B; rows of X without variance are then zero."""
+    n, m = B.shape
+    if not m:
+        return ca.MX.zeros(n, m)
+    sizes = (n, m, int(turned))
+    return foreign.call("matrix_solve", sizes, inputs=[L, B], outputs=[(n, m)])[0]
+
+
+def compressed(A: ca.MX) -> ca.MX:
+    """Lower triangular L with L L' = A A' and no negative diagonal."""
+    n, m = A.shape
+    return foreign.call("matrix_compress", (n, m), inputs=[A], outputs=[(n, n)])[0]
+
+
+def downdated(L: ca.MX, v: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """Factor of L L' - v v', and 1 if that is positive definite, else 0."""
+    n = L.shape[0]
+    outputs = [(n, n), (1, 1)]
+    factor, definite = foreign.call("matrix_downdate", (n,), inputs=[L, v], outputs=outputs)
+    return factor, definite
+
+
+def triangle(A: ca.MX, scale: np.ndarray | None = None) -> ca.MX:
+    """Lower triangle of a symmetric matrix, given whole (n, n) or as that, in units of `scale`."""
+    whole = A.shape[1] > 1
+    n = A.shape[0] if whole else int((8 * A.numel() + 1) ** 0.5 - 1) // 2
+    units = ca.MX(ca.DM(np.ones(n) if scale is None else scale))
+    size = (n * (n + 1) // 2, 1)
+    inputs, sizes = [A, units], (n, int(not whole))
+    return foreign.call("matrix_triangle", sizes, inputs=inputs, outputs=[size])[0]
+
+
+def gain_of(PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
+    """Gain K (nx, ny), innovation covariance S and noise N (ny, ny), see `matrix_gain.c`."""
+    nx, ny = PHt.shape
+    outputs = [(nx, ny), (ny, ny), (ny, ny)]
+    inputs = [PHt, HPHt, R, mask]
+    K, S, N = foreign.call("matrix_gain", (nx, ny), inputs=inputs, outputs=outputs)
+    return K, S, N

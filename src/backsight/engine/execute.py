@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 from backsight.description import words
 from backsight.engine.recursion import Recursion
 from backsight.errors import EngineError, nearest
+from backsight.kernels import library
 from backsight.types import Array
 
 if TYPE_CHECKING:
@@ -58,7 +59,8 @@ def run_recursion(
 ) -> list[Array]:
     """Apply the step to every sample and return the outputs, one row per sample each."""
     run: Run = _module(engine).run
-    return run(recursion, data, carry=recursion.carry0, progress=progress)[1]
+    with library.one_thread():
+        return run(recursion, data, carry=recursion.carry0, progress=progress)[1]
 
 
 def run_part(
@@ -66,7 +68,8 @@ def run_part(
 ) -> tuple[Array, list[Array]]:
     """Apply the step to some samples: the memory after them, and the outputs, a row each."""
     run: Run = _module(engine).run
-    return run(recursion, data, carry=carry)
+    with library.one_thread():
+        return run(recursion, data, carry=carry)
 
 
 def stepper(recursion: Recursion, engine: str) -> native.Stepper | vm.Stepper:

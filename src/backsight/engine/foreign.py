@@ -60,7 +60,7 @@ def call(
     EngineError
         If there is no such kernel, it is not compiled, or a size is wrong.
     """
-    dense = [ca.densify(value) for value in inputs]
+    dense = [_dense(value) for value in inputs]
     shapes = [value.shape for value in dense]
     empty = not shapes or not outputs or any(0 in shape for shape in (*shapes, *outputs))
     if empty or any(size < 0 for size in sizes):
@@ -74,6 +74,14 @@ def call(
     # In this function the kernel gets an address for every argument and result, never a null.
     results = external.call([ca.MX(ca.DM([len(sizes), *sizes])), *symbols])
     return ca.Function(name, symbols, results).call(dense)
+
+
+def _dense(value: ca.MX) -> ca.MX:
+    """The value with all its entries; of constants no operation is left that would fill them in."""
+    value = ca.MX(value)
+    if value.is_constant() and not value.is_dense():
+        return ca.MX(ca.densify(value.to_DM()))
+    return ca.densify(value)
 
 
 def kernel_of(function: ca.Function) -> Kernel | None:

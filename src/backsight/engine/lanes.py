@@ -12,6 +12,7 @@ import numpy as np
 from backsight.engine import native
 from backsight.engine.llvm import machine
 from backsight.engine.recursion import Recursion
+from backsight.kernels import library
 from backsight.types import Array
 
 Outcome = tuple[Array, list[Array]]
@@ -120,7 +121,7 @@ def _run_groups(
             if stop.is_set():
                 return
 
-    with concurrent.futures.ThreadPoolExecutor(threads) as pool:
+    with library.one_thread(), concurrent.futures.ThreadPoolExecutor(threads) as pool:
         waiting = {pool.submit(work, number) for number in range(len(groups))}
         try:
             while waiting:

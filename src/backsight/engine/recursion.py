@@ -105,6 +105,15 @@ class Recursion:
         step = ca.Function(self.name, symbols, [kept, *outputs])
         return dataclasses.replace(self, step=step)
 
+    def without(self, channel: str) -> Recursion:
+        """The same without an output."""
+        kept = [k for k, c in enumerate(self.channels) if c.name != channel]
+        symbols = [ca.MX.sym(f"i{k}", self.step.numel_in(k)) for k in range(self.step.n_in())]
+        after, *outputs = self.step.call(symbols, True, False)
+        step = ca.Function(self.name, symbols, [after, *(outputs[k] for k in kept)])
+        channels = tuple(self.channels[k] for k in kept)
+        return dataclasses.replace(self, step=step, channels=channels)
+
     @property
     def name(self) -> str:
         """Name of the step function."""
@@ -133,10 +142,13 @@ class ForwardBackward:
     backward : Recursion
         ``(carry, *handed, u, u_next, y, mask) -> (carry, *outputs)``, from the last sample to the
         first; `u_next` is the input of the sample after.
+    weights : int, optional
+        Output of the forward pass by which the mask of the backward pass is multiplied.
     """
 
     forward: Recursion
     backward: Recursion
+    weights: int | None = None
 
     @property
     def handed(self) -> int:

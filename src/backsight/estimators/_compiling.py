@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import Any, ClassVar, Self, final
+from typing import Any, ClassVar, Literal, Self, TypeAlias, final
 
 import numpy as np
 
@@ -12,14 +12,19 @@ from backsight.description import Description
 from backsight.discrete.modes import Modes, modes_at, modes_over
 from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.discrete.steps import complaint, explicit, settle_steps
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._noise_states import linear_in_noise, widened, without_noise_states
+from backsight.estimators._positive import in_their_units, logarithmic
 from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-from backsight.schema import Status
+from backsight.schema import WEIGHT, Status
+from backsight.types import Array
+
+Spread: TypeAlias = Literal["full", "std"]
+"""What a smoother puts out of the covariance: all of it, or standard deviations."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,6 +121,9 @@ class Compilable(Description, abc.ABC):
     @final
     def plain(self, model: Model, dt: float) -> Recursion:
         """The recursion without the rule for outliers; noise that is not additive as states."""
+        if any(s.positive for s in model.states):
+            method, inner, at = self._logarithmic(model)
+            return in_their_units(method.plain(inner, dt), at)
         method, wide = self.widened(model, dt)
         built = method.build(wide, dt)
         if wide is model:
@@ -123,6 +131,40 @@ class Compilable(Description, abc.ABC):
         # The widened model is in discrete time: of its integrator the method knows nothing.
         raised = Status.COARSE_STEP if self._coarse(model, dt) else Status(0)
         return without_noise_states(built, model.nx, raised=raised)
+
+    @final
+    def both_ways(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """What `smoother` makes, with the outlier rule; noise that is not additive as states.
+
+        The weights of the way forward hold on the way back, too. Positive states are estimated as
+        logarithms. Parameters, result and errors are those of `AbstractEstimator.smoother`.
+        """
+        if any(s.positive for s in model.states):
+            method, inner, at = self._logarithmic(model)
+            passes = method.both_ways(inner, dt, covariance=covariance)
+            return dataclasses.replace(passes, backward=in_their_units(passes.backward, at))
+        rule = self.outliers
+        if rule is not None and (problem := self._refusal(rule)):
+            raise TuningError(problem)
+        method, wide = self.widened(model, dt)
+        found = method.smoother(wide, dt, covariance=covariance)
+        if rule is not None:
+            # The rule needs the covariance of the innovations, whether it is put out or not.
+            full = method.smoother(wide, dt, covariance="full").forward
+            forward = robust(full, rule)
+            if covariance == "std":
+                forward = forward.without("S")
+            names = [channel.name for channel in forward.channels]
+            found = ForwardBackward(forward, found.backward, names.index(WEIGHT))
+        if wide is model:
+            return found
+        raised = Status.COARSE_STEP if self._coarse(model, dt) else Status(0)
+        backward = without_noise_states(found.backward, model.nx, raised=raised)
+        return dataclasses.replace(found, backward=backward)
+
+    @abc.abstractmethod
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`."""
 
     @final
     def widened(self, model: Model, dt: float) -> tuple[Self, Model]:
@@ -149,6 +191,15 @@ class Compilable(Description, abc.ABC):
         found = widened(noise, prior, model, dt, integrator=self.chosen(model, dt))
         changes: dict[str, Any] = {"noise": found.noise, "prior": found.prior}
         return dataclasses.replace(self, **changes), found.model
+
+    def _logarithmic(self, model: Model) -> tuple[Self, Model, Array]:
+        """Itself and the model with logarithms of positive states, and their start values."""
+        noise, prior = self.assumed
+        if getattr(self, "limits", ()):
+            raise TuningError("limits do not go with states that are positive; leave out positive")
+        found = logarithmic(noise, prior, model)
+        changes: dict[str, Any] = {"noise": found.noise, "prior": found.prior}
+        return dataclasses.replace(self, **changes), found.model, found.at
 
     def _coarse(self, model: Model, dt: float) -> bool:
         """Whether the integrator is too coarse for the model at the prior's mean."""

@@ -26,6 +26,7 @@ import scipy
 
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.exact import zoh
+from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
@@ -68,6 +69,7 @@ def widened(
     """
     inputs, parameters = noise.of_inputs(model), noise.of_parameters(model)
     common = _common(noise, model)
+    own = _own_noise(model, prior, dt)
     pick_u = np.eye(model.nu)[:, inputs > 0]
     pick_p = np.eye(len(model.parameters))[:, parameters > 0]
     W = scipy.linalg.block_diag(
@@ -93,15 +95,28 @@ def widened(
         h=ca.Function("h", [z, u, p], [seen]),
         states=(*model.states, *(Signal(name=_unused(n, model)) for n in names)),
         dt=dt if model.continuous else model.dt,
+        driven=(),  # what it adds is in Q
+        unsolved=model.unsolved_at([z, u, p], felt),
     )
     return Widened(
         wide,
-        Noise(R=common.R, Q=scipy.linalg.block_diag(common.Q, W)),
+        Noise(R=common.R, Q=scipy.linalg.block_diag(common.Q + own, W)),
         Prior(
             x0=np.concatenate([prior.mean(model), np.zeros(len(W))]),
             P0=scipy.linalg.block_diag(prior.covariance(model), W),
         ),
     )
+
+
+def _own_noise(model: Model, prior: Prior, dt: float) -> Array:
+    """What the model's own noise adds per sample; at the prior's mean if it is not linear."""
+    own = model.noise_of_its_own()
+    if not (model.continuous and own.any()):
+        return own
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    slope = ca.densify(ca.jacobian(model.rhs(x, u), x))
+    A = np.array(ca.Function("A", [x, u], [slope])(prior.mean(model), np.zeros(model.nu)))
+    return discretise_noise(np.where(np.isfinite(A), A, 0.0), own, dt=dt)[1]
 
 
 def linear_in_noise(noise: Noise, model: Model) -> bool:

@@ -1,17 +1,16 @@
 """The filter that other estimators are held against."""
 
 from backsight.discrete.runge_kutta import Integrator
-from backsight.errors import ModelError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import EKF, KalmanFilter
-from backsight.models.lti import state_space
+from backsight.models.lti import bent
 from backsight.models.model import Model
 
 
 def yardstick(estimator: AbstractEstimator, model: Model) -> EKF | KalmanFilter:
     """Return the Kalman filter with the noise and the prior of an estimator.
 
-    The extended one, if the model is not linear.
+    The extended one, if the model is not linear in its states, or one of them is positive.
 
     Raises
     ------
@@ -20,8 +19,6 @@ def yardstick(estimator: AbstractEstimator, model: Model) -> EKF | KalmanFilter:
     """
     noise, prior = estimator.assumed
     hold = estimator.input_hold
-    try:
-        state_space(model)
-    except ModelError:
+    if bent(model) or any(s.positive for s in model.states):
         return EKF(noise, prior, estimator.integration or Integrator(hold=hold))
     return KalmanFilter(noise, prior, hold=hold)

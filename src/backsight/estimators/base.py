@@ -5,11 +5,12 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar, Literal, TypeAlias
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
+from backsight.algebra.newton import SOLVED
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.modes import modes_at, modes_over
 from backsight.discrete.noise import discretise_noise
@@ -18,6 +19,7 @@ from backsight.discrete.steps import complaint, settle_steps
 from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
+from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.kernels import library
 from backsight.models.model import Model
@@ -25,9 +27,6 @@ from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.schema import Innovations
 from backsight.types import Array
-
-Spread: TypeAlias = Literal["full", "std"]
-"""What a smoother puts out of the covariance: all of it, or standard deviations."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,6 +179,18 @@ class Setting:
             A = np.zeros_like(A)
         added = discretise_noise(A, self.Qc, dt=self.dt)[1]
         return dataclasses.replace(self, Q=self.Q + added, Qc=np.zeros_like(self.Qc))
+
+    def unsolved(self, x: ca.SX, u: ca.SX) -> ca.SX:
+        """1 if the equations of the model, or of a sub-step from x, are not solved there."""
+        left = ca.SX(0)
+        if self.model.unsolved is not None:
+            left = self.model.unsolved.call([x, u, ca.SX(self.model.theta)])[0]
+        if self.model.continuous and self.integrator.substeps != "auto":
+            h = self.dt / self.integrator.steps
+            left = ca.fmax(left, self.integrator.left(self.model.rhs, x, u=u, h=h))
+        if left.is_constant():
+            return ca.SX(0)
+        return ca.if_else(left < SOLVED, 0, 1)
 
     def physical(self, x: ca.SX, vP: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Physical state (nx,) and lower triangle of its covariance, of scaled ones."""

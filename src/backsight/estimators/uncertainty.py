@@ -88,13 +88,13 @@ class Noise(Description):
         return np.sqrt(np.diag(_diagonal(given, model.parameters, what="sigma_p", missing=0.0)))
 
     def per_sample(self, model: Model) -> Array:
-        """Covariance of the process noise per sample, (nx, nx), of `sigma_w` or `Q`."""
+        """Covariance of the process noise per sample, (nx, nx), of `sigma_w` or `Q` alone."""
         if self.Qc is not None:
             raise TuningError(
                 f"{', '.join(self.beyond_additive)} goes with process noise per sample: give "
                 "sigma_w or Q instead of Qc"
             )
-        return self.process(model)
+        return self.stated_process(model)
 
     def measurement(self, model: Model) -> Array:
         """R, (ny, ny), checked against the model."""
@@ -103,14 +103,27 @@ class Noise(Description):
         return covariance(self.R, model.outputs, what="R", singular=False)
 
     def process(self, model: Model) -> Array:
-        """Covariance that is added per sample, (nx, nx); zero if `Qc` is given."""
+        """Covariance that is added per sample, (nx, nx), with what the model itself has.
+
+        Zero if `Qc` is given.
+        """
+        stated = self.stated_process(model)
+        return stated if model.continuous else stated + model.noise_of_its_own()
+
+    def stated_process(self, model: Model) -> Array:
+        """What `Q` or `sigma_w` add per sample, (nx, nx), without what the model itself has."""
         if self.Q is not None:
             return covariance(self.Q, model.states, what="Q", singular=True)
         given = {} if self.sigma_w is None else self.sigma_w
         return _diagonal(given, model.states, what="sigma_w", missing=0.0)
 
     def density(self, model: Model) -> Array:
-        """Spectral density of a continuous-time model, (nx, nx); zero unless `Qc` is given."""
+        """Spectral density of a continuous-time model, (nx, nx), with what the model itself has."""
+        stated = self.stated_density(model)
+        return stated + model.noise_of_its_own() if model.continuous else stated
+
+    def stated_density(self, model: Model) -> Array:
+        """`Qc`, (nx, nx), without what the model itself has; zero unless it is given."""
         if self.Qc is None:
             return np.zeros((model.nx, model.nx))
         if not model.continuous:
@@ -125,7 +138,9 @@ class Prior(Description):
     Parameters
     ----------
     sigma_x0 : dict, sequence or number
-        Standard deviation of every state. Or give `P0`.
+        Standard deviation of every state. Or give `P0`. States of a force with dynamics, which a
+        dict leaves out or which get the same number as all, have the stationary covariance of the
+        force.
     P0 : (nx, nx) array
         Covariance of the state; may be singular.
     x0 : dict, sequence or number, optional
@@ -160,8 +175,29 @@ class Prior(Description):
     def covariance(self, model: Model) -> Array:
         """P0, (nx, nx), checked against the model."""
         if self.P0 is None:
-            return _diagonal(self.sigma_x0, model.states, what="sigma_x0", missing=None)
+            return self._diagonal_with_forces(model)
         return covariance(self.P0, model.states, what="P0", singular=True)
+
+    def _diagonal_with_forces(self, model: Model) -> Array:
+        given = self.sigma_x0
+        named = set(given) if isinstance(given, Mapping) else set()
+        at_rest = [
+            group
+            for group in model.driven
+            if isinstance(given, Mapping | int | float) and named.isdisjoint(group.states)
+        ]
+        spread = {
+            name: float(np.sqrt(v))
+            for group in at_rest
+            for name, v in zip(group.states, group.stationary.diagonal(), strict=True)
+        }
+        if isinstance(given, Mapping):
+            given = {**given, **spread}
+        P = _diagonal(given, model.states, what="sigma_x0", missing=None)
+        for group in at_rest:
+            places = [model.index(name) for name in group.states]
+            P[np.ix_(places, places)] = group.stationary
+        return P
 
 
 def covariance(given: Array, of: Sequence[Signal], *, what: str, singular: bool) -> Array:

@@ -184,7 +184,8 @@ def _readme(
     inputs = ", ".join(s.name for s in model.inputs) or "none"
     outputs = ", ".join(s.name for s in model.outputs)
     workspace = kind.bytes * source.workspace + INT * source.ints
-    files = ", ".join(f"`{kernel}.c`" for kernel in source.kernels)
+    needed = sources.files(source.kernels)[1:] if source.kernels else []
+    files = ", ".join(f"`{file.name}`" for file in needed)
     without = " without the kernels" if files else ""
     included = f", `kernels.h` and {files}, which `{name}.c` includes" if files else ""
     limits = ", ".join(map(str, passes)) or "none: every sample takes the same time"

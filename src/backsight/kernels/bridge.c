@@ -34,6 +34,15 @@ EXPORT void foreign_declare(
     declared.shapes = shapes;
 }
 
+#ifdef BACKSIGHT_BLAS
+#include "blas.h"
+
+struct blas_table blas;
+
+/* Addresses in the order of the table, before any kernel runs. */
+EXPORT void foreign_blas(const struct blas_table *addresses) { blas = *addresses; }
+#endif
+
 /* Names the sources that the library was made of. */
 EXPORT const char *foreign_sources(void) { return TEXT(SOURCES); }
 

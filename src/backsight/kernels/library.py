@@ -1,9 +1,11 @@
 """The compiled kernels."""
 
+import contextlib
 import ctypes
 import functools
+import importlib
 import importlib.machinery
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from backsight.errors import EngineError, nearest
@@ -79,6 +81,7 @@ def handle() -> ctypes.CDLL:
 
 def _with(kernel: str) -> ctypes.CDLL:
     """The library, if it has that kernel."""
+    path()
     known = sources.names()
     if kernel not in known:
         raise EngineError(f"there is no kernel '{kernel}': {nearest(kernel, known)}")
@@ -88,8 +91,62 @@ def _with(kernel: str) -> ctypes.CDLL:
 @functools.cache
 def _loaded(file: Path, expected: str) -> ctypes.CDLL:
     library = ctypes.CDLL(str(file))
+    _provide_blas(library)
     made_of = library.foreign_sources
     made_of.restype = ctypes.c_char_p
     if made_of().decode() != expected:
         raise EngineError(f"the C kernels of Backsight were compiled from other sources: {REMEDY}")
     return library
+
+
+BLAS = {"gemm": "blas", "gemv": "blas", "trsm": "blas", "potrf": "lapack", "geqrf": "lapack"}
+"""Functions in the order of blas.h, and which of SciPy's modules has them."""
+
+
+def _provide_blas(library: ctypes.CDLL) -> None:
+    """Tell the kernels where SciPy's BLAS and LAPACK are; they have loops of their own, too."""
+    if not hasattr(library, "foreign_blas"):
+        return
+    table = (ctypes.c_void_p * len(BLAS))(*(_capsule(f"d{n}", m) for n, m in BLAS.items()))
+    library.foreign_blas(table)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Let SciPy's BLAS work in the calling thread: matrices of a filter are too small for several.
+
+    Threads that wait for each other make a sample many times slower where cores are shared. Of
+    another BLAS than OpenBLAS, and before a kernel was loaded, nothing changes.
+    """
+    if not _loaded.cache_info().currsize or (calls := _thread_calls()) is None:
+        yield
+        return
+    get, limit = calls
+    before = get()
+    limit(1)
+    try:
+        yield
+    finally:
+        limit(before)
+
+
+@functools.cache
+def _thread_calls() -> tuple[Callable[[], int], Callable[[int], None]] | None:
+    """How OpenBLAS tells and takes the number of its threads, None of another library."""
+    blas = ctypes.CDLL(importlib.import_module("scipy.linalg.cython_blas").__file__)
+    for prefix in ("scipy_openblas", "openblas"):
+        if hasattr(blas, f"{prefix}_set_num_threads"):
+            return blas[f"{prefix}_get_num_threads"], blas[f"{prefix}_set_num_threads"]
+    return None
+
+
+def _capsule(function: str, module: str) -> int | None:
+    """Address of a function of double numbers and plain ints, or None if SciPy has another kind."""
+    interface = importlib.import_module(f"scipy.linalg.cython_{module}").__pyx_capi__[function]
+    get_name = ctypes.pythonapi.PyCapsule_GetName
+    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    get_name.restype, get_name.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    get_pointer.restype = ctypes.c_void_p
+    get_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+    signature: bytes = get_name(interface)
+    return get_pointer(interface, signature) if b", int *" in signature else None

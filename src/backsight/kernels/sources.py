@@ -11,19 +11,36 @@ BRIDGE = "bridge"
 """The one source that is no kernel."""
 
 
+BLAS = "blas.h"
+"""What the library of the package alone includes, beside the bridge."""
+
+
+def kernel_files() -> list[Path]:
+    """Return the source of every kernel, in the order of their names."""
+    found = [file for file in FOLDER.rglob("*.c") if file.stem != BRIDGE]
+    return sorted(found, key=lambda file: file.stem)
+
+
 def names() -> list[str]:
     """Names of the kernels."""
-    return sorted(file.stem for file in FOLDER.glob("*.c") if file.stem != BRIDGE)
+    return [file.stem for file in kernel_files()]
 
 
 def files(kernels: list[str] | tuple[str, ...]) -> list[Path]:
-    """Everything that is needed to compile these kernels."""
-    own = ([*sorted(FOLDER.glob(f"{name}_*.h")), FOLDER / f"{name}.c"] for name in kernels)
-    return [FOLDER / "kernels.h", *itertools.chain.from_iterable(own)]
+    """Everything that is needed to compile these kernels, each once."""
+    own = (file for file in kernel_files() if file.stem in kernels)
+    needed = itertools.chain([FOLDER / "kernels.h"], *(map(_with_headers, own)))
+    return list(dict.fromkeys(needed))
+
+
+def _with_headers(kernel: Path) -> list[Path]:
+    """A kernel behind its parts; one in a folder behind all headers of the folder."""
+    pattern = f"{kernel.stem}_*.h" if kernel.parent == FOLDER else "*.h"
+    return [*sorted(kernel.parent.glob(pattern)), kernel]
 
 
 def fingerprint() -> str:
     """Return a word that changes with every change of the sources."""
-    everything = [*files(names()), FOLDER / f"{BRIDGE}.c"]
-    texts = (file.name.encode() + file.read_bytes() for file in everything)
+    bridge = [FOLDER / f"{BRIDGE}.c", *FOLDER.glob(BLAS)]
+    texts = (file.name.encode() + file.read_bytes() for file in (*files(names()), *bridge))
     return "s" + hashlib.sha256(b"".join(texts)).hexdigest()[:32]

@@ -2,22 +2,34 @@
 
 from backsight.models.augment import augment
 from backsight.models.builtin import duffing, friction_drive, sdof
+from backsight.models.implicit import implicit
 from backsight.models.incremental import incremental
 from backsight.models.lti import lti
 from backsight.models.model import Model
 from backsight.models.scale import scale
 from backsight.models.signals import Signal
-from backsight.models.structures import beam, modal, reduced, second_order, sensor_lag
+from backsight.models.structures import (
+    Substructure,
+    beam,
+    craig_bampton,
+    modal,
+    reduced,
+    second_order,
+    sensor_lag,
+)
 from backsight.models.text import from_equations
 
 __all__ = [
     "Model",
     "Signal",
+    "Substructure",
     "augment",
     "beam",
+    "craig_bampton",
     "duffing",
     "friction_drive",
     "from_equations",
+    "implicit",
     "incremental",
     "lti",
     "modal",

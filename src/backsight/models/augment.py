@@ -11,8 +11,10 @@ import casadi as ca
 
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
+from backsight.models.forces.processes import Driven, Process
 from backsight.models.model import Model
-from backsight.models.signals import Signal
+from backsight.models.signals import Named, Signal
+from backsight.types import Array
 
 
 @checked(ModelError)
@@ -21,11 +23,14 @@ def augment(
     parameters: Sequence[str] = (),
     *,
     disturbances: Mapping[str, str] | None = None,
+    forces: Mapping[str, Process] | None = None,
 ) -> Model:
-    r"""Append parameters and unknown disturbances to the state (eq. 3-6).
+    r"""Append parameters, unknown disturbances and forces to the state (eq. 3-6).
 
     The new states are constant in the model, :math:`\dot p = 0`; the process noise of the
-    estimator makes them random walks.
+    estimator makes them random walks. Forces with dynamics bring their noise and their prior
+    along, see `backsight.models.forces.processes`: an estimator's `Noise` and `Prior` need not
+    name them.
 
     Parameters
     ----------
@@ -36,48 +41,89 @@ def augment(
     disturbances : dict, optional
         Name of the new state to the state into whose derivative (next value, if the model is
         discrete) it is added: ``{"w": "v"}``.
+    forces : dict, optional
+        Name of a parameter, or of a disturbance, to the process that it is:
+        ``{"F": bs.forces.Matern(10.0, 0.1)}``. Its mean is the value of the parameter. The force is
+        the state of its own name; what else the process needs comes behind all other states.
 
     Returns
     -------
     Model
-        States ``[x, parameters, disturbances]``, without the parameters that moved.
+        States ``[x, parameters, disturbances, forces]``, without the parameters that moved.
 
     Raises
     ------
     ModelError
         If a name is unknown or used twice.
     """
-    disturbances = disturbances or {}
+    disturbances, forces = disturbances or {}, forces or {}
     known = {s.name: s for s in model.parameters}
-    for name in parameters:
+    plain = [n for n in forces if n not in disturbances]
+    for name in (*parameters, *plain):
         if name not in known:
             raise ModelError(f"the model has no parameter '{name}': {nearest(name, known)}")
+    for name in plain:
+        if name in parameters:
+            raise ModelError(f"'{name}' is a parameter and a force; give it once")
+    inputs = [s.name for s in model.inputs]
+    for name, process in forces.items():
+        needed = process.input_needed
+        if needed is not None and needed not in inputs:
+            raise ModelError(f"force '{name}' follows '{needed}': {nearest(needed, inputs)}")
     targets = {name: model.index(target) for name, target in disturbances.items()}
 
-    moved = [known[n] for n in parameters]
+    # New states: constants, disturbances, forces, and what more the forces need.
+    moved = [known[n] for n in (*parameters, *plain)]
     added = [Signal(name=n, unit=_rate_unit(model, model.states[i])) for n, i in targets.items()]
-    kept = [s for s in model.parameters if s.name not in parameters]
-    nx, nd = model.nx, len(added)
+    new = {s.name: s for s in (*moved[: len(parameters)], *added, *moved[len(parameters) :])}
+    more = [
+        Signal(name=n + ending, unit=new[n].unit if "rate" not in ending else "")
+        for n, process in forces.items()
+        for ending in process.endings[1:]
+    ]
+    kept = [s for s in model.parameters if s.name not in new]
+    states = (*model.states, *new.values(), *more)
 
-    z = ca.SX.sym("z", nx + len(moved) + nd)
+    z = ca.SX.sym("z", len(states))
     u = ca.SX.sym("u", model.nu)
     p = ca.SX.sym("p", len(kept))
-    x, theta, d = z[:nx], z[nx : nx + len(moved)], z[nx + len(moved) :]
-    symbols = {s.name: theta[i] for i, s in enumerate(moved)}
-    symbols |= {s.name: p[i] for i, s in enumerate(kept)}
+    of_state = {s.name: z[i] for i, s in enumerate(states)}
+    symbols = {n: of_state[n] for n in new} | {s.name: p[i] for i, s in enumerate(kept)}
     full = ca.vertcat(*(symbols[s.name] for s in model.parameters))
 
-    rows = ca.SX(model.f.call([x, u, full])[0])
-    for k, i in enumerate(targets.values()):
-        rows[i] += d[k]
-    unchanged = ca.SX.zeros(len(moved) + nd) if model.continuous else ca.vertcat(theta, d)
+    rows = ca.vertsplit(ca.SX(model.f.call([z[: model.nx], u, full])[0]))
+    for name, i in targets.items():
+        rows[i] += of_state[name]
+    still = {s.name: ca.SX(0) if model.continuous else of_state[s.name] for s in states}
+    driven = []
+    for name, process in forces.items():
+        names = [name + ending for ending in process.endings]
+        moves, noise = _motion(process, model, new[name], [of_state[n] for n in names], u)
+        still |= dict(zip(names, ca.vertsplit(moves), strict=True))
+        driven.append(Driven(tuple(names), noise, process.stationary, f"{name}: {process.words}"))
+    changes = [still[s.name] for s in states[model.nx :]]
     return dataclasses.replace(
         model,
-        f=ca.Function("f", [z, u, p], [ca.vertcat(rows, unchanged)]),
-        h=ca.Function("h", [z, u, p], model.h.call([x, u, full])),
-        states=(*model.states, *moved, *added),
+        f=ca.Function("f", [z, u, p], [ca.vertcat(*rows, *changes)]),
+        h=ca.Function("h", [z, u, p], model.h.call([z[: model.nx], u, full])),
+        states=states,
         parameters=tuple(kept),
+        driven=(*model.driven, *driven),
+        unsolved=model.unsolved_at([z, u, p], [z[: model.nx], u, full]),
     )
+
+
+def _motion(
+    process: Process, model: Model, force: Signal, z: list[ca.SX], u: ca.SX
+) -> tuple[ca.SX, Array]:
+    """Rates or next values of a process around the mean of the force, and its noise."""
+    mean = ca.vertcat(force.value, *[0.0] * (len(z) - 1))
+    named = Named("input", [s.name for s in model.inputs], u)
+    deviation = ca.vertcat(*z) - mean
+    if model.dt is None:
+        return process.rates(deviation, named), process.density
+    after, noise = process.ahead(deviation, named, dt=model.dt)
+    return after + mean, noise
 
 
 def _rate_unit(model: Model, state: Signal) -> str:

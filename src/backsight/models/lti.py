@@ -1,12 +1,16 @@
 """Linear models: from matrices to a model, and back."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sparse
 from numpy.typing import ArrayLike
 
+from backsight.algebra.degree import degrees
 from backsight.errors import ModelError
+from backsight.models._affine import Affine, remember, remembered
 from backsight.models.model import Model, Signals
 from backsight.models.signals import signals
 from backsight.types import Array
@@ -79,9 +83,13 @@ def lti(
 
     z = ca.SX.sym("x", nx), ca.SX.sym("u", nu), ca.SX.sym("p", 0)
     a, b, c, d = (ca.sparsify(ca.DM(matrices[n])) for n in "ABCD")
+    f = ca.Function("f", z, [ca.mtimes(a, z[0]) + ca.mtimes(b, z[1])])
+    h = ca.Function("h", z, [ca.mtimes(c, z[0]) + ca.mtimes(d, z[1])])
+    remember(f, (matrices["A"], matrices["B"], np.zeros(nx)))
+    remember(h, (matrices["C"], matrices["D"], np.zeros(ny)))
     return Model(
-        f=ca.Function("f", z, [ca.mtimes(a, z[0]) + ca.mtimes(b, z[1])]),
-        h=ca.Function("h", z, [ca.mtimes(c, z[0]) + ca.mtimes(d, z[1])]),
+        f=f,
+        h=h,
         states=x,
         inputs=u,
         outputs=y,
@@ -101,6 +109,9 @@ def state_space(model: Model) -> tuple[Array, Array, Array, Array]:
     ModelError
         If an equation is nonlinear or has a constant term; all such equations are named.
     """
+    known = remembered(model.f), remembered(model.h)
+    if known[0] and known[1] and not (known[0][2].any() or known[1][2].any()):
+        return (*known[0][:2], *known[1][:2])
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     z = ca.vertcat(x, u)
     f, h = ca.SX(model.rhs(x, u)), ca.SX(model.output(x, u))
@@ -110,27 +121,78 @@ def state_space(model: Model) -> tuple[Array, Array, Array, Array]:
     ]
     if problems:
         raise ModelError(f"model '{model.name}' is not linear: " + "; ".join(problems))
-    jacobian = ca.Function("jacobian", [z], [ca.densify(ca.jacobian(ca.vertcat(f, h), z))])
-    rows = np.array(jacobian(np.zeros(z.numel()))).reshape(model.nx + model.ny, -1)
+    rows = _slopes(ca.Function("rows", [z], [ca.vertcat(f, h)]))
     F, H = rows[: model.nx], rows[model.nx :]
     return F[:, : model.nx], F[:, model.nx :], H[:, : model.nx], H[:, model.nx :]
 
 
-def state_equation(model: Model) -> tuple[Array, Array, Array] | None:
+def bent(model: Model) -> list[str]:
+    """Equations that are not linear in the states, in words; none if the model is.
+
+    The inputs may do anything: a model with ``a * cos(w * t)`` is linear in its states if t is an
+    input. Every operation is looked at, since a step such as sign(v) has a derivative of zero.
+    """
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    labels = [f"the equation of '{s.name}'" for s in model.states]
+    labels += [f"the output equation of '{s.name}'" for s in model.outputs]
+    rows = ca.vertcat(ca.SX(model.rhs(x, u)), ca.SX(model.output(x, u)))
+    found = degrees(ca.Function("rows", [x, u], [ca.densify(rows)]))
+    return [label for label, d in zip(labels, found, strict=True) if d > 1]
+
+
+def coefficients(model: Model, *, outputs: bool = False) -> ca.Function:
+    """``u -> (A, b)`` of a model that is linear in its states, f = A x + b; or of its outputs."""
+    x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
+    rows = model.output(x, u) if outputs else model.rhs(x, u)
+    still = ca.SX.zeros(model.nx)
+    found = [ca.jacobian(rows, x), rows]
+    A, b = (ca.densify(ca.substitute(k, x, still)) for k in found)
+    return ca.Function("coefficients", [u], [A, b])
+
+
+def state_equation(model: Model) -> Affine | None:
     """Matrices A (nx, nx), B (nx, nu) and constants c (nx,) of the rates A x + B u + c.
 
     The parameters are taken at their values. None if a rate is not linear in states and inputs, or
     an entry is not finite.
     """
+    return _affine(model, model.f)
+
+
+def output_equation(model: Model) -> Affine | None:
+    """Matrices C (ny, nx), D (ny, nu) and constants (ny,) of the outputs, see `state_equation`."""
+    return _affine(model, model.h)
+
+
+def _affine(model: Model, equation: ca.Function) -> Affine | None:
+    if known := remembered(equation):
+        return known
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     z = ca.vertcat(x, u)
-    f = ca.densify(ca.SX(model.rhs(x, u)))
-    if any(ca.which_depends(f, z, 2, True)) or not _operations(f, z) <= _LINEAR_OPERATIONS:
-        return None
-    parts = [ca.densify(ca.jacobian(f, x)), ca.densify(ca.jacobian(f, u)), f]
-    A, B, c = (np.array(m) for m in ca.Function("rates", [z], parts).call([np.zeros(z.numel())]))
-    finite = all(np.isfinite(m).all() for m in (A, B, c))
-    return (A, B.reshape(model.nx, model.nu), c.ravel()) if finite else None
+    f = ca.densify(ca.SX(equation.call([x, u, ca.SX(model.theta)])[0]))
+    found = None
+    if not any(ca.which_depends(f, z, 2, True)) and _operations(f, z) <= _LINEAR_OPERATIONS:
+        c = np.array(ca.Function("constants", [z], [f])(np.zeros(z.numel()))).ravel()
+        if c.any():  # a difference to them would lose digits
+            slopes = np.array(ca.evalf(ca.densify(ca.jacobian(f, z))))
+        else:
+            slopes = _slopes(ca.Function("rows", [z], [f]))
+        if np.isfinite(slopes).all() and np.isfinite(c).all():
+            found = slopes[:, : model.nx], slopes[:, model.nx :], c
+    if found and not model.parameters:
+        remember(equation, found)
+    return found
+
+
+def _slopes(linear: ca.Function) -> Array:
+    """Matrix of a function that is linear and without constants, column by column.
+
+    Of many states a Jacobian of expressions takes minutes.
+    """
+    n = linear.numel_in(0)
+    if not n:
+        return np.zeros((linear.numel_out(0), 0))
+    return np.array(ca.densify(linear.map(n)(np.eye(n)))).reshape(-1, n)
 
 
 def _operations(rows: ca.SX, z: ca.SX) -> set[int]:
@@ -140,7 +202,8 @@ def _operations(rows: ca.SX, z: ca.SX) -> set[int]:
 
 def _finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning: str) -> Array:
     try:
-        matrix = np.asarray(given, float)
+        whole: Any = given
+        matrix = np.asarray(whole.toarray() if sparse.issparse(given) else given, float)
     except (OverflowError, TypeError, ValueError):
         raise ModelError(f"{what} is not a matrix of numbers") from None
     if matrix.shape != shape:
@@ -156,6 +219,9 @@ def _finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning:
 def _nonlinear(rows: ca.SX, z: ca.SX, labels: Iterable[str]) -> list[str]:
     found = []
     bent = ca.which_depends(rows, z, 2, True)
+    constants = np.array(ca.Function("rows", [z], [rows])(np.zeros(z.numel()))).ravel()
+    if not (any(bent) or constants.any()) and _operations(rows, z) <= _LINEAR_OPERATIONS:
+        return []
     for i, label in enumerate(labels):
         # A step such as sign(v) has a zero derivative, so the Jacobian alone would not show it.
         if bent[i] or not _operations(rows[i], z) <= _LINEAR_OPERATIONS:

@@ -11,7 +11,9 @@ import numpy as np
 
 from backsight.description import Positive, equations_of, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
+from backsight.models._affine import remember, remembered
 from backsight.models._latex import latex
+from backsight.models.forces.processes import Driven
 from backsight.models.signals import Named, Signal, signals
 from backsight.types import Array
 
@@ -39,6 +41,12 @@ class Model:
         Sampling period of a discrete-time model [s]; None for a continuous-time model.
     name : str
         Shown in results.
+    unsolved : casadi.Function, optional
+        ``(x, u, p)`` to what equations that are solved inside f and h leave, see
+        `backsight.algebra.newton.Root`; set by `backsight.models.implicit`.
+    driven : tuple of Driven
+        States with a noise of their own, see `augment`. Noise and prior of every estimator count
+        it in.
 
     Raises
     ------
@@ -69,6 +77,8 @@ class Model:
     parameters: tuple[Signal, ...]
     dt: float | None
     name: str
+    driven: tuple[Driven, ...]
+    unsolved: ca.Function | None
 
     def __init__(
         self,
@@ -81,6 +91,8 @@ class Model:
         parameters: Signals = (),
         dt: float | None = None,
         name: str = "model",
+        driven: tuple[Driven, ...] = (),
+        unsolved: ca.Function | None = None,
     ) -> None:
         fields = {
             "states": signals(states, "state"),
@@ -89,6 +101,8 @@ class Model:
             "parameters": signals(parameters, "parameter"),
             "dt": dt,
             "name": name,
+            "driven": driven,
+            "unsolved": unsolved,
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -114,6 +128,13 @@ class Model:
         if self.dt is not None:
             problems.append(fault(Positive, self.dt, "the sampling period dt") or "")
         problems.append(fault(str, self.name, "the name") or "")
+        known = {s.name for s in self.states}
+        problems += [
+            f"'{name}' has a noise of its own, but is no state"
+            for group in self.driven
+            for name in group.states
+            if name not in known
+        ]
         problems = [p for p in problems if p]
         if problems:
             raise ModelError(f"model '{self.name}': " + "; ".join(problems))
@@ -165,6 +186,20 @@ class Model:
         """Output equation with the parameters at their values."""
         return self.h.call([x, u, ca.SX(self.theta)])[0]
 
+    def unsolved_at(self, symbols: list[ca.SX], given: list[ca.SX]) -> ca.Function | None:
+        """`unsolved` as a function of the symbols of another model, of which `given` are made."""
+        if self.unsolved is None:
+            return None
+        return ca.Function("unsolved", symbols, self.unsolved.call(given))
+
+    def noise_of_its_own(self) -> Array:
+        """Noise of the `driven` states among all, (nx, nx): a density, or per sample."""
+        whole = np.zeros((self.nx, self.nx))
+        for group in self.driven:
+            at = [self.index(name) for name in group.states]
+            whole[np.ix_(at, at)] = group.noise
+        return whole
+
     def index(self, state: str) -> int:
         """Position of a state; raises `ModelError` if there is none of that name."""
         names = [s.name for s in self.states]
@@ -179,6 +214,7 @@ class Model:
             ("inputs", ", ".join(map(_label, self.inputs))),
             ("outputs", ", ".join(map(_label, self.outputs))),
             ("parameters", ", ".join(f"{s.name} = {s.value:g}" for s in self.parameters)),
+            ("driven", "; ".join(group.says for group in self.driven)),
         ]
         return tree(f"{self.name} ({kind})", [row for row in rows if row[1]])
 
@@ -193,7 +229,7 @@ class Model:
         what = {"f": "state equation f", "h": "output equation h"}[name]
         where = f"model '{self.name}': {what}"
         if isinstance(given, ca.Function):
-            rows = given.call([x, u, p])
+            rows = _called(given, [x, u, p], where)
         else:
             with warnings.catch_warnings():
                 # CasADi announces that np.sin(x.q) will return another type; `_rows` takes either.
@@ -210,7 +246,22 @@ class Model:
                 f"{where} returns {expression.shape[0]} values for "
                 f"{len(of)}: {', '.join(s.name for s in of)}"
             )
-        return ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
+        traced = ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
+        if isinstance(given, ca.Function) and (known := remembered(given)):
+            remember(traced, known)
+        return traced
+
+
+def _called(given: ca.Function, arguments: list[ca.SX], where: str) -> list[ca.SX]:
+    inside = [given, *given.find_functions()]
+    solvers = [k for k in inside if k.class_name() not in ("SXFunction", "MXFunction")]
+    if solvers:
+        raise ModelError(
+            f"{where} calls '{solvers[0].name()}', a {solvers[0].class_name()} of CasADi, which is "
+            "no expression; describe equations that must be solved by bs.models.implicit, which "
+            "does so in every engine"
+        )
+    return given.call(arguments)
 
 
 def _rows(returned: Any, of: tuple[Signal, ...], where: str) -> list[ca.SX]:
@@ -227,7 +278,15 @@ def _rows(returned: Any, of: tuple[Signal, ...], where: str) -> list[ca.SX]:
     try:
         return [ca.SX(row) for row in rows]
     except NotImplementedError:
-        raise ModelError(f"{where} returns something that is not a number or expression") from None
+        hint = ""
+        if any(isinstance(row, ca.MX) for row in rows):
+            hint = (
+                ": a CasADi function such as a rootfinder gives MX, which is none here; describe "
+                "equations that must be solved by bs.models.implicit"
+            )
+        raise ModelError(
+            f"{where} returns something that is not a number or expression{hint}"
+        ) from None
 
 
 def _label(s: Signal) -> str:

@@ -7,8 +7,11 @@ import numpy as np
 
 from backsight.description import checked
 from backsight.errors import ModelError
+from backsight.models._affine import remember, remembered
+from backsight.models.forces.processes import Driven
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.types import Array
 
 
 @checked(ModelError)
@@ -27,14 +30,28 @@ def scale(model: Model) -> Model:
     )
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     p = ca.SX.sym("p", len(model.parameters))
+    f = ca.Function("f", [x, u, p], [model.f.call([sx * x, su * u, p])[0] / sx])
+    h = ca.Function("h", [x, u, p], [model.h.call([sx * x, su * u, p])[0] / sy])
+    for new, old, size in ((f, model.f, sx), (h, model.h, sy)):
+        if known := remembered(old):
+            by_x, by_u, constants = known
+            remember(new, (by_x * sx / size[:, None], by_u * su / size[:, None], constants / size))
     return dataclasses.replace(
         model,
-        f=ca.Function("f", [x, u, p], [model.f.call([sx * x, su * u, p])[0] / sx]),
-        h=ca.Function("h", [x, u, p], [model.h.call([sx * x, su * u, p])[0] / sy]),
+        f=f,
+        h=h,
         states=tuple(map(_scaled, model.states)),
         inputs=tuple(map(_scaled, model.inputs)),
         outputs=tuple(map(_scaled, model.outputs)),
+        unsolved=model.unsolved_at([x, u, p], [ca.SX(sx) * x, ca.SX(su) * u, p]),
+        driven=tuple(_in_scale(group, model, sx) for group in model.driven),
     )
+
+
+def _in_scale(group: Driven, model: Model, sx: Array) -> Driven:
+    size = sx[[model.index(name) for name in group.states]]
+    by = np.outer(size, size)
+    return dataclasses.replace(group, noise=group.noise / by, stationary=group.stationary / by)
 
 
 def _scaled(s: Signal) -> Signal:

@@ -27,6 +27,9 @@ class Signal(Description):
         Typical size [unit], used inside for conditioning; found from the prior if not given.
     lower, upper : float
         Bounds [unit].
+    positive : bool
+        Of a state or of a parameter that becomes one: it is estimated as a logarithm and cannot
+        reach zero, see `backsight.estimators._positive`. No bound is needed.
     position : float, optional
         Where along the structure it is [m], for maps.
     name : str
@@ -40,6 +43,7 @@ class Signal(Description):
     scale: Positive | None = None
     lower: Unlimited = -math.inf
     upper: Unlimited = math.inf
+    positive: bool = False
     position: float | None = None
     name: str = ""
 

@@ -13,6 +13,7 @@ from backsight.analysis.observability import (
 from backsight.discrete.steps import complaint, in_words
 from backsight.errors import ModelError, TuningError
 from backsight.problem.problem import Problem
+from backsight.run.diagnosis import poles
 from backsight.run.estimation import matched_inputs
 
 FIRST_SAMPLES, MOST_SAMPLES = 500, 8000
@@ -68,12 +69,18 @@ def _walks(problem: Problem) -> dict[str, float]:
 
 def doubts(problem: Problem, data: xr.Dataset) -> list[str]:
     """What to tell before a run; nothing if everything can be seen or the motion cannot be made."""
-    coarse = coarse_steps(problem, data)
+    coarse = [*priors_at_poles(problem), *coarse_steps(problem, data)]
     try:
         found = examine(problem, data)
     except ModelError:
         return coarse
     return coarse if found.detectable else [*coarse, *found.lines()]
+
+
+def priors_at_poles(problem: Problem) -> list[str]:
+    """Parameters whose prior reaches zero where the model divides by them, a line each."""
+    told = [line for e in problem.estimators.values() for line in poles(e, problem.model)]
+    return list(dict.fromkeys(told))
 
 
 def integration(problem: Problem, data: xr.Dataset) -> list[str]:

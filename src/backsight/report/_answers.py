@@ -93,9 +93,9 @@ def _card(
     first = having[0]
     row = by_name[first.name]
     final = row.final.get(name)
-    value = plus_minus(final.value, final.std) if final else "unknown"
+    value = final.shown if final else "unknown"
     others = "".join(
-        f"<li>{swatch(s)}{escape(s.name)} {plus_minus(f.value, f.std)}</li>"
+        f"<li>{swatch(s)}{escape(s.name)} {f.shown}</li>"
         for s in having
         if (f := by_name[s.name].final.get(name))
     )

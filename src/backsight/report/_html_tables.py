@@ -139,7 +139,7 @@ def _final(row: Row, name: str) -> str:
     if name in row.rms_error:
         notes.append(f"RMS error {significant(row.rms_error[name], 3)}")
     small = f"<small>{'; '.join(notes)}</small>" if notes else ""
-    return f"{plus_minus(final.value, final.std)}{small}"
+    return f"{final.shown}{small}"
 
 
 def _error(final: Final) -> str:

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from backsight.analysis.comparison import Final, Row
-from backsight.rounding import grouped, percent, plus_minus, shortest, significant
+from backsight.rounding import grouped, percent, shortest, significant
 from backsight.schema import Status
 
 MOST_OUTPUTS = 2
@@ -100,7 +100,7 @@ def _labelled(name: str, unit: str) -> str:
 def _final(final: Final | None) -> str:
     if final is None:
         return ""
-    text = plus_minus(final.value, final.std)
+    text = final.shown
     if final.reference is None or math.isnan(final.value):
         return text
     error = percent(final.relative_error) if final.reference else significant(final.error, 2)

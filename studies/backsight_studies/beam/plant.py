@@ -7,10 +7,10 @@ import numpy as np
 import xarray as xr
 
 from backsight.discrete.exact import zoh
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.structures.beam import beam
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.run.simulation import measured_recording
 from backsight.types import Array
 

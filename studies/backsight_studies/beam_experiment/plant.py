@@ -3,10 +3,10 @@
 import numpy as np
 import xarray as xr
 
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.structures.modal import modal
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.run.simulation import measured_recording, simulate
 from backsight.types import Array
 from backsight_studies.beam.plant import DAMPING, DT, FORCES, NODES, SENSORS, THICKNESS, model

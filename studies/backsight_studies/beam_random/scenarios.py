@@ -9,10 +9,10 @@ import xarray as xr
 
 from backsight.estimators.cs_mhe import Carryover, CompressiveSensingMHE
 from backsight.estimators.uncertainty import Noise
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.structures.modal import modal
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.sparse import L1, AbstractSelection, Greedy, Reweighted
 from backsight.types import Array
 from backsight_studies.beam import tuning

@@ -23,7 +23,7 @@ from backsight.analysis.consistency import (
 from backsight.analysis.forces import FoundHits, force_remarks, hits
 from backsight.analysis.outliers import outliers
 from backsight.errors import DataError, nearest
-from backsight.schema import COARSE, FAILURES, Status, check_estimates
+from backsight.schema import COARSE, FAILURES, POSITIVE, Status, check_estimates
 
 ALIGNMENT, ALIGNED = "alignment", "aligned"
 """Attributes of a result: what was found out about its recording, a line per sentence; and 1 if
@@ -188,14 +188,24 @@ def _worst_if_unknown(value: float) -> float:
 
 def _final(result: xr.Dataset, reference: Mapping[str, float]) -> dict[str, Final]:
     value, std = (_by_name(result[v].isel(time=-1), "state") for v in ("x_hat", "x_std"))
+    sides = [_by_name(result[v].isel(time=-1), "state") for v in ("x_low", "x_high") if v in result]
+    skew = set(result.attrs.get(POSITIVE, "").split())
     return {
-        state: Final(value[state], std[state], unit, reference.get(state))
+        state: Final(
+            value[state],
+            std[state],
+            unit,
+            reference.get(state),
+            (sides[0][state], sides[1][state]) if state in skew and sides else None,
+        )
         for state, unit in units(result, "state").items()
     }
 
 
 def _final_entry(final: Final) -> dict[str, object]:
     entry = {"value": _known(final.value), "std": _known(final.std), "unit": final.unit}
+    if final.band is not None:
+        entry |= {"low": _known(final.band[0]), "high": _known(final.band[1])}
     if final.reference is None:
         return entry
     return entry | {

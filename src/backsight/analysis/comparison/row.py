@@ -7,6 +7,7 @@ from backsight.analysis.consistency import Consistency
 from backsight.analysis.forces import FoundHits
 from backsight.analysis.outliers import Outliers
 from backsight.description import Printed
+from backsight.rounding import between, plus_minus
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,6 +18,15 @@ class Final(Printed):
     std: float
     unit: str
     reference: float | None = None
+    band: tuple[float, float] | None = None
+    """Ends of the band of one standard deviation of a state that is estimated as a logarithm."""
+
+    @property
+    def shown(self) -> str:
+        """Value and band in words; with its ends where the two sides differ to the eye."""
+        if self.band is not None and self.std > 0.05 * abs(self.value):
+            return between(self.value, *self.band)
+        return plus_minus(self.value, self.std)
 
     @property
     def error(self) -> float:

@@ -155,7 +155,8 @@ def _whitened(result: xr.Dataset) -> tuple[Array, Array]:
     usable &= np.isfinite(C).all(axis=(1, 2))
     C = np.where(usable[:, None, None], C, unit)
     eigenvalues = np.linalg.eigvalsh(C)
-    usable &= eigenvalues[:, 0] > 0
+    # Correlations of one but for rounding would be no number, or any.
+    usable &= eigenvalues[:, 0] > unit.shape[0] * np.finfo(float).eps
 
     C = np.where(usable[:, None, None], C, unit)
     z = np.where(usable[:, None], e, 0.0)[:, :, None] / scale[:, :, None]

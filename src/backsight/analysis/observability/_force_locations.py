@@ -15,9 +15,9 @@ from backsight.analysis.observability.zeros import rank_of, transmission_zeros
 from backsight.description import Positive, checked
 from backsight.discrete.exact import zoh
 from backsight.errors import ModelError
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import state_space
 from backsight.models.model import Model
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.types import Array
 
 TOLERANCE = 1e-9

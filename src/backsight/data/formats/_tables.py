@@ -12,7 +12,7 @@ from backsight.data._kinds import begins_with
 from backsight.data._pick import no_column
 from backsight.data._request import Contents, Listed, Request
 from backsight.data._room import check_density, check_room
-from backsight.data.formats._libraries import library
+from backsight.data.formats.libraries import library
 from backsight.data.texts.reading import list_content, read_content
 from backsight.errors import DataError
 

@@ -11,7 +11,7 @@ import pandas as pd
 from backsight.data._pick import present
 from backsight.data._request import Contents, Listed, Request
 from backsight.data._room import check_density, check_room
-from backsight.data.formats._libraries import library
+from backsight.data.formats.libraries import library
 from backsight.data.times.grid import even_times
 from backsight.errors import DataError
 

@@ -79,16 +79,17 @@ def _split(node: ca.MX, parts: list[ca.SX]) -> list[ca.SX]:
 
 
 def _get(node: ca.MX, parts: list[ca.SX]) -> list[ca.SX]:
-    return [_filled(node.sparsity(), ca.vec(parts[0].nz[_positions(node)]))]
+    return [_filled(node.sparsity(), ca.vec(parts[0].nz[positions(node)]))]
 
 
 def _set(node: ca.MX, parts: list[ca.SX]) -> list[ca.SX]:
-    result, at = ca.SX(parts[0]), _positions(node)
+    result, at = ca.SX(parts[0]), positions(node)
     result.nz[at] = _entries(parts[1]) + (ca.vec(result.nz[at]) if node.info()["add"] else 0)
     return [result]
 
 
-def _positions(node: ca.MX) -> list[int]:
+def positions(node: ca.MX) -> list[int]:
+    """Places of the entries that a node takes or sets."""
     info = node.info()
     if "nz" in info:
         return list(info["nz"])

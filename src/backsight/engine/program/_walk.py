@@ -11,9 +11,10 @@ from backsight.engine.foreign import Kernel, kernel_of
 from backsight.engine.program._coalesce import without_copies
 from backsight.engine.program._glue import ELEMENTWISE, glue, scalar
 from backsight.engine.program._moves import in_order
+from backsight.engine.program._regroup import regroup
 from backsight.engine.program._scope import Scope
-from backsight.engine.program._walk_dense import write_dense
-from backsight.engine.program.leaf import Leaf
+from backsight.engine.program._walk_dense import write_product
+from backsight.engine.program.leaf import Leaf, operation_name
 from backsight.engine.program.program import (
     Call,
     Copy,
@@ -72,7 +73,7 @@ def _function(function: ca.Function, arguments: Sequence[Slice], scope: Scope) -
         return _loop(function, loop, arguments, scope)
     operation = dense_of(function)
     if operation is not None:
-        return write_dense(operation, arguments, scope)
+        return write_product(operation, arguments, scope)
     kernel = kernel_of(function)
     if kernel is not None:
         return _foreign(function, kernel, arguments, scope)
@@ -136,13 +137,20 @@ def _instructions(function: ca.Function, arguments: Sequence[Slice], scope: Scop
             elif operation in ELEMENTWISE and node.nnz() > MOST_AT_ONCE:
                 called = scalar(operation, len(values))
                 added, results = _each(called, values, node.nnz(), scope)
+            elif operation == ca.OP_CONST:
+                called = None
+                added, results = [], [[scope.constant(tuple(node.to_DM().nonzeros()))]]
+            elif moved := regroup(node, operation, values, scope, most=MOST_PIECES):
+                called = None
+                added, results = moved
             else:
                 called = glue(node, operation, scope.recursion)
                 added, results = _glue(called, values, scope)
             statements += added
+            name = called.name() if called else operation_name(operation).lower()
             for target, pieces in zip(targets, results, strict=True):
                 if target >= 0:
-                    work[target] = _joined(pieces, called.name(), statements, scope)
+                    work[target] = _joined(pieces, name, statements, scope)
     return statements, outputs
 
 

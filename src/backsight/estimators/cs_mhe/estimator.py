@@ -33,10 +33,10 @@ from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import Innovations
 from backsight.types import Array, ByName
 

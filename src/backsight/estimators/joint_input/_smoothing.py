@@ -30,7 +30,7 @@ from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.estimators.base import Spread
 from backsight.estimators.joint_input._step import lost_forces, step
 from backsight.estimators.joint_input._system import Forces
-from backsight.estimators.parts.covariance import Covariance, Term, transposed
+from backsight.estimators.parts.covariance import Covariance, Term, matrix_product, transposed
 from backsight.estimators.parts.factors import cholesky, on_top
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
@@ -42,7 +42,6 @@ from backsight.estimators.smoothing import (
     filter_channels,
     gathered,
     leaving,
-    matrix_product,
     smoothed_channels,
     weakened,
 )

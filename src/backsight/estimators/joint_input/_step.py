@@ -12,15 +12,22 @@ import numpy as np
 from backsight.algebra.factor import smallest_pivot, solve_spd
 from backsight.algebra.symmetric import vech
 from backsight.algebra.update import masked, measured, noise_of
-from backsight.estimators.joint_input._system import Forces
-from backsight.estimators.parts.covariance import Term, congruence, symmetric_part, times_transposed
+from backsight.engine.dense import (
+    UNROLL,
+    triangle,
+)
+from backsight.estimators.joint_input._many import many_gains
+from backsight.estimators.joint_input._system import LOST, Forces
+from backsight.estimators.parts.covariance import (
+    Term,
+    congruence,
+    symmetric_part,
+    times_transposed,
+)
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.substeps import within_bounds
 from backsight.types import Array
-
-LOST = 1e-6
-"""Below this share of what all rows tell of the forces, the measured ones do not tell them."""
 
 
 def step(found: Forces) -> ca.Function:
@@ -35,13 +42,14 @@ def step(found: Forces) -> ca.Function:
     of states and forces as ``joint``.
     """
     s, C, Q = found.system.s, _sparse(found.system.C), ca.DM(found.system.s.Q)
-    gains, ahead, tail = _gains(found), _ahead(found), _tail(found)
+    gains = many_gains(found) if s.model.nx > UNROLL else _gains(found)
+    ahead, ends = _ahead(found), tail(found)
 
     def formula(x: Term, P: Term, started: Term, u: Term, y: Term, mask: Term) -> Results:
         known = named_results(gains, x, times_transposed(P, C), started, u, y, mask)
         # The covariance of states and forces together, and that of the states ahead.
         joint = symmetric_part(congruence(known["T"], P, known["V"]))
-        triangle, d_triangle = tail(joint)
+        triangle, d_triangle = ends(joint)
         kept = ("x_next", "x_post", "v", "e", "spread", "flags", "d", "prior", "d_scaled")
         return {
             "joint": ca.densify(joint),
@@ -60,9 +68,13 @@ def _ahead(found: Forces) -> ca.DM:
     return _sparse(np.hstack([found.system.A, E]))
 
 
-def _tail(found: Forces) -> ca.Function:
+def tail(found: Forces) -> ca.Function:
     """Lower triangles of the covariances of states, scaled, and of forces, physical."""
     nx, m = found.system.s.model.nx, len(found.names)
+    if nx > UNROLL:
+        joint = ca.MX.sym("P", nx + m, nx + m)
+        kept = [triangle(joint[:nx, :nx]), triangle(joint[nx:, nx:], found.unit)]
+        return ca.Function("joint_input_tail", [joint], kept)
     P = ca.SX.sym("P", nx + m, nx + m)
     of_forces = P[nx:, nx:] * ca.SX(np.outer(found.unit, found.unit))
     return ca.Function("joint_input_tail", [P], [vech(P[:nx, :nx]), vech(of_forces)])
@@ -88,32 +100,13 @@ def _gains(found: Forces) -> ca.Function:
         u, y = u / s.su[:nu], y / s.sy
         prior = x + started * ca.mtimes(ramp, u)
         missed = y - ca.mtimes(C, prior) - ca.mtimes(D, u)
-        Cm, e, R = masked(ca.SX(C), missed, ca.SX(s.R), mask)
 
-        # 2. forces, with the smallest variance among the unbiased estimates
         # Before the first sample no force has acted on the prior.
         acted = ca.SX(1) if found.direct else started
         G = ca.SX.zeros(nx, m) if found.direct else started * ca.SX(found.E)
-        H = acted * ca.diag(mask) @ F
-        seen = PCt @ ca.diag(mask)
-        S = Cm @ seen + R
-        K = solve_spd(S, seen.T).T
-        W = solve_spd(S, H)
-        lost = lost_forces(acted * ca.diag(measured(mask)) @ F, found.H)
-        M = solve_spd(H.T @ W + lost * ca.SX(np.linalg.inv(found.spread)), W.T)
-        d = M @ e
-
-        # 3. states, with the gain that leaves the forces out of the innovation
-        L = K + (G - K @ H) @ M
-        free = prior + L @ e
-        x_post = within_bounds(s, free)
-        clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, 0)
-
-        # 4. covariance T P T' + V of states and forces
-        T = ca.vertcat(ca.SX.eye(nx) - L @ Cm, -M @ Cm)
-        noise = ca.vertcat(L, M)
-        left = lost * ca.vertcat(G - L @ H, ca.SX.eye(m) - M @ H)
-        V = noise @ R @ noise.T + left @ ca.SX(found.spread) @ left.T
+        now = corrected(found, PCt, C=ca.SX(C), H=F, G=G, acted=acted, missed=missed, mask=mask)
+        free, d = prior + now["L"] @ now["innovation"], now["d"]
+        x_post, flags = settled_forces(found, free, now["lost"] * acted)
 
         # 5. prediction
         x_next = ca.mtimes(A, x_post) + ca.mtimes(B, u)
@@ -129,13 +122,81 @@ def _gains(found: Forces) -> ca.Function:
             "v": ca.vertcat(u, force / s.su[nu:]),
             "e": measured(mask) * missed,
             "spread": vech(ca.densify(ca.SX(C) @ PCt + noise_of(ca.SX(s.R), mask))),
-            "flags": Flags(clipped=clipped, unobserved=lost * acted).vector(),
-            "T": ca.densify(T),
-            "V": ca.densify(V),
+            "flags": flags,
+            "T": now["T"],
+            "V": now["V"],
         }
 
     sizes = {**notation(s), "PCt": (nx, s.model.ny), "started": 1, "u": nu}
     return leaf("joint_input_gains", sizes, formula)
+
+
+def corrected(
+    found: Forces,
+    PCt: ca.SX,
+    *,
+    C: ca.SX,
+    H: ca.SX,
+    G: ca.SX,
+    acted: ca.SX,
+    missed: ca.SX,
+    mask: ca.SX,
+) -> dict[str, ca.SX]:
+    """Forces ``d``, the gain ``L`` of the states and the ``innovation`` of the measured rows.
+
+    ``lost`` is 1 if these rows do not determine the forces. T and V are those of the covariance
+    T P T' + V of states and forces.
+
+    Parameters
+    ----------
+    found : Forces
+    PCt : (nx, ny)
+        P C' before the measurement.
+    C, H : (ny, nx), (ny, m)
+        What states and forces show.
+    G : (nx, m)
+        By what the forces have moved the state before the measurement.
+    acted : number
+        0 if no force has acted yet.
+    missed, mask : (ny,)
+        Measurement minus its prediction without forces, and which rows were measured.
+    """
+    nx, m = G.shape
+    s = found.system.s
+    Cm, e, R = masked(C, missed, ca.SX(s.R), mask)
+
+    # 2. forces, with the smallest variance among the unbiased estimates
+    shown = acted * ca.diag(mask) @ H
+    seen = PCt @ ca.diag(mask)
+    S = Cm @ seen + R
+    K = solve_spd(S, seen.T).T
+    W = solve_spd(S, shown)
+    lost = lost_forces(acted * ca.diag(measured(mask)) @ H, found.H)
+    M = solve_spd(shown.T @ W + lost * ca.SX(np.linalg.inv(found.spread)), W.T)
+
+    # 3. gain of the states, which leaves the forces out of the innovation
+    L = K + (G - K @ shown) @ M
+
+    # 4. covariance T P T' + V of states and forces
+    T = ca.vertcat(ca.SX.eye(nx) - L @ Cm, -M @ Cm)
+    noise = ca.vertcat(L, M)
+    left = lost * ca.vertcat(G - L @ shown, ca.SX.eye(m) - M @ shown)
+    V = noise @ R @ noise.T + left @ ca.SX(found.spread) @ left.T
+    return {
+        "d": M @ e,
+        "L": L,
+        "innovation": e,
+        "lost": lost,
+        "T": ca.densify(T),
+        "V": ca.densify(V),
+    }
+
+
+def settled_forces(found: Forces, free: ca.SX, unobserved: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """State within its bounds, and flags."""
+    inside = within_bounds(found.system.s, free)
+    clipped = ca.if_else(ca.norm_1(inside - free) > 0, 1, 0)
+    return inside, Flags(clipped=clipped, unobserved=unobserved).vector()
 
 
 def lost_forces(H: ca.SX, complete: Array) -> ca.SX:

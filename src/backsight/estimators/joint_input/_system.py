@@ -12,6 +12,9 @@ from backsight.types import Array
 GROWTH = 1e-6
 """A zero so far outside the unit circle is outside."""
 
+LOST = 1e-6
+"""Below this share of what all rows tell of the forces, the measured ones do not tell them."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Forces:

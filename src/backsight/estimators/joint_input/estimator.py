@@ -8,24 +8,26 @@ import casadi as ca
 import numpy as np
 
 from backsight.description import Called, Distinct, Range, Sound
-from backsight.discrete.runge_kutta import Hold
+from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import ModelError, TuningError
-from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread
+from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread, setting
+from backsight.estimators.joint_input._extended import at_prior, extended_step
 from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
 from backsight.estimators.kalman.square_root import refuse_too_wide
-from backsight.estimators.parts.covariance import Covariance
+from backsight.estimators.parts.covariance import Covariance, Term
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.forces.unknown_forces import forces_as_inputs
+from backsight.models.lti import bent
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.models.signals import vector
-from backsight.models.structures.unknown_forces import forces_as_inputs
 from backsight.schema import Innovations
 from backsight.types import Array
 
@@ -38,7 +40,8 @@ at a complete sample."""
 class JointInput(AbstractEstimator):
     r"""Joint input and state filter.
 
-    For linear models with forces d that may do anything from one sample to the next,
+    For models with forces d that may do anything from one sample to the next, linear ones and, by
+    linearisation at every estimate, others, such as those with an unknown stiffness as a state:
 
     .. math:: x_{k+1} = A x_k + B u_k + E d_k + w_k, \qquad y_k = C x_k + D u_k + F d_k + v_k :
 
@@ -111,19 +114,42 @@ class JointInput(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
+        if bent(model):
+            forces = self._linearised(model, dt)
+            refuse_too_wide(forces.system.s, "JointInput")
+            return _extended(self.key, forces)
         forces = self._forces(model, dt)
         refuse_too_wide(forces.system.s, "JointInput")
         return _recursion(self.key, forces)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`; the forces are smoothed, too."""
+        if bent(model):
+            raise TuningError(
+                f"{self.title} smooths linear models only; '{model.name}' is not: use estimate, or "
+                "EKF with a force that has dynamics (bs.forces)"
+            )
         return joint_passes(self.key, self._forces(model, dt), covariance=covariance)
 
-    def _forces(self, model: Model, dt: float) -> Forces:
+    def _joined(self, model: Model) -> Model:
         try:
-            joined = forces_as_inputs(model, self.forces)
+            return forces_as_inputs(model, self.forces)
         except ModelError as error:
             raise TuningError(f"forces: {error}") from None
+
+    def _linearised(self, model: Model, dt: float) -> Forces:
+        """Forces of a nonlinear model, at the prior's mean."""
+        if self.hold != "zoh":
+            raise TuningError("a nonlinear model needs inputs that are held: hold = 'zoh'")
+        joined = self._joined(model)
+        s = setting(
+            joined, dt, noise=self.noise, prior=self.prior, integrator=Integrator(hold=self.hold)
+        )
+        found = forces_of(at_prior(s), self.forces)
+        return dataclasses.replace(found, spread=self._spread(found, joined))
+
+    def _forces(self, model: Model, dt: float) -> Forces:
+        joined = self._joined(model)
         system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
         check_sampling(joined, dt)
         found = forces_of(system, self.forces)
@@ -152,8 +178,28 @@ def _recursion(name: str, found: Forces) -> Recursion:
     data = [ca.MX.sym(n, k) for n, k in sizes.items()]
     m = Memory(x=s.x0, P=kept.kept(s.P0), started=0)
     now = named_results(step(found), m.x, m.P, m.started, *data)
+    after = {"x": now["x_next"], "P": now["P_next"], "started": 1}
+    return m.recursion(
+        name, data, next=after, outputs=_outputs(found, now), channels=_channels(found), dt=s.dt
+    )
+
+
+def _extended(name: str, found: Forces) -> Recursion:
+    """The recursion of a nonlinear model."""
+    s, kept = found.system.s, Covariance(found.system.s.model.nx)
+    sizes = {"u": found.nu, "y": s.model.ny, "m": s.model.ny}
+    data = [ca.MX.sym(n, k) for n, k in sizes.items()]
+    m = Memory(x=s.x0, P=kept.kept(s.P0), E=np.zeros(found.E.shape), started=0)
+    now = named_results(extended_step(found), m.x, m.P, m.E, m.started, *data)
+    after = {"x": now["x_next"], "P": now["P_next"], "E": now["E_next"], "started": 1}
+    return m.recursion(
+        name, data, next=after, outputs=_outputs(found, now), channels=_channels(found), dt=s.dt
+    )
+
+
+def _outputs(found: Forces, now: dict[str, Term]) -> dict[str, Term]:
     estimate = physical(
-        s,
+        found.system.s,
         x=now["x_post"],
         P=now["triangle"],
         u=now["v"],
@@ -161,15 +207,12 @@ def _recursion(name: str, found: Forces) -> Recursion:
         S=now["spread"],
         flags=now["flags"],
     )
-    return m.recursion(
-        name,
-        data,
-        next={"x": now["x_next"], "P": now["P_next"], "started": 1},
-        outputs={**estimate, "d_hat": now["d"], "P_d": now["d_triangle"]},
-        channels=(
-            *ESTIMATE_CHANNELS,
-            Channel("d_hat", ("force",), labels=found.names, ago=0 if found.direct else 1),
-            Channel("P_d", ("force", "force_"), symmetric=True, labels=found.names),
-        ),
-        dt=s.dt,
+    return {**estimate, "d_hat": now["d"], "P_d": now["d_triangle"]}
+
+
+def _channels(found: Forces) -> tuple[Channel, ...]:
+    return (
+        *ESTIMATE_CHANNELS,
+        Channel("d_hat", ("force",), labels=found.names, ago=0 if found.direct else 1),
+        Channel("P_d", ("force", "force_"), symmetric=True, labels=found.names),
     )

@@ -6,28 +6,48 @@ import casadi as ca
 import numpy as np
 
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman.prediction import sensitivity
-from backsight.estimators.parts.covariance import Covariance, transposed
+from backsight.estimators.kalman.square_root import noise_drowns
+from backsight.estimators.parts.covariance import Covariance, matrix_product, transposed
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.linear import Linear, root, unstable
+from backsight.estimators.parts.linear import Linear, Varying, root, unstable
 from backsight.estimators.parts.stages import measured_rows
-from backsight.estimators.parts.substeps import substep_inputs
+from backsight.estimators.parts.substeps import seen_outputs, substep_inputs
 from backsight.estimators.smoothing import Linearised, blurred
 
 
-def linear_looks(system: Linear) -> Linearised:
-    """Of a linear model: the same at every sample."""
+def linear_looks(system: Linear | Varying) -> Linearised:
+    """Of a linear model: the same at every sample, unless its coefficients change."""
     s = system.s
+    if isinstance(system, Varying):
+        return _varying_looks(system)
+    G = root(s.Q)
+    noise = np.array(blurred(ca.DM(G))) if unstable(system.A) else G
+    return Linearised(
+        root=covariance_root(s),
+        ahead=(system.A, noise),
+        seen=seen(s, at="prior"),
+        by_root=noise_drowns(s),
+    )
+
+
+def _varying_looks(system: Varying) -> Linearised:
+    s, nx = system.s, system.s.model.nx
     x, spread, u, u_next = _posterior(s)
-    G = ca.DM(root(system.s.Q))
-    noise = blurred(G) if unstable(system.A) else G
-    F, G = (ca.MX(ca.densify(k)) for k in (ca.DM(system.A), noise))
-    ahead = ca.Function("ahead", [x, spread, u, u_next], [F, G])
-    return Linearised(root=covariance_root(s), ahead=ahead, seen=seen(s, at="prior"))
+    F, _, noise = system.transitions(u, u_next)
+    added = half("noise_kept", s, lambda noise: {"P": noise}, {"noise": (nx, nx)})(noise)
+    ahead = [F, blurred(covariance_root(s)(added))]
+    return Linearised(
+        root=covariance_root(s),
+        ahead=ca.Function("ahead", [x, spread, u, u_next], ahead),
+        seen=seen(s, at="prior"),
+        by_root=True,  # what drowns at one sample need not at another
+    )
 
 
 def ekf_looks(
@@ -50,7 +70,9 @@ def ekf_looks(
     _, noise = halves.predict(x, known, u, u_next)
     ahead = [_turned(s)(Ft), blurred(covariance_root(s)(noise))]
     function = ca.Function("ahead", [x, spread, u, u_next], ahead)
-    return Linearised(root=covariance_root(s), ahead=function, seen=seen(s, at=at))
+    return Linearised(
+        root=covariance_root(s), ahead=function, seen=seen(s, at=at), by_root=noise_drowns(s)
+    )
 
 
 def covariance_root(s: Setting) -> ca.Function:
@@ -60,6 +82,8 @@ def covariance_root(s: Setting) -> ca.Function:
 
 def seen(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Function:
     """See `Linearised.seen`; where the outputs are linearised."""
+    if Covariance(s.model.nx).whole and not np.any(s.R - np.diag(np.diag(s.R))):
+        return _seen_by_many(s, at=at)
 
     def formula(
         x_prior: ca.SX, spread_prior: ca.SX, x_post: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX
@@ -70,6 +94,25 @@ def seen(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Function:
         return {"Ht": ca.densify(H.T), "e": e + H @ (point - x_prior)}
 
     return leaf("seen", {**notation(s), "spread": Covariance(s.model.nx).size}, formula)
+
+
+def _seen_by_many(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Function:
+    """`seen` of many states, as operations on matrices; the noises of the outputs are independent.
+
+    An expression for every entry of H would take minutes to compile.
+    """
+    nx, ny = s.model.nx, s.model.ny
+    sizes = {
+        "x_prior": nx, "spread": Covariance(nx).size, "x_post": nx, "u": s.model.nu, "y": ny,
+        "mask": ny,
+    }  # fmt: skip
+    x_prior, _, x_post, u, y, mask = given = [ca.MX.sym(k, n) for k, n in sizes.items()]
+    point = x_prior if at == "prior" else x_post
+    expected, H = seen_outputs(s)(point, u)
+    weight = mask / ca.DM(np.sqrt(np.diag(s.R)))
+    Ht = transposed(ca.densify(H)) * product_of(ca.MX.ones(nx, 1), weight.T)
+    e = weight * (y - expected) + matrix_product(transposed(Ht), point - x_prior)
+    return ca.Function("seen", given, [Ht, e])
 
 
 def _posterior(s: Setting) -> list[ca.MX]:

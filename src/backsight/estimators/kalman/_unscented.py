@@ -19,10 +19,11 @@ from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights
 from backsight.algebra.update import masked
 from backsight.estimators.base import Setting
-from backsight.estimators.parts.covariance import Term, times_transposed, transposed
+from backsight.estimators.kalman.square_root import noise_drowns
+from backsight.estimators.parts.covariance import Term, transposed
 from backsight.estimators.parts.factors import (
     deviation_factor,
-    minus,
+    mean_and_deviations,
     solve_lower,
     solve_upper_semidefinite,
 )
@@ -60,7 +61,8 @@ def unscented_looks(
         return {"Fm": transposed(Ft), "factor": blurred(G)}
 
     def weighed(Y: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
-        Y, e, R = masked(Y, y - Y @ ca.SX(w.mean), ca.SX(s.R), mask)
+        mean, _ = mean_and_deviations(Y, w)
+        Y, e, R = masked(Y, y - mean, ca.SX(s.R), mask)
         return {"Y_seen": ca.densify(Y), "e": e, "noise": ca.densify(cholesky_semidefinite(R))}
 
     def seen(Y: Term, e: Term, noise: Term, L: Term) -> Results:
@@ -78,6 +80,7 @@ def unscented_looks(
     looked = half("unscented_seen", s, seen, sizes)(*rows, opened(spread))
     return Linearised(
         root=opened,
+        by_root=noise_drowns(s),
         ahead=ca.Function("ahead", [x, spread, u, u_next], list(on)),
         seen=ca.Function("seen", [x, spread, x_post, u, y, mask], list(looked)),
     )
@@ -95,7 +98,7 @@ def regression(images: Term, w: Weights, noise: Term, L: Term) -> tuple[Term, Te
         Factor of the noise that is added to the images.
     """
     n = L.shape[0]
-    d = minus(images, times_transposed(images, ca.DM(w.mean).T))
+    _, d = mean_and_deviations(images, w)
     a, b = d[:, 1 : n + 1], d[:, n + 1 :]
     M = float(w.covariance[1] * w.spread) * (a - b)
     rest = ca.horzcat(d[:, 0], (a + b) / np.sqrt(2), type(d).zeros(d.shape[0], n))

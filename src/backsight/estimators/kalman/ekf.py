@@ -24,11 +24,13 @@ from backsight.estimators.parts.covariance import (
     congruence,
     joseph_form,
     kalman_gain,
+    matrix_product,
+    weighted_gain,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.parts.substeps import seen_outputs, within_bounds
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
@@ -142,6 +144,8 @@ def ekf_halves(s: Setting, integrator: Integrator, covariance: Propagation) -> H
 
 def innovation(s: Setting) -> ca.Function:
     """Innovation, 0 where not measured, and its covariance: ``(x, P, u, y, mask) -> (e, S)``."""
+    if Covariance(s.model.nx).whole:
+        return half("innovation", s, lambda x, P, u, y, mask: _gain(s, x, P, u, y, mask).told)
 
     def seen(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_prior = s.model.output(x, u)
@@ -178,6 +182,12 @@ def correct(s: Setting, *, check: bool = False) -> ca.Function:
 
 def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple[Term, Term, Flags]:
     """State, covariance (nx, nx) and flags after a measurement, in the formula of a `half`."""
+    if Covariance(s.model.nx).whole:
+        found = _gain(s, x, P, u, y, mask)
+        P_post = joseph_form(P, found.K, found.H, found.noise)
+        moved = x + matrix_product(found.K, found.e)
+        x_post, flags = settled(s)(moved, ca.diag(P_post), ca.diag(found.S))
+        return x_post, P_post, Flags.of(flags)
 
     def seen(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_prior = s.model.output(x, u)
@@ -189,6 +199,34 @@ def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple
     P_post = joseph_form(P, K, H, R)  # eq. 19
     x_post, flags = settled(s)(x + K @ e, ca.diag(P_post), ca.diag(S))  # eq. 18
     return x_post, P_post, Flags.of(flags)
+
+
+@dataclasses.dataclass(frozen=True)
+class Gain:
+    """What a filter of many states makes of a sample: innovation, gain and their covariances."""
+
+    e: ca.MX
+    H: ca.MX
+    K: ca.MX
+    S: ca.MX
+    noise: ca.MX
+
+    @property
+    def told(self) -> Results:
+        """Innovation, 0 where not measured, and its covariance."""
+        return {"e": self.e, "S": self.S}
+
+
+def _gain(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> Gain:
+    """Eq. 17 with the rows that were measured: those of H, e and K that were not are zero in K."""
+    y_prior, H = seen_outputs(s)(x, u)
+    missed = leaf(
+        "missed",
+        {**notation(s), "expected": s.model.ny},
+        lambda y, expected, mask: {"e": measured(mask) * (y - expected)},
+    )
+    K, S, noise = weighted_gain(P, H, s.R, mask)
+    return Gain(missed(y, y_prior, mask), H, K, S, noise)
 
 
 def settled(s: Setting) -> ca.Function:

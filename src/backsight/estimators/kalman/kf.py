@@ -14,12 +14,12 @@ from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman._linearised import linear_looks
 from backsight.estimators.kalman.prediction import predict
-from backsight.estimators.kalman.square_root import square_root_halves, wide
-from backsight.estimators.parts.covariance import Covariance, Term
+from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves, wide
+from backsight.estimators.parts.covariance import Covariance, Term, congruence, matrix_product
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.fixed_gain import correct_with
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.linear import Linear, linear
+from backsight.estimators.parts.linear import Linear, Varying, in_time
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
@@ -32,7 +32,9 @@ class KalmanFilter(AbstractEstimator):
     r"""Kalman filter.
 
     For linear models, with :math:`x_{k+1} = A x_k + B u_k + w_k`, :math:`y_k = C x_k + D u_k + v_k`
-    and white noise of the covariances Q and R: the estimate with the smallest variance.
+    and white noise of the covariances Q and R: the estimate with the smallest variance. The
+    matrices may change with known inputs, ``a * cos(angle)`` for a state a and an input `angle`;
+    with a constant term the model is one of these, too.
 
     .. math::
         e_k = y_k - C \hat x_k^- - D u_k, \quad S_k = C P_k^- C' + R, \quad
@@ -42,15 +44,18 @@ class KalmanFilter(AbstractEstimator):
         \hat x_{k+1}^- = A \hat x_k^+ + B u_k, \quad P_{k+1}^- = A P_k^+ A' + Q .
 
     Continuous models are carried over exactly: the state by a matrix exponential, the noise by
-    Van Loan's integral. States outside their bounds are set to them, and priors that are far wider
-    than the noise are kept as factors, as by `EKF`.
+    Van Loan's integral; where matrices change within a sampling period (``hold = "foh"``), by the
+    method of Magnus, see `backsight.discrete.varying`. States outside their bounds are set to them,
+    and priors that are far wider than the noise are kept as factors, as by `EKF`, unless matrices
+    change.
 
     Parameters
     ----------
     noise : Noise
     prior : Prior
     hold : {"zoh", "foh"}
-        Input between the samples of a continuous model: held, or interpolated.
+        Input between the samples of a continuous model: held, or interpolated. An angle or the
+        time as an input goes on between the samples: ``foh``.
     steady_state : bool
         Use the gain of the algebraic Riccati equation from the first sample on. The covariance
         that is put out is still that of the estimate, start and missing samples included.
@@ -85,6 +90,11 @@ class KalmanFilter(AbstractEstimator):
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
         system = self._system(model, dt)
+        if isinstance(system, Varying):
+            if self.steady_state:
+                _constant(system)
+            refuse_too_wide(system.s, "matrices that change", linearised=system.at_rest)
+            return assemble(self.key, system.s, linear_halves(system, ekf.correct(system.s)))
         if self.steady_state:
             return assemble(self.key, system.s, fixed_gain_halves(system, _riccati(system)[0]))
         if wide(system.s):
@@ -108,16 +118,16 @@ class KalmanFilter(AbstractEstimator):
         TuningError
             If there is no steady state.
         """
-        system = self._system(model, dt)
+        system = _constant(self._system(model, dt))
         K, P = _riccati(system)
         s = system.s
         return K * s.sx[:, None] / s.sy, P * np.outer(s.sx, s.sx)
 
-    def _system(self, model: Model, dt: float) -> Linear:
-        return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+    def _system(self, model: Model, dt: float) -> Linear | Varying:
+        return in_time(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
 
 
-def linear_halves(system: Linear, correct: ca.Function) -> Halves:
+def linear_halves(system: Linear | Varying, correct: ca.Function) -> Halves:
     """Halves of a filter of a linear model with the given measurement update."""
     kept = Covariance(system.s.model.nx)
     return Halves(
@@ -135,9 +145,11 @@ def fixed_gain_halves(system: Linear, gain: Array) -> Halves:
     return linear_halves(system, correct_with(system, gain))
 
 
-def predict_linear(system: Linear) -> ca.Function:
+def predict_linear(system: Linear | Varying) -> ca.Function:
     """Time update ``(x, P, u, u_next) -> (x, P)``: A P A' + Q; see `Covariance`."""
     s = system.s
+    if isinstance(system, Varying):
+        return _predict_varying(system)
     held = predict(s, s.integrator, "discrete")
     if not system.ramp:
         return held
@@ -151,10 +163,35 @@ def predict_linear(system: Linear) -> ca.Function:
     return half("predict_ramp", s, formula, {"spread": kept.size})
 
 
+def _predict_varying(system: Varying) -> ca.Function:
+    s, kept = system.s, Covariance(system.s.model.nx)
+    nx, nu = s.model.nx, s.model.nu
+
+    def formula(x: Term, spread: Term, F: Term, b: Term, noise: Term) -> Results:
+        moved = congruence(F, kept.opened(spread), noise)
+        return {"x_next": matrix_product(F, x) + b, "spread_next": kept.closed(moved)}
+
+    sizes = {"spread": kept.size, "b": nx, "noise": (nx, nx)}
+    go = half("predict_varying", s, formula, sizes)
+    x, spread = ca.MX.sym("x", nx), ca.MX.sym("spread", kept.size)
+    u, v = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu)
+    return ca.Function("predict", [x, spread, u, v], list(go(x, spread, *system.transitions(u, v))))
+
+
 def ramp_end(system: Linear) -> ca.Function:
     """``(x, u_next) -> x``: what the input at the end of the period adds."""
     B, sizes = ca.sparsify(ca.DM(system.B_next)), notation(system.s)
     return leaf("ramp_end", sizes, lambda x, u_next: {"x_end": x + ca.mtimes(B, u_next)})
+
+
+def _constant(system: Linear | Varying) -> Linear:
+    """The system, if it can have a steady state."""
+    if isinstance(system, Linear):
+        return system
+    raise TuningError(
+        f"model '{system.s.model.name}' has coefficients that change with its inputs, or a "
+        "constant term, and no steady state; use steady_state = false"
+    )
 
 
 def _riccati(system: Linear) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from backsight.estimators.parts.covariance import (
     transposed,
 )
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import flow, substep_inputs
+from backsight.estimators.parts.substeps import flow, moved_state, substep_inputs
 from backsight.models.lti import state_equation
 from backsight.types import Array
 
@@ -74,6 +74,8 @@ def predict(s: Setting, integrator: Integrator, covariance: Propagation) -> ca.F
 
 def moved_by(s: Setting, integrator: Integrator) -> ca.Function:
     """State one sub-step later, eq. 13, and its Jacobian: ``(x, ua, ub) -> (x, Phi)``."""
+    if Covariance(s.model.nx).whole:
+        return moved_state(s, integrator)
 
     def formula(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
         if not s.model.continuous:
@@ -155,15 +157,10 @@ def _carried(s: Setting) -> ca.Function:
 
 def _mapped(s: Setting) -> ca.Function:
     """Time update of a discrete-time model, see `predict`."""
+    mapped = moved_by(s, s.integrator)
 
-    def ahead(x: ca.SX, u: ca.SX) -> Results:
-        x_next = s.model.rhs(x, u)
-        return {"x_next": x_next, "F": ca.jacobian(x_next, x)}
-
-    mapped = leaf("mapped", notation(s), ahead)
-
-    def formula(x: Term, P: Term, u: Term, u_next: Term) -> Results:  # noqa: ARG001 - it is held
-        x_next, F = mapped(x, u)
+    def formula(x: Term, P: Term, u: Term, u_next: Term) -> Results:
+        x_next, F = mapped(x, u, u_next)
         return {"x_next": x_next, "P_next": congruence(F, P, ca.DM(s.Q))}
 
     return half("predict", s, formula)

@@ -37,7 +37,14 @@ from backsight.estimators.parts.factors import Factor, cholesky_factor, compress
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import substep_inputs, within_bounds
+from backsight.estimators.parts.linear import root
+from backsight.estimators.parts.substeps import (
+    moved_state,
+    seen_outputs,
+    substep_inputs,
+    within_bounds,
+)
+from backsight.estimators.smoothing import drowned
 from backsight.types import Array
 
 WIDE = 1e6
@@ -54,13 +61,14 @@ def wide(s: Setting, *, limit: float = WIDE) -> bool:
     return width_of_prior(s) > limit
 
 
-def width_of_prior(s: Setting) -> float:
+def width_of_prior(s: Setting, linearised: tuple[Array, Array] | None = None) -> float:
     """Largest deviation of an output by the prior, in those of its noise; 0 if that runs away.
 
     At the start, or as many samples later as there are states: a state that no output shows at
-    once, a velocity, is seen when it has moved.
+    once, a velocity, is seen when it has moved. Matrices of transition and outputs are those at the
+    prior's mean unless they are given.
     """
-    F, H = _linearised(s)
+    F, H = linearised or _linearised(s)
     spread = cholesky_factor(s.P0)
     sigma, largest = np.sqrt(np.diag(s.R)), 0.0
     for _ in range(min(s.model.nx, 10)):
@@ -72,9 +80,24 @@ def width_of_prior(s: Setting) -> float:
     return largest
 
 
-def refuse_too_wide(s: Setting, title: str) -> None:
-    """Raise `TuningError` if the prior is too wide for a method that keeps a covariance."""
-    if wide(s, limit=TOO_WIDE):
+def noise_drowns(s: Setting) -> bool:
+    """Whether the way back of a smoother needs factors, see `drowned`; at the prior's mean."""
+    F, H = _linearised(s)
+    noise = cholesky_factor(s.R)
+    if not (np.isfinite(F).all() and np.isfinite(H).all() and np.diag(noise).all()):
+        return True
+    white = np.asarray(np.linalg.solve(noise, H), float)
+    return drowned(F, white, root(s.sampled().Q))
+
+
+def refuse_too_wide(
+    s: Setting, title: str, *, linearised: tuple[Array, Array] | None = None
+) -> None:
+    """Raise `TuningError` if the prior is too wide for a method that keeps a covariance.
+
+    Matrices of transition and outputs are those at the prior's mean unless they are given.
+    """
+    if width_of_prior(s, linearised) > TOO_WIDE:
         raise TuningError(
             f"the prior says of an output more than {TOO_WIDE:g} times what its noise is: the "
             f"covariances of {title} cannot hold both; narrow the prior (sigma_x0), or use "
@@ -208,6 +231,13 @@ def covariance_of_factor(s: Setting) -> ca.Function:
 
 def _linearised(s: Setting) -> tuple[Array, Array]:
     """Transition matrix (nx, nx) and output matrix (ny, nx) at the prior's mean, without input."""
+    if Covariance(s.model.nx).whole:
+        # One sub-step stands for a sample: how far the prior is wider than the noise matters.
+        still = np.zeros(s.model.nu)
+        _, F = moved_state(s, s.integrator)(s.x0, still, still)
+        _, H = seen_outputs(s)(s.x0, still)
+        steps = s.integrator.steps if s.model.continuous else 1
+        return np.linalg.matrix_power(ca.densify(F).full(), steps), ca.densify(H).full()
     x, u = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
     still = np.zeros(s.model.nu)
     slope = ca.Function("H", [x, u], [ca.densify(ca.jacobian(s.model.output(x, u), x))])

@@ -7,9 +7,9 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.sigma import Weights, weights
+from backsight.algebra.sigma import weights
 from backsight.algebra.triangular import forward
-from backsight.algebra.update import masked, measured, noise_of
+from backsight.algebra.update import masked, measured
 from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
@@ -19,14 +19,18 @@ from backsight.estimators.base import AbstractEstimator, Setting, Spread, settin
 from backsight.estimators.kalman._sigma_pairs import Outside, Points, SigmaPoints
 from backsight.estimators.kalman._unscented import unscented_looks
 from backsight.estimators.kalman.square_root import covariance_of_factor
-from backsight.estimators.parts.covariance import Covariance, Term, times_transposed
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    Term,
+    scatter_and_noise,
+)
 from backsight.estimators.parts.factors import (
     Factor,
     cholesky_factor,
     deviation_factor,
     each_column,
     joint_factor,
-    minus,
+    mean_and_deviations,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
@@ -153,26 +157,18 @@ def _outputs(s: Setting, points: SigmaPoints, chosen: Points, u: Term) -> Term:
     return points.told(s, each_column(output, chosen.inside, u)[0], chosen.pairs)
 
 
-def _from_mean(Y: Term, w: Weights) -> tuple[Term, Term]:
-    """Mean output (ny,) and deviations from it (ny, 2 n + 1)."""
-    mean = Y @ w.mean
-    return mean, minus(Y, mean)
-
-
 def _innovation(s: Setting, points: SigmaPoints) -> ca.Function:
-    w = points.weights
+    w, sizes = points.weights, {"spread": Factor(Covariance(s.model.nx)).size, "y_mean": s.model.ny}
 
-    def seen(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
-        S = dY @ ca.diag(ca.SX(w.covariance)) @ dY.T + noise_of(ca.SX(s.R), mask)
-        return {"e": measured(mask) * (y - y_mean), "covariance": S}
+    def seen(y: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
+        return {"e": measured(mask) * (y - y_mean)}
 
-    sizes = {"dY": (s.model.ny, len(w.mean)), "spread": Factor(Covariance(s.model.nx)).size}
-    compare = leaf("compare", {**notation(s), **sizes}, seen)
+    missed = leaf("missed", {**notation(s), **sizes}, seen)
 
     def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
-        y_mean, dY = _from_mean(_outputs(s, points, _around(s, points, x, spread), u), w)
-        e, S = compare(y, dY, y_mean, mask)
-        return {"e": e, "S": S}
+        y_mean, dY = mean_and_deviations(_outputs(s, points, _around(s, points, x, spread), u), w)
+        S = scatter_and_noise(dY, w.covariance, s.R, mask)
+        return {"e": missed(y, y_mean, mask), "S": S}
 
     return half("innovation", s, formula, sizes)
 
@@ -207,7 +203,7 @@ def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
 
     def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
         chosen = _around(s, points, x, spread)
-        y_mean, dY = _from_mean(_outputs(s, points, chosen, u), w)
+        y_mean, dY = mean_and_deviations(_outputs(s, points, chosen, u), w)
         dY, e, noise = weigh(y, dY, y_mean, mask)
         # The outputs see points inside the bounds, the spread is that of the state: or else every
         # sample would make it smaller next to a bound, whatever was measured.
@@ -260,8 +256,8 @@ def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Func
     inside = leaf("within", notation(s), lambda x: {"x_in": within_bounds(s, x)})
 
     def gathered(X: Term, spread: Term) -> Results:
-        mean = times_transposed(X, ca.DM(w.mean).T)
-        L, definite = deviation_factor(minus(X, mean), w, type(X)(ca.DM(noise)))
+        mean, d = mean_and_deviations(X, w)
+        L, definite = deviation_factor(d, w, type(X)(ca.DM(noise)))
         L_next = ca.if_else(definite, kept.closed(L), spread[:-1])
         return {"x_next": inside(mean), "spread_next": ca.vertcat(L_next, 1 - definite)}
 

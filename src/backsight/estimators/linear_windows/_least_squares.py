@@ -10,7 +10,7 @@ from backsight.estimators.linear_windows._window_filter import window_filter
 from backsight.estimators.linear_windows.stacked import gains, product
 from backsight.estimators.parts.covariance import packed
 from backsight.estimators.parts.filtering import choose
-from backsight.estimators.parts.linear import Linear
+from backsight.estimators.parts.linear import Linear, Varying
 
 Window = Sequence[ca.MX]
 """Inputs, outputs, masks and presence of the samples, side by side."""
@@ -20,7 +20,7 @@ DEFICIENT = 2
 
 
 def least_squares(
-    system: Linear,
+    system: Linear | Varying,
     N: int,
     arrival_weight: float,
     start: Sequence[ca.MX],
@@ -30,15 +30,17 @@ def least_squares(
 ) -> list[ca.MX]:
     """Solve a window without its limits: 1 if its measurements do not suffice, x and P of samples.
 
-    The samples are the last one, or the last and the first. A full window without gaps is a product
-    with constant gains; others are gone through sample by sample.
+    The samples are the last one, or the last and the first. A full window without gaps of a model
+    with constant coefficients is a product with constant gains; others are gone through sample
+    by sample.
     """
     U, Y, M, present = window
     through = window_filter(system, N)
-    go, diffuse, P_lead = start_of(system.s, arrival_weight)(_all(M), present[0], start[1])
+    whole = _all(M) if isinstance(system, Linear) else ca.MX(0)
+    go, diffuse, P_lead = start_of(system.s, arrival_weight)(whole, present[0], start[1])
     results = [through.size_out(i) for i in range(through.n_out()) if i != DEFICIENT]
     found = [ca.MX.zeros(*size) for size in results[: 2 * len(samples)]]
-    if arrival_weight == 0:
+    if arrival_weight == 0 and isinstance(system, Linear):
         fixed = [gains(system, N, at=at) for at in samples]
         found = [
             k

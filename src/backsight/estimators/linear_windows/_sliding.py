@@ -14,9 +14,9 @@ from backsight.estimators.linear_windows.stacked import gains, product, stacked
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
-    applied,
     congruence,
     influence,
+    matrix_product,
     times_transposed,
 )
 from backsight.estimators.parts.filtering import choose, data_inputs, physical
@@ -172,7 +172,7 @@ def _age(system: Linear) -> ca.Function:
     """One measurement becomes a sample older."""
 
     def formula(P: Term, columns: Term, Phi: Term) -> Results:
-        older = applied(Phi, columns)
+        older = matrix_product(Phi, columns)
         return {"P_next": P + influence(older, system.s.R), "older": older}
 
     return half("age", system.s, formula, {"columns": system.C.T.shape})
@@ -182,7 +182,7 @@ def _fold(system: Linear) -> ca.Function:
     """Take the oldest measurement out: covariance of those outside, and of the estimate."""
 
     def formula(Z: Term, P: Term, columns: Term, Phi: Term, out: Term) -> Results:
-        rest = applied(Phi, columns) - out
+        rest = matrix_product(Phi, columns) - out
         outside = congruence(Phi, Z, 0 * system.s.Q) + influence(rest, system.s.R)
         return {"Z_next": outside, "P_next": P + outside}
 

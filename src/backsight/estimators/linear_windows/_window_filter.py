@@ -14,14 +14,15 @@ from backsight.algebra.triangular import compress, forward
 from backsight.algebra.update import gain, joseph, masked
 from backsight.engine.loops import scan
 from backsight.estimators.parts.leaf import Results, Size, Symmetric, leaf, notation
-from backsight.estimators.parts.linear import Linear
+from backsight.estimators.parts.linear import Linear, Varying
+from backsight.models.lti import coefficients
 from backsight.types import Array
 
 NEGLIGIBLE = 1e-9
 """A pivot this small beside its row says that the window does not determine the direction."""
 
 
-def window_filter(system: Linear, N: int) -> ca.Function:
+def window_filter(system: Linear | Varying, N: int) -> ca.Function:
     """``(x, P, diffuse, U, Y, M, present) -> (x, P, deficient, x_first, P_first)``.
 
     x and P (lower triangle) describe the start of the window, the results its end. With
@@ -29,7 +30,7 @@ def window_filter(system: Linear, N: int) -> ca.Function:
     determine it, and ``x_first, P_first`` are what they say of it. Samples with ``present = 0`` do
     not exist; they come first.
     """
-    nx, nu, ny = (len(system.A), *system.D.T.shape)
+    nx, nu, ny = system.s.model.nx, system.s.model.nu, system.s.model.ny
     x, vP = ca.MX.sym("x", nx), ca.MX.sym("P", nx * (nx + 1) // 2)
     diffuse = ca.MX.sym("diffuse")
     U, Y, M = (ca.MX.sym(n, k, N + 1) for n, k in (("U", nu), ("Y", ny), ("M", ny)))
@@ -47,15 +48,15 @@ def window_filter(system: Linear, N: int) -> ca.Function:
     return ca.Function("window_filter", [x, vP, diffuse, U, Y, M, present], list(results))
 
 
-def _sizes(system: Linear) -> dict[str, Size]:
+def _sizes(system: Linear | Varying) -> dict[str, Size]:
     """Those of the notation; X, derivative of the state by the first one; L, equations for it."""
-    nx = len(system.A)
+    nx = system.s.model.nx
     return {**notation(system.s), "X": (nx, nx), "L": Symmetric(nx + 1), "diffuse": 1, "here": 1}
 
 
-def _begin(system: Linear) -> ca.Function:
+def _begin(system: Linear | Varying) -> ca.Function:
     """``(P, diffuse) -> (P, X, L)`` at the start of the window."""
-    nx = len(system.A)
+    nx = system.s.model.nx
 
     def formula(P: ca.SX, diffuse: ca.SX) -> Results:
         X, L = diffuse * ca.SX.eye(nx), ca.SX.zeros(nx + 1, nx + 1)
@@ -64,16 +65,20 @@ def _begin(system: Linear) -> ca.Function:
     return leaf("begin", _sizes(system), formula)
 
 
-def _absorb(system: Linear) -> ca.Function:
+def _absorb(system: Linear | Varying) -> ca.Function:
     """Take in the measurements of one sample."""
-    C, D, R_all = _sparse(system.C), _sparse(system.D), ca.SX(_sparse(system.s.R))
+    R_all = ca.SX(_sparse(system.s.R))
 
     def formula(
         x: ca.SX, P: ca.SX, X: ca.SX, L: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX, here: ca.SX
     ) -> Results:
         # The Kalman filter, as if the first state were known.
-        e = y - ca.mtimes(C, x) - ca.mtimes(D, u)
-        H, e, R = masked(ca.SX(C), e, R_all, here * mask)
+        if isinstance(system, Varying):
+            C, d = coefficients(system.s.model, outputs=True)(u)
+        else:
+            C, d = ca.SX(_sparse(system.C)), ca.mtimes(_sparse(system.D), u)
+        e = y - ca.mtimes(C, x) - d
+        H, e, R = masked(C, e, R_all, here * mask)
         K, S = gain(P, H, R)
         # Its innovations, white, are equations for the first state.
         HX = H @ X
@@ -90,8 +95,10 @@ def _absorb(system: Linear) -> ca.Function:
     return leaf("absorb", _sizes(system), formula)
 
 
-def _advance(system: Linear) -> ca.Function:
+def _advance(system: Linear | Varying) -> ca.Function:
     """Go on to the next sample; before the first sample nothing moves."""
+    if isinstance(system, Varying):
+        return _advance_varying(system)
     A, B, B_next = _sparse(system.A), _sparse(system.B), _sparse(system.B_next)
     Q = _sparse(system.s.Q)
 
@@ -109,7 +116,29 @@ def _advance(system: Linear) -> ca.Function:
     return leaf("advance", {**_sizes(system), "before": 1}, formula)
 
 
-def _next(system: Linear) -> ca.Function:
+def _advance_varying(system: Varying) -> ca.Function:
+    """The same with the matrices of this sample."""
+    nx, nu = system.s.model.nx, system.s.model.nu
+
+    def formula(
+        x: ca.SX, P: ca.SX, X: ca.SX, L: ca.SX, before: ca.SX, F: ca.SX, b: ca.SX, noise: ca.SX
+    ) -> Results:
+        return {
+            "x": ca.if_else(before, ca.mtimes(F, x) + b, x),
+            "P": ca.if_else(before, ca.densify(F @ P @ F.T + noise), P),
+            "X": ca.densify(ca.if_else(before, ca.mtimes(F, X), X)),
+            "L": L,
+        }
+
+    sizes = {**_sizes(system), "before": 1, "b": nx, "noise": (nx, nx)}
+    by = leaf("advance_by", sizes, formula)
+    carry = [ca.MX.sym(n, *by.size_in(k)) for k, n in enumerate(("x", "P", "X", "L"))]
+    u, v, before = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu), ca.MX.sym("before")
+    ahead = by(*carry, before, *system.transitions(u, v))
+    return ca.Function("advance", [*carry, u, v, before], list(ahead))
+
+
+def _next(system: Linear | Varying) -> ca.Function:
     """Go on to the next sample and take it in."""
     absorb, advance = _absorb(system), _advance(system)
     names = ("x", "P", "X", "L", "u", "v", "y", "m", "before", "here")
@@ -120,12 +149,12 @@ def _next(system: Linear) -> ca.Function:
     return ca.Function("next", every, list(absorb(*ahead, v, y, m, here)))
 
 
-def _solve_start(system: Linear) -> ca.Function:
+def _solve_start(system: Linear | Varying) -> ca.Function:
     """Solve for the first state, and put it into the last one.
 
     ``(x, P, X, L, diffuse, x_start) -> (x, P, deficient, x_first, P_first)``.
     """
-    nx = len(system.A)
+    nx = system.s.model.nx
 
     def formula(x: ca.SX, P: ca.SX, X: ca.SX, L: ca.SX, diffuse: ca.SX, x_start: ca.SX) -> Results:
         found = ca.SX(ca.densify(ca.horzcat(L[nx, :nx].T, ca.SX.eye(nx))))

@@ -10,6 +10,7 @@ import numpy as np
 from backsight.description import Horizon, Share, Sound
 from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Channel, Recursion
+from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.kf import predict_linear
@@ -22,7 +23,14 @@ from backsight.estimators.parts.filtering import choose, data_inputs, physical
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.limits import Limit, Limits, limits_of, names_used_twice
-from backsight.estimators.parts.linear import Linear, linear, require_observable, without_bounds
+from backsight.estimators.parts.linear import (
+    Linear,
+    Varying,
+    in_time,
+    linear,
+    require_observable,
+    without_bounds,
+)
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import moved_on, no_window
@@ -46,7 +54,7 @@ class LinearMHE(AbstractEstimator):
     and puts out its end. Directions without process noise are exact in the model (Q may be
     singular or zero; it is never inverted). With a = 0 nothing from before the window counts.
     With Q = 0, too, it is the batch estimator of the lectures, :math:`\hat x_k = M Y + N_u U`;
-    with a = 1 it is the Kalman filter.
+    with a = 1 it is the Kalman filter. As there, matrices may change with known inputs.
 
     Parameters
     ----------
@@ -105,7 +113,7 @@ class LinearMHE(AbstractEstimator):
 
     def gains(self, model: Model, dt: float) -> Gains:
         """Gains of a full window without arrival cost, physical units, see `Gains`."""
-        system = self._system(model, dt)
+        system = linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
         require_observable(model, samples=self.N + 1)
         return in_units(gains(system, self.N), system.s)
 
@@ -113,8 +121,9 @@ class LinearMHE(AbstractEstimator):
         """See `AbstractEstimator.build`."""
         system = self._system(model, dt)
         s, N = system.s, self.N
-        refuse_too_wide(s, "LinearMHE")
-        if self.arrival_weight == 0:
+        at_rest = system.at_rest if isinstance(system, Varying) else None
+        refuse_too_wide(s, "LinearMHE", linearised=at_rest)
+        if self.arrival_weight == 0 and isinstance(system, Linear):
             require_observable(model, samples=N + 1)
         limits = limits_of(s, s.Q, self.limits, {})
         n = len(limits.names)
@@ -145,7 +154,12 @@ class LinearMHE(AbstractEstimator):
         # The window, with its limits if there are any.
         start = [x_start, kept.triangle()(P_start)]
         channels, named = ESTIMATE_CHANNELS, {}
-        if n:
+        if n and isinstance(system, Varying):
+            raise TuningError(
+                f"{', '.join(limits.names)}: limits go with constant coefficients, but those of "
+                f"model '{model.name}' change with its inputs; use MHE"
+            )
+        if n and isinstance(system, Linear):
             tried = ca.horzcat(m.side[:, 1:], ca.MX.zeros(n))
             found = _with_limits(system, limits, self, start, window, tried)
             channels += (Channel("infeasible", ("limit",), labels=limits.names),)
@@ -177,15 +191,15 @@ class LinearMHE(AbstractEstimator):
             f"arrival_weight = {w:g}": dataclasses.replace(self, arrival_weight=w) for w in weights
         }
 
-    def _system(self, model: Model, dt: float) -> Linear:
-        return linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+    def _system(self, model: Model, dt: float) -> Linear | Varying:
+        return in_time(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
 
 
 Estimate = dict[str, ca.MX]
 
 
 def _without_limits(
-    system: Linear, e: LinearMHE, start: Sequence[ca.MX], window: Window
+    system: Linear | Varying, e: LinearMHE, start: Sequence[ca.MX], window: Window
 ) -> Estimate:
     """x, P and flags of the last sample of a window."""
     lacking, x, P = least_squares(system, e.N, e.arrival_weight, start, window, samples=(-1,))

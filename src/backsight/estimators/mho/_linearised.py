@@ -13,9 +13,9 @@ from backsight.estimators.kalman.prediction import Propagation, moved_by, subste
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
-    applied,
     congruence,
     kalman_gain,
+    matrix_product,
 )
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import substep_inputs
@@ -96,7 +96,7 @@ def variation(s: Setting, integrator: Integrator, propagation: Propagation) -> c
         x_next, F = step(x, ua, ub)
         return {
             "x_next": x_next,
-            "Phi_next": ca.densify(applied(F, Phi)),
+            "Phi_next": ca.densify(matrix_product(F, Phi)),
             "Q_next": congruence(F, Q + ca.DM(before), ca.DM(after)),
         }
 

@@ -3,7 +3,7 @@
 Straight-line code for a covariance grows with the cube of the number of states. Up to
 `backsight.engine.dense.UNROLL` states a covariance is packed, as its lower triangle, and formulas
 are straight-line code in SX; with more it is whole, as a vector of n * n numbers, and formulas are
-loops over matrices in MX. This is the only place that decides which; the functions below are the
+operations on matrices in MX. This is the only place that decides which; the functions below are the
 same formulas for both.
 
 With F the Jacobian of a sub-step, F P F' = (P F')' F': both products run over the nonzeros of F
@@ -17,10 +17,9 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra import update
-from backsight.algebra.factor import ldl, solve_ldl
 from backsight.algebra.symmetric import unvech, vech
+from backsight.engine import dense
 from backsight.engine.dense import UNROLL, add_product, symmetrise, transpose
-from backsight.engine.loops import scan
 from backsight.types import Array
 
 Term = Any
@@ -63,8 +62,11 @@ class Covariance:
 
     def triangle(self) -> ca.Function:
         """What is kept to the lower triangle."""
+        if self.whole:
+            whole = ca.MX.sym("kept", self.size)
+            return ca.Function("covariance", [whole], [dense.triangle(self.opened(whole))])
         kept = ca.SX.sym("kept", self.size)
-        return ca.Function("covariance", [kept], [vech(self.opened(kept)) if self.whole else kept])
+        return ca.Function("covariance", [kept], [kept])
 
     def of_triangle(self) -> ca.Function:
         """Lower triangle to what is kept."""
@@ -89,9 +91,16 @@ def symmetric_part(P: Term) -> Term:
     return symmetrise(P) if isinstance(P, ca.MX) else P
 
 
-def applied(F: Term, X: Term) -> Term:
-    """F X of dense matrices, F square."""
-    return transpose(times_transposed(transpose(X), F)) if isinstance(X, ca.MX) else F @ X
+def matrix_product(A: Term | ca.DM, B: Term | ca.DM) -> Term:
+    """A B, of which one may be constant numbers."""
+    if not (isinstance(A, ca.MX) or isinstance(B, ca.MX)):
+        return A @ B
+    if isinstance(B, ca.DM):
+        return times_transposed(A, B.T)
+    A = ca.MX(A)
+    if A.nnz() <= dense.FEW * A.numel():
+        return transpose(times_transposed(transpose(B), A))
+    return dense.product_of(ca.densify(A), ca.densify(B))
 
 
 def influence(S: Term, R: Array) -> Term:
@@ -118,16 +127,31 @@ def kalman_gain(P: Term, H: Term, R: Term) -> tuple[Term, Term]:
     """Kalman gain K = P H' S^-1 (nx, ny) and innovation covariance S = H P H' + R (ny, ny)."""
     if not isinstance(P, ca.MX):
         return update.gain(P, H, R)
+    K, S, _ = weighted_gain(P, H, R, ca.MX.ones(H.shape[0]))
+    return K, S
+
+
+def weighted_gain(P: ca.MX, H: ca.MX, R: Array | ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
+    """Gain K (nx, ny), innovation covariance S and noise (ny, ny) of a sample with these weights.
+
+    Of many states; the weights are those of `backsight.algebra.update.masked`, R the nominal noise.
+    K has columns of zeros where nothing was measured, so that H and the noise, which is nominal
+    there, need none.
+    """
     PHt = times_transposed(P, H)
-    HP = transpose(PHt)
-    S = add_product(R, HP, H)
-    ny, nx = S.shape[0], PHt.shape[0]
-    A, L, d = ca.SX.sym("S", ny, ny), ca.SX.sym("L", ny, ny), ca.SX.sym("d", ny)
-    b = ca.SX.sym("b", ny)
-    factors = ca.Function("ldl", [A], [ca.densify(k) for k in ldl(A)])
-    solve = ca.Function("solve_ldl", [b, L, d], [solve_ldl(L, d, b)])
-    _, (Kt,) = scan(solve, nx, carry=[], xs=[HP], constants=list(factors(S)))
-    return transpose(Kt), S
+    S = times_transposed(transpose(PHt), H)
+    return dense.gain_of(PHt, S, R if isinstance(R, ca.MX) else ca.MX(ca.DM(R)), mask)
+
+
+def scatter_and_noise(d: Term, weights: Array, R: Array, mask: Term) -> Term:
+    """Covariance d diag(w) d' of weighted deviations, with the noise of the sample."""
+    if not isinstance(d, ca.MX):
+        return d @ ca.diag(ca.SX(weights)) @ d.T + update.noise_of(ca.SX(R), mask)
+    ny = d.shape[0]
+    weighted = d * dense.product_of(ca.MX.ones(ny, 1), ca.MX(ca.DM(weights).T))
+    scatter = dense.product_of(weighted, d, turned=(False, True))
+    _, S, _ = dense.gain_of(ca.MX.zeros(1, ny), scatter, ca.MX(ca.DM(R)), mask)
+    return S
 
 
 def joseph_form(P: Term, K: Term, H: Term, R: Term) -> Term:
@@ -137,6 +161,6 @@ def joseph_form(P: Term, K: Term, H: Term, R: Term) -> Term:
     """
     if not isinstance(P, ca.MX):
         return update.joseph(P, K, H, R)
-    left = add_product(P, -K, times_transposed(P, H))
+    left = dense.plus_product(P, K, times_transposed(P, H), turned=(False, True), minus=True)
     rest = times_transposed(K, R) - times_transposed(left, H)
-    return add_product(left, rest, K)
+    return dense.plus_product(left, rest, K, turned=(False, True))

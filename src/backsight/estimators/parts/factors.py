@@ -1,11 +1,11 @@
-"""Triangular factors of covariances: straight-line code for few states, loops for many.
+"""Triangular factors of covariances: straight-line code for few states, kernels for many.
 
-The functions take SX and are then those of `backsight.algebra`, or MX. In the loops a pass takes
-one row after the other by its unit vector, so that no matrix has to be shifted.
+The functions take SX and are then those of `backsight.algebra`, or MX and are then those of
+`backsight.engine.dense`.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -14,14 +14,14 @@ from backsight.algebra import sigma, triangular
 from backsight.algebra.factor import (
     cholesky_semidefinite,
     smallest_pivot,
-    solve_ldl,
     solve_spd,
 )
 from backsight.algebra.sigma import Weights
 from backsight.algebra.symmetric import vech
+from backsight.engine import dense
 from backsight.engine.dense import VECTOR, add_product, transpose
 from backsight.engine.loops import scan
-from backsight.estimators.parts.covariance import Covariance, Term, packed
+from backsight.estimators.parts.covariance import Covariance, Term, packed, times_transposed
 from backsight.types import Array
 
 
@@ -73,20 +73,7 @@ def cholesky(A: Term) -> Term:
     """Lower factor of a positive semidefinite A, see `cholesky_semidefinite`."""
     if not isinstance(A, ca.MX):
         return cholesky_semidefinite(A)
-    n = A.shape[0]
-    left, unit = ca.MX.sym("A", n, n), ca.MX.sym("unit", n)
-    below, size = ca.MX.sym("below", n), ca.MX.sym("size")
-    c, e, b, a = ca.SX.sym("c", n), ca.SX.sym("e", n), ca.SX.sym("b", n), ca.SX.sym("a")
-    pivot = ca.dot(e, c)
-    keep = pivot > 1e-14 * a
-    found = b * ca.if_else(keep, c / ca.sqrt(ca.if_else(keep, pivot, 1)), 0)
-    column = ca.Function("column", [c, e, b, a], [found])
-    new = column(add_product(ca.MX.zeros(n, 1), left, unit.T), unit, below, size)
-    inputs = [left, unit, below, size]
-    body = ca.Function("cholesky_column", inputs, [add_product(left, -new, new), new])
-    diagonal = ca.diag(A).T
-    _, (L,) = scan(body, n, carry=[A], xs=[*_places(n), diagonal])
-    return L
+    return dense.cholesky_of(A)
 
 
 def definite(A: Term) -> Term:
@@ -100,72 +87,47 @@ def solve_definite(A: Term, B: Term) -> Term:
     """Solve A X = B for symmetric positive definite A; what is put out for others is worthless."""
     if not isinstance(A, ca.MX):
         return solve_spd(A, B)
-    n = A.shape[0]
-    factor, b = ca.SX.sym("L", n, n), ca.SX.sym("b", n)
-    size = ca.diag(factor)
-    d = ca.if_else(size > 0, size, 1)
-    unit = ca.tril(factor) @ ca.diag(1 / d)
-    column = ca.Function("solve_column", [b, factor], [solve_ldl(unit, d**2, b)])
-    return each_column(column, B, cholesky(A))[0]
+    L = cholesky(A)
+    return dense.solve_triangular(L, dense.solve_triangular(L, ca.densify(B)), turned=True)
 
 
 def solve_lower(L: Term, B: Term) -> Term:
     """Solve L X = B for lower triangular L, see `backsight.algebra.triangular.forward`."""
-    return _by_factor(triangular.forward, L, B)
+    if not isinstance(L, ca.MX):
+        return triangular.forward(L, B)
+    return dense.solve_triangular(ca.densify(L), ca.densify(B))
 
 
 def solve_upper_semidefinite(L: Term, B: Term) -> Term:
     """Solve L' X = B, see `backsight.algebra.triangular.backward_semidefinite`."""
-    return _by_factor(triangular.backward_semidefinite, L, B)
-
-
-def _by_factor(solve: Callable[[ca.SX, ca.SX], ca.SX], L: Term, B: Term) -> Term:
     if not isinstance(L, ca.MX):
-        return solve(L, B)
-    n = L.shape[0]
-    factor, b = ca.SX.sym("L", n, n), ca.SX.sym("b", n)
-    column = ca.Function(f"{solve.__name__}_column", [b, factor], [solve(factor, b)])
-    return each_column(column, ca.densify(B), L)[0]
+        return triangular.backward_semidefinite(L, B)
+    return dense.solve_triangular(ca.densify(L), ca.densify(B), turned=True)
 
 
 def compress_rows(A: Term) -> Term:
     """Lower triangular L with L L' = A A', see `backsight.algebra.triangular.compress`."""
     if not isinstance(A, ca.MX):
         return triangular.compress(A)
-    n, m = A.shape
-    # Both ways round: a row is picked from one and multiplied by the other, nothing is turned.
-    left, turned = ca.MX.sym("rows", n, m), ca.MX.sym("turned", m, n)
-    unit, below = ca.MX.sym("unit", n), ca.MX.sym("below", n)
-    row = ca.SX.sym("row", m)
-    size = ca.norm_2(row)
-    normed = ca.Function("direction", [row], [row / ca.if_else(size > 0, size, 1)])
-    d = normed(add_product(ca.MX.zeros(m, 1), turned, unit.T))
-    along = add_product(ca.MX.zeros(n, 1), left, d.T)
-    after = [add_product(left, -along, d), add_product(turned, d, -along)]
-    body = ca.Function("gram_schmidt", [left, turned, unit, below], [*after, below * along])
-    _, (L,) = scan(body, n, carry=[A, transpose(A)], xs=_places(n))
-    return L
+    return dense.compressed(ca.densify(A))
 
 
 def downdate_factor(L: Term, v: Term) -> tuple[Term, Term]:
     """Factor of L L' - v v' and whether there is one, see `backsight.algebra.triangular`."""
     if not isinstance(L, ca.MX):
         return triangular.downdate(L, v)
-    n = L.shape[0]
-    w, definite = ca.SX.sym("v", n), ca.SX.sym("definite")
-    c, e, b = ca.SX.sym("c", n), ca.SX.sym("e", n), ca.SX.sym("b", n)
-    old, top = ca.dot(e, c), ca.dot(e, w)
-    square = old**2 - top**2
-    positive = square > 0
-    pivot = ca.sqrt(ca.if_else(positive, square, old**2))
-    under = b - e
-    column = e * pivot + under * (c * old - w * top) / pivot
-    rest = under * (w * old - c * top) / pivot
-    body = ca.Function(
-        "hyperbolic", [w, definite, c, e, b], [rest, ca.if_else(positive, definite, 0), column]
-    )
-    (_, all_definite), (found,) = scan(body, n, carry=[v, ca.MX(1)], xs=[L, *_places(n)])
-    return found, all_definite
+    return dense.downdated(ca.densify(L), v)
+
+
+def mean_and_deviations(images: Term, w: Weights) -> tuple[Term, Term]:
+    """Mean (m,) of images of sigma points (m, 2 n + 1), and what these deviate from it.
+
+    The weights sum up to one but are large and of both signs: what is averaged is how far the
+    images lie from the first one, so that rounding is that of the spread and not of the mean.
+    """
+    d = minus(images, images[:, 0])
+    mean = times_transposed(d, ca.DM(w.mean).T) if isinstance(d, ca.MX) else d @ w.mean
+    return images[:, 0] + mean, minus(d, mean)
 
 
 def deviation_factor(deviations: Term, w: Weights, noise: Term) -> tuple[Term, Term]:
@@ -243,8 +205,3 @@ def on_top(parts: Sequence[Term]) -> Term:
     if isinstance(parts[0], ca.MX):
         return transpose(ca.horzcat(*(transpose(part) for part in parts)))
     return ca.vertcat(*parts)
-
-
-def _places(n: int) -> list[ca.MX]:
-    """Unit vectors, and ones from there on down, one column for every pass."""
-    return [ca.MX(ca.DM(np.eye(n))), ca.MX(ca.DM(np.tril(np.ones((n, n)))))]

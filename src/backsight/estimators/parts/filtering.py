@@ -7,10 +7,12 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech, vech
+from backsight.engine.dense import UNROLL, triangle
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.parts.flags import FLAGS, Flags
 from backsight.estimators.parts.memory import Memory
+from backsight.estimators.parts.substeps import seen_outputs
 from backsight.types import Array
 
 
@@ -145,23 +147,43 @@ def physical(
     flags : MX
         `Flags.vector`.
     """
-    k = {n: ca.SX.sym(n, v.numel()) for n, v in {"x": x, "P": P, "u": u}.items()}
     raised = ca.SX.sym("flags", FLAGS)
-    estimate = [
-        *s.physical(k["x"], k["P"]),
-        s.sy * s.model.output(k["x"], k["u"]),
-        dataclasses.replace(Flags.of(raised), coarse_step=int(s.coarse)).status(),
-    ]
-    leave = ca.Function("physical", [k["x"], k["P"], k["u"], raised], estimate)
-    *values, status = leave(x, P, u, flags)
+    if s.model.nx > UNROLL:
+        y_hat, _ = seen_outputs(s)(x, u)
+        xs, us = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
+        ys, left = ca.SX.sym("y", s.model.ny), ca.SX.sym("left")
+        unsolved = ca.Function("unsolved", [xs, us], [s.unsolved(xs, us)])
+        leave = ca.Function(
+            "physical",
+            [xs, ys, raised, left],
+            [s.sx * xs, s.sy * ys, _status_of(s, raised, left)],
+        )
+        x_hat, y_hat, status = leave(x, y_hat, flags, unsolved(x, u))
+        values = [x_hat, triangle(P, s.sx), y_hat]
+    else:
+        k = {n: ca.SX.sym(n, v.numel()) for n, v in {"x": x, "P": P, "u": u}.items()}
+        outputs = s.sy * s.model.output(k["x"], k["u"])
+        coded = _status_of(s, raised, s.unsolved(k["x"], k["u"]))
+        estimate = [*s.physical(k["x"], k["P"]), outputs, coded]
+        leave = ca.Function("physical", [k["x"], k["P"], k["u"], raised], estimate)
+        *values, status = leave(x, P, u, flags)
     # Apart from the rest: the innovation is known before the sample enters.
     values += physical_innovation(s).call([e, S])
     return {c.name: v for c, v in zip(ESTIMATE_CHANNELS, [*values, status], strict=True)}
 
 
+def _status_of(s: Setting, raised: ca.SX, unsolved: ca.SX) -> ca.SX:
+    flags = dataclasses.replace(Flags.of(raised), coarse_step=int(s.coarse), not_solved=unsolved)
+    return flags.status()
+
+
 def physical_innovation(s: Setting) -> ca.Function:
     """Innovation and lower triangle of its covariance in physical units: ``(e, S) -> (e, S)``."""
     ny = s.model.ny
+    if ny > UNROLL:
+        e, S = ca.MX.sym("e", ny), ca.MX.sym("S", ny * (ny + 1) // 2)
+        results = [e * ca.DM(s.sy), triangle(S, s.sy)]
+        return ca.Function("physical_innovation", [e, S], results)
     e, S = ca.SX.sym("e", ny), ca.SX.sym("S", ny * (ny + 1) // 2)
     results = [s.sy * e, vech(unvech(S) * ca.SX(np.outer(s.sy, s.sy)))]
     return ca.Function("physical_innovation", [e, S], results)

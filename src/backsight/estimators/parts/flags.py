@@ -32,6 +32,7 @@ class Flags:
     infeasible: Raised = 0
     dependent: Raised = 0
     coarse_step: Raised = 0
+    not_solved: Raised = 0
     gate_open: Raised = 0  # raised around the method, see `backsight.estimators.robust`
 
     @classmethod

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 import casadi as ca
 
 from backsight.algebra.symmetric import unvech, vech
+from backsight.engine.dense import UNROLL, triangle
 from backsight.errors import EngineError
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Covariance, Term
@@ -102,7 +103,7 @@ def half(name: str, s: Setting, formula: Formula, sizes: Sizes | None = None) ->
     for k, value in formula(*opened).items():
         size = known.get(_base(k, known))
         if isinstance(size, Symmetric):
-            small = size.n != covariance.n
+            small = size.n != covariance.n or _base(k, known) in OF_OUTPUTS
             results[k] = _triangle(size.n)(value) if small else covariance.closed(value)
         else:
             results[k] = ca.densify(value)
@@ -121,6 +122,9 @@ def named_results(function: ca.Function, *arguments: Term) -> dict[str, Term]:
     names = (function.name_out(i).removesuffix(ENDING) for i in range(function.n_out()))
     return dict(zip(names, results, strict=True))
 
+
+OF_OUTPUTS = ("S", "R")
+"""Covariances that are triangles however many outputs there are."""
 
 ENDING = "_out"
 """Of a result with the name of an argument; CasADi wants them to differ."""
@@ -166,6 +170,9 @@ def _closed(result: str, value: Term, sizes: Sizes, name: str) -> ca.SX:
 
 
 def _triangle(n: int) -> ca.Function:
+    if n > UNROLL:
+        whole = ca.MX.sym("S", n, n)
+        return ca.Function("lower_triangle", [whole], [triangle(whole)])
     S = ca.SX.sym("S", n, n)
     return ca.Function("lower_triangle", [S], [vech(S)])
 

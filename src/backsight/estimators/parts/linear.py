@@ -2,16 +2,18 @@
 
 import dataclasses
 
+import casadi as ca
 import numpy as np
 
 from backsight.analysis.observability import check_observability
 from backsight.discrete.exact import foh, zoh
 from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Hold
+from backsight.discrete.varying import transitions
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import Setting, setting
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.models.lti import lti, state_space
+from backsight.models.lti import bent, coefficients, lti, state_space
 from backsight.models.model import Model
 from backsight.types import Array
 
@@ -43,6 +45,64 @@ class Linear:
     ramp: bool
 
 
+@dataclasses.dataclass(frozen=True)
+class Varying:
+    r"""A scaled model that is linear in its states, with coefficients that known inputs change.
+
+    .. math:: x_{k+1} = A_k x_k + b_k + w_k, \qquad y_k = C(u_k) x_k + d(u_k) + v_k
+
+    Parameters
+    ----------
+    s : Setting
+        Of the model itself, in its own time; `Setting.Q` is what is added per sample.
+    transitions : casadi.Function
+        ``(u, u_next) -> (A, b, Q)``, scaled; Q is all of the covariance of w.
+    ramp : bool
+        Whether the input is interpolated.
+    """
+
+    s: Setting
+    transitions: ca.Function
+    ramp: bool
+
+    @property
+    def at_rest(self) -> tuple[Array, Array]:
+        """A (nx, nx) and C (ny, nx) without inputs."""
+        still = np.zeros(self.s.model.nu)
+        A, C = self.transitions(still, still)[0], coefficients(self.s.model, outputs=True)(still)[0]
+        return np.asarray(A), np.asarray(C)
+
+
+def in_time(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -> Linear | Varying:
+    """Carry a model that is linear in its states exactly to discrete time.
+
+    As `linear` does; coefficients may change with the inputs.
+
+    Raises
+    ------
+    TuningError, ModelError
+        If anything does not fit, above all if the model is not linear in its states.
+    """
+    try:
+        state_space(model)
+    except ModelError as error:
+        if found := bent(model):
+            bends = "; ".join(f"{label} is nonlinear" for label in found)
+            raise ModelError(
+                f"model '{model.name}' is not linear: {bends}; use an estimator for nonlinear "
+                "models, such as EKF"
+            ) from error
+    else:
+        return linear(model, dt, noise=noise, prior=prior, hold=hold)
+    _check_hold(model, hold)
+    s = setting(model, dt, noise=noise, prior=prior)
+    steps = transitions(s.model, s.Qc, dt=dt, ramp=hold == "foh")
+    u, v = ca.MX.sym("u", model.nu), ca.MX.sym("u_next", model.nu)
+    A, b, Q = steps(u, v)
+    whole = ca.Function("transitions", [u, v], [A, b, Q + ca.MX(ca.DM(s.Q))])
+    return Varying(s, whole, hold == "foh")
+
+
 def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -> Linear:
     """Check a description against the model, scale it, and carry it exactly to discrete time.
 
@@ -54,12 +114,14 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -
     TuningError, ModelError
         If anything does not fit, above all if the model is not linear.
     """
-    if hold == "foh" and not model.continuous:
-        raise TuningError("hold 'foh' needs a continuous-time model; use 'zoh'")
+    _check_hold(model, hold)
     try:
         state_space(model)
     except ModelError as error:
-        raise ModelError(f"{error}; use an estimator for nonlinear models, such as EKF") from None
+        others = "" if bent(model) else "KalmanFilter, LinearMHE (coefficients may change) or "
+        raise ModelError(
+            f"{error}; use {others}an estimator for nonlinear models, such as EKF"
+        ) from None
     s = setting(model, dt, noise=noise, prior=prior)
     A, B, C, D = state_space(s.model)
     B_next, Q = np.zeros_like(B), s.Q
@@ -75,6 +137,11 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -
     )
     s = dataclasses.replace(s, model=sampled, Q=Q, Qc=np.zeros_like(Q))
     return Linear(s, A, B, B_next, C, D, hold == "foh")
+
+
+def _check_hold(model: Model, hold: Hold) -> None:
+    if hold == "foh" and not model.continuous:
+        raise TuningError("hold 'foh' needs a continuous-time model; use 'zoh'")
 
 
 def without_bounds(s: Setting) -> Setting:

@@ -1,11 +1,24 @@
-"""The model from sample to sample in sub-steps, and its states within their bounds."""
+"""The model from sample to sample in sub-steps, its derivatives, and states within their bounds.
+
+Derivatives are those that filters of models with many states take. Where the model is linear its
+matrices are constants and the products with them operations on matrices: an expression for every
+entry would take minutes to compile. Otherwise the model is a leaf, of whose derivatives only the
+entries that are not zero count.
+"""
 
 import casadi as ca
+import numpy as np
 
 from backsight.algebra import bounds
+from backsight.discrete.exact import foh, zoh
 from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import advanced
+from backsight.engine.dense import FEW
 from backsight.estimators.base import Setting
+from backsight.estimators.parts.covariance import matrix_product
+from backsight.estimators.parts.leaf import Results, leaf, notation
+from backsight.models.lti import output_equation, state_equation
+from backsight.types import Array
 
 
 def flow(s: Setting, integrator: Integrator, x: ca.SX, *, ua: ca.SX, ub: ca.SX, h: float) -> ca.SX:
@@ -34,3 +47,79 @@ def ramp(n: int, a: ca.MX, b: ca.MX) -> list[ca.MX]:
 def within_bounds(s: Setting, x: ca.SX) -> ca.SX:
     """Set states outside their bounds to the bounds."""
     return bounds.clip(x, s.lower, s.upper)
+
+
+def seen_outputs(s: Setting) -> ca.Function:
+    """Expected outputs and their derivative: ``(x, u) -> (y, H)``."""
+    found = output_equation(s.model)
+    if found is None:
+
+        def formula(x: ca.SX, u: ca.SX) -> Results:
+            y = s.model.output(x, u)
+            return {"y_expected": ca.densify(y), "H": ca.jacobian(y, x)}
+
+        return leaf("seen_outputs", notation(s), formula)
+    C, D, d = found
+    x, u = ca.MX.sym("x", s.model.nx), ca.MX.sym("u", s.model.nu)
+    y = _sum([(C, x), (D, u)], d)
+    return ca.Function("seen_outputs", [x, u], [y, ca.MX(_entries(C))])
+
+
+def moved_state(s: Setting, integrator: Integrator) -> ca.Function:
+    """State one sub-step later, or one sample of a discrete model: ``(x, ua, ub) -> (x, Phi)``."""
+    found = linear_step(s, integrator)
+    if found is None:
+
+        def formula(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
+            if s.model.continuous:
+                h = s.dt / integrator.steps
+                x_next = flow(s, integrator, x, ua=ua, ub=ub, h=h)
+            else:
+                x_next = s.model.rhs(x, ua)
+            return {"x_next": x_next, "Phi": ca.jacobian(x_next, x)}
+
+        return leaf("moved", notation(s), formula)
+    F, first, last, constant = found
+    x, ua, ub = (ca.MX.sym(k, n) for k, n in (("x", s.model.nx), *[("u", s.model.nu)] * 2))
+    x_next = _sum([(F, x), (first, ua), (last, ub)], constant)
+    return ca.Function("moved", [x, ua, ub], [x_next, ca.MX(_entries(F))])
+
+
+def linear_step(s: Setting, integrator: Integrator) -> tuple[Array, Array, Array, Array] | None:
+    """Matrices F, B, B_next and constants c of a sub-step F x + B ua + B_next ub + c.
+
+    None unless the model is linear and, if it is continuous, goes over the sub-step exactly.
+    """
+    if s.model.continuous and integrator.scheme != "exact":
+        return None
+    found = state_equation(s.model)
+    if found is None:
+        return None
+    A, B, c = found
+    none = np.zeros_like(B)
+    if not s.model.continuous:
+        return A, B, none, c
+    h, inputs = s.dt / integrator.steps, np.hstack([B, c[:, None]])  # an input of one
+    if integrator.hold == "zoh":
+        F, held = zoh(A, inputs, dt=h)
+        F, first, last = F, held, np.zeros_like(held)
+    else:
+        F, first, last = foh(A, inputs, dt=h)
+    # What does not move (a parameter) stays as it is to the last bit.
+    still = ~(np.abs(np.hstack([A, inputs])).sum(axis=1) > 0)
+    F[still], first[still], last[still] = np.eye(len(A))[still], 0.0, 0.0
+    return F, first[:, :-1], last[:, :-1], first[:, -1] + last[:, -1]
+
+
+def _sum(terms: list[tuple[Array, ca.MX]], constant: Array) -> ca.MX:
+    total = ca.MX(ca.DM(constant))
+    for matrix, vector in terms:
+        if matrix.any():
+            total += matrix_product(_entries(matrix), vector)
+    return total
+
+
+def _entries(matrix: Array) -> ca.DM:
+    """The matrix with its entries only, if these are so few that products take them one by one."""
+    few = np.count_nonzero(matrix) <= FEW * matrix.size
+    return ca.sparsify(ca.DM(matrix)) if few else ca.DM(matrix)

@@ -5,8 +5,8 @@ from backsight.estimators.smoothing._passes import filter_channels as filter_cha
 from backsight.estimators.smoothing._passes import leaving as leaving
 from backsight.estimators.smoothing._passes import passes as passes
 from backsight.estimators.smoothing._passes import smoothed_channels as smoothed_channels
+from backsight.estimators.smoothing.information import drowned as drowned
 from backsight.estimators.smoothing.two_filter import blurred as blurred
 from backsight.estimators.smoothing.two_filter import combined as combined
 from backsight.estimators.smoothing.two_filter import gathered as gathered
-from backsight.estimators.smoothing.two_filter import matrix_product as matrix_product
 from backsight.estimators.smoothing.two_filter import weakened as weakened

@@ -18,7 +18,7 @@ Bierman, "Factorization Methods for Discrete Sequential Estimation", 1977, chapt
 import casadi as ca
 import numpy as np
 
-from backsight.estimators.parts.covariance import Term, times_transposed, transposed
+from backsight.estimators.parts.covariance import Term, matrix_product, transposed
 from backsight.estimators.parts.factors import compress_rows, solve_lower
 
 SHARPEST = 1e-15
@@ -63,13 +63,6 @@ def gathered(information: Term) -> Term:
     The last row has their right sides, and has them after: an orthogonal transformation.
     """
     return compress_rows(information)
-
-
-def matrix_product(A: Term, B: Term | ca.DM) -> Term:
-    """A B of a dense A, and a dense B or constant numbers."""
-    if not isinstance(A, ca.MX):
-        return A @ B
-    return times_transposed(A, B.T if isinstance(B, ca.DM) else transposed(B))
 
 
 def _eye(like: Term, n: int) -> Term:

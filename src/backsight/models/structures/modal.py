@@ -1,13 +1,15 @@
 """Vibrating structures from natural frequencies, damping ratios and mode shapes."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, TypeAlias
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from backsight.errors import ModelError, nearest
+from backsight.data.finite_elements import ModeShapes
+from backsight.errors import DataError, ModelError, nearest
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.models.structures.second_order import Motion, second_order
@@ -25,18 +27,25 @@ SENSORS: dict[SensorKind, str | None] = {
 """Kinds of sensors, and what their unit adds to that of the length (a strain has none)."""
 
 
+Shape: TypeAlias = ArrayLike | str | Mapping[str, float]
+"""Deflection of every mode; of modes from a file, a coordinate or coordinates to weights."""
+
+DAMPING = 0.01
+"""Ratio to critical damping where nothing says it."""
+
 FASTEST = 1e100
 """Above it squares of frequencies would leave the range of numbers [Hz]."""
 
 
 def modal(
-    frequencies: ArrayLike,
+    frequencies: ArrayLike | ModeShapes,
     *,
-    damping: ArrayLike = 0.01,
-    sensors: Mapping[str, tuple[SensorKind, ArrayLike]],
-    forces: Mapping[str, ArrayLike] | None = None,
-    inputs: Mapping[str, ArrayLike] | None = None,
-    modal_masses: ArrayLike = 1.0,
+    damping: ArrayLike | None = None,
+    sensors: Mapping[str, tuple[SensorKind, Shape]],
+    forces: Mapping[str, Shape] | None = None,
+    inputs: Mapping[str, Shape] | None = None,
+    modal_masses: ArrayLike | None = None,
+    feedthrough: Mapping[str, Mapping[str, float]] | None = None,
     length_unit: str = "m",
     force_unit: str = "N",
     name: str = "modes",
@@ -49,15 +58,18 @@ def modal(
 
     Parameters
     ----------
-    frequencies : (n,) array
-        Undamped natural frequencies [Hz]; 0 for the motion of a rigid body.
+    frequencies : (n,) array or ModeShapes
+        Undamped natural frequencies [Hz]; 0 for the motion of a rigid body. Or modes from a file
+        (`read_modes`), which may bring damping and modal masses, too.
     damping : number, (n,) array or (n, n) array
         Ratio of every mode to critical damping (or one for all); or the damping matrix
         :math:`\Phi' C \Phi` of mass-normalised modes [1/s], where modes are coupled by damping.
+        0.01 if nothing says it.
     sensors : dict
         Name of the output to ``(kind, shapes)``: "displacement", "velocity" or "acceleration" with
         the deflection of every mode at the sensor, (n,), or "strain" with the strain that a unit of
-        every modal coordinate makes there.
+        every modal coordinate makes there. Of modes from a file, the name of a coordinate will do,
+        or ``{coordinate: weight}``.
     forces : dict, optional
         Name of every force that is not known to the deflections of the modes where it acts, (n,).
         It becomes a parameter with the value 0; an estimator finds it, or `augment` makes it a
@@ -65,7 +77,11 @@ def modal(
     inputs : dict, optional
         The same for the forces that are measured.
     modal_masses : number or (n,) array
-        Of the shapes as they are scaled; 1 for mass-normalised shapes.
+        Of the shapes as they are scaled; 1 for mass-normalised shapes, and if nothing says it.
+    feedthrough : dict of dict, optional
+        What a sensor takes of a force at once, beside the modes: name of the output to name of the
+        force to factor. Of a displacement it is the residual flexibility, the static deflection
+        that modes above the given ones would make [length/force].
     length_unit, force_unit : str
         For labels. Any consistent set of units will do.
     name : str
@@ -95,11 +111,25 @@ def modal(
     ├── outputs     a [m/s2]
     └── parameters  F = 0
     """
+    if isinstance(frequencies, ModeShapes):
+        modes, at = frequencies, frequencies.at
+        return modal(
+            modes.frequencies,
+            damping=modes.damping if damping is None else damping,
+            sensors={k: (kind, _found(at, v, f"sensor '{k}'")) for k, (kind, v) in sensors.items()},
+            forces={k: _found(at, v, f"force '{k}'") for k, v in (forces or {}).items()},
+            inputs={k: _found(at, v, f"input '{k}'") for k, v in (inputs or {}).items()},
+            modal_masses=modes.modal_masses if modal_masses is None else modal_masses,
+            feedthrough=feedthrough,
+            length_unit=length_unit,
+            force_unit=force_unit,
+            name=name,
+        )
     hertz = np.atleast_1d(_numbers(frequencies, "frequencies"))
     if hertz.ndim != 1 or not hertz.size or (hertz < 0).any():
         raise ModelError(f"frequencies is {frequencies}; give one number >= 0 [Hz] for every mode")
     n = len(hertz)
-    masses = _per_mode(modal_masses, n, "modal_masses")
+    masses = _per_mode(1.0 if modal_masses is None else modal_masses, n, "modal_masses")
     if not (masses > 0).all():
         raise ModelError(f"modal_masses is {modal_masses}; every one must be positive")
     if hertz.max() > FASTEST:
@@ -117,7 +147,7 @@ def modal(
             raise ModelError(f"{what}: all its shapes are zero; move it, or take more modes")
     model = second_order(
         np.eye(n),
-        _damping_matrix(damping, omega),
+        _damping_matrix(DAMPING if damping is None else damping, omega),
         np.diag(omega**2),
         forces={k: shape / masses for k, shape in (known | unknown).items()},
         inputs=dict.fromkeys(known, force_unit),
@@ -125,11 +155,44 @@ def modal(
         outputs={k: (_motion(kind), shape) for k, (kind, shape) in seen.items()},
         name=name,
     )
-    units = [_unit(kind, length_unit) for kind, _ in seen.values()]
-    return dataclasses.replace(model, outputs=_with_units(model.outputs, units))
+    units = [output_unit(kind, length_unit) for kind, _ in seen.values()]
+    model = dataclasses.replace(model, outputs=_with_units(model.outputs, units))
+    return _fed_through(model, feedthrough or {})
 
 
-def _sensor(name: str, given: tuple[SensorKind, ArrayLike], n: int) -> tuple[SensorKind, Array]:
+def _fed_through(model: Model, given: Mapping[str, Mapping[str, float]]) -> Model:
+    """Add to outputs what they take of inputs and parameters at once."""
+    if not any(given.values()):
+        return model
+    x, u, p = (
+        ca.SX.sym(k, n)
+        for k, n in zip("xup", (model.nx, model.nu, len(model.parameters)), strict=True)
+    )
+    felt = {s.name: u[i] for i, s in enumerate(model.inputs)}
+    felt |= {s.name: p[i] for i, s in enumerate(model.parameters)}
+    rows = dict(zip([s.name for s in model.outputs], ca.vertsplit(model.h(x, u, p)), strict=True))
+    for output, terms in given.items():
+        if output not in rows:
+            raise ModelError(f"feedthrough names the sensor '{output}': {nearest(output, rows)}")
+        for force, factor in terms.items():
+            if force not in felt:
+                raise ModelError(
+                    f"feedthrough of '{output}' names the force '{force}': {nearest(force, felt)}"
+                )
+            rows[output] += float(_numbers(factor, f"feedthrough of '{output}'")) * felt[force]
+    return dataclasses.replace(model, h=ca.Function("h", [x, u, p], [ca.vertcat(*rows.values())]))
+
+
+def _found(at: Callable[[str | Mapping[str, float]], Array], place: Shape, what: str) -> ArrayLike:
+    if not isinstance(place, str | Mapping):
+        return place
+    try:
+        return at(place)
+    except DataError as error:
+        raise ModelError(f"{what}: {error}") from None
+
+
+def _sensor(name: str, given: tuple[SensorKind, Shape], n: int) -> tuple[SensorKind, Array]:
     match given:
         case (str() as kind, shape):
             pass
@@ -140,7 +203,9 @@ def _sensor(name: str, given: tuple[SensorKind, ArrayLike], n: int) -> tuple[Sen
     return kind, _shape(shape, n, f"sensor '{name}'")
 
 
-def _shape(given: ArrayLike, n: int, what: str) -> Array:
+def _shape(given: Shape, n: int, what: str) -> Array:
+    if isinstance(given, str | Mapping):
+        raise ModelError(f"{what} is at {given!r}: only modes from a file have coordinates")
     shape = np.atleast_1d(_numbers(given, f"the shapes of {what}"))
     if shape.shape != (n,):
         raise ModelError(f"the shapes of {what} have the size {shape.shape}; {n} modes need ({n},)")
@@ -184,7 +249,8 @@ def _motion(kind: SensorKind) -> Motion:
     return "displacement" if kind == "strain" else kind
 
 
-def _unit(kind: SensorKind, length: str) -> str:
+def output_unit(kind: SensorKind, length: str) -> str:
+    """Unit of what a sensor of a kind measures, by that of lengths."""
     ends = SENSORS[kind]
     return "" if ends is None or not length else length + ends
 

@@ -72,6 +72,7 @@ def sensor_lag(model: Model, cutoff: ByName, *, limit: ByName = math.inf) -> Mod
         f=ca.Function("f", [z, u, p], [ca.vertcat(model.f.call([x, u, p])[0], *rates)]),
         h=ca.Function("h", [z, u, p], [ca.vertcat(*(read.get(j, e) for j, e in enumerate(seen)))]),
         states=(*model.states, *(_state(model.outputs[j]) for j in slow)),
+        unsolved=model.unsolved_at([z, u, p], [x, u, p]),
     )
 
 

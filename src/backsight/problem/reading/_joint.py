@@ -2,19 +2,32 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
+from backsight.description import Description, Positive
 from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
+from backsight.models.forces.moving_load import moving_load
+from backsight.models.forces.processes import GaussMarkov, Matern, Periodic, Process
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.problem.reading._model_table import RestOfFile
 from backsight.problem.reading.checking import at, shown_value, validated
-from backsight.problem.reading.kinds import ALL_KINDS, RestOfFile
-from backsight.problem.reading.tables import ColumnTable, EstimateTable, ProblemTable
+from backsight.problem.reading.kinds import ALL_KINDS
+from backsight.problem.reading.settings import built
+from backsight.problem.reading.tables import (
+    ColumnTable,
+    EstimateTable,
+    ForceTable,
+    ProblemTable,
+)
 from backsight.units import check_unit, convertible
 
 
-def joint_model(table: ProblemTable) -> Model:
+def joint_model(table: ProblemTable, folder: Path) -> Model:
     """Build the model and make states of the parameters and disturbances to estimate.
+
+    Files of the model are looked for in the folder.
 
     Raises
     ------
@@ -23,7 +36,7 @@ def joint_model(table: ProblemTable) -> Model:
     """
     _check_sources(table)
     _check_units(table)
-    plain = _plain(table)
+    plain = _with_moving(_plain(table, folder), table)
     _check_columns(plain.inputs, table.recording.columns("inputs"), "input")
     _check_columns(plain.outputs, table.recording.columns("outputs"), "output")
     parameters = [s.name for s in plain.parameters]
@@ -36,19 +49,79 @@ def joint_model(table: ProblemTable) -> Model:
         if entry.acts_on not in states:
             hint = nearest(entry.acts_on, states)
             raise ProblemError(f"disturbances.{name}.acts_on: no state '{entry.acts_on}', {hint}")
+    forces = {name: _process(name, entry) for name, entry in table.forces.items()}
+    added = {n: e.acts_on for n, e in table.forces.items() if e.acts_on is not None}
+    for name in forces:
+        if name in table.estimate or name in table.disturbances:
+            raise ProblemError(f"forces.{name}: is unknown twice; leave out one of the two")
+        if name not in added and name not in parameters:
+            raise ProblemError(
+                f"forces.{name}: the model has no parameter '{name}', {nearest(name, parameters)}; "
+                "or say which state it acts on: acts_on"
+            )
+    for name, state in added.items():
+        if table.forces[name].mean:
+            raise ProblemError(f"forces.{name}.mean: is for parameters of the model, not acts_on")
+        if state not in states:
+            hint = nearest(state, states)
+            raise ProblemError(f"forces.{name}.acts_on: no state '{state}', {hint}")
     with at("estimate"):
         described = dataclasses.replace(
-            plain, parameters=_described(plain.parameters, table.estimate)
+            plain,
+            parameters=_of_mean(_described(plain.parameters, table.estimate), table.forces),
         )
+    walking = {name: entry.acts_on for name, entry in table.disturbances.items()}
+    with at("forces" if forces else "estimate"):
         joint = augment(
-            described,
-            list(table.estimate),
-            disturbances={name: entry.acts_on for name, entry in table.disturbances.items()},
+            described, list(table.estimate), disturbances=walking | added, forces=forces
         )
         return dataclasses.replace(joint, states=_described(joint.states, table.disturbances))
 
 
-def _plain(table: ProblemTable) -> Model:
+PROCESSES = {"matern": Matern, "periodic": Periodic}
+"""Forces with dynamics by the word of the key ``kind``; ``gauss_markov`` is one of Matérn's."""
+
+
+def _process(name: str, entry: ForceTable) -> Process:
+    where = f"forces.{name}"
+    if entry.kind == "gauss_markov":
+        return built(_GaussMarkov, entry.settings, where=where, fixed={}).process()
+    if entry.kind not in PROCESSES:
+        hint = nearest(entry.kind, [*PROCESSES, "gauss_markov"])
+        raise ProblemError(f"{where}.kind: unknown kind '{entry.kind}', {hint}")
+    return built(PROCESSES[entry.kind], entry.settings, where=where, fixed={})
+
+
+@dataclasses.dataclass(frozen=True)
+class _GaussMarkov(Description):
+    """The keys of ``kind = "gauss_markov"``."""
+
+    sigma: Positive
+    time: Positive
+
+    def process(self) -> Process:
+        return GaussMarkov(self.sigma, self.time)
+
+
+def _of_mean(group: tuple[Signal, ...], entries: Mapping[str, ForceTable]) -> tuple[Signal, ...]:
+    return tuple(
+        dataclasses.replace(s, value=entries[s.name].mean, unit=entries[s.name].unit or s.unit)
+        if s.name in entries
+        else s
+        for s in group
+    )
+
+
+def _with_moving(model: Model, table: ProblemTable) -> Model:
+    for name, entry in table.moving.items():
+        with at(f"moving.{name}"):
+            model = moving_load(
+                model, name, position=entry.position, along=entry.along, supports=entry.supports
+            )
+    return model
+
+
+def _plain(table: ProblemTable, folder: Path) -> Model:
     given = dict(table.model)
     kind = given.pop("kind", None)
     if kind is None:
@@ -64,7 +137,9 @@ def _plain(table: ProblemTable) -> Model:
             RestOfFile(
                 inputs={n: c.unit for n, c in table.recording.columns("inputs").items()},
                 outputs={n: c.unit for n, c in table.recording.columns("outputs").items()},
-                start={name: entry.start for name, entry in table.estimate.items()},
+                start={name: entry.start for name, entry in table.estimate.items()}
+                | {n: e.mean for n, e in table.forces.items() if e.acts_on is None},
+                folder=folder,
             )
         )
 
@@ -152,4 +227,5 @@ def _signal(signal: Signal, entry: EstimateTable) -> Signal:
         lower=signal.lower if entry.lower is None else entry.lower,
         upper=signal.upper if entry.upper is None else entry.upper,
         scale=signal.scale if entry.scale is None else entry.scale,
+        positive=entry.positive or signal.positive,
     )

@@ -13,6 +13,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.problem.problem import Problem
 from backsight.problem.reading._joint import check_known, joint_model
+from backsight.problem.reading._places import check_units, put_places
 from backsight.problem.reading._room import DEEPEST, MOST_BYTES, check_keys, check_tree
 from backsight.problem.reading.checking import at, validated
 from backsight.problem.reading.settings import built, fields_of
@@ -47,9 +48,11 @@ def load(path: str | os.PathLike[str]) -> Problem:
     except RecursionError:
         raise ProblemError(f"{file}: tables and lists are more than {DEEPEST} deep") from None
     check_tree(given)
+    listed = put_places(given, file.parent)
     table = validated(ProblemTable, given)
     built(Integrator, table.integrator, where="integrator", fixed={})
-    model = joint_model(table)
+    model = joint_model(table, file.parent)
+    check_units(listed, model)
     check_known(
         model.states, table.recording.columns("truth"), kind="state", where="recording.truth"
     )

@@ -106,6 +106,7 @@ class EstimateTable(StrictTable):
     lower: float | None = None
     upper: float | None = None
     scale: float | None = None
+    positive: bool = False
 
 
 class DisturbanceTable(EstimateTable):
@@ -113,6 +114,33 @@ class DisturbanceTable(EstimateTable):
 
     acts_on: str
     start: float = 0.0
+
+
+class ForceTable(StrictTable):
+    """``[forces.NAME]``: an unknown force with dynamics; its other keys are those of the process.
+
+    It is a parameter of the model, or, with `acts_on`, added to the rate of a state.
+    """
+
+    model_config = pydantic.ConfigDict(extra="allow")
+
+    kind: str
+    acts_on: str | None = None
+    mean: float = 0.0
+    unit: str | None = None
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The keys that only this process knows."""
+        return self.model_extra or {}
+
+
+class MovingTable(StrictTable):
+    """``[moving.NAME]``: a load along forces of a structure, see `backsight.forces.moving_load`."""
+
+    position: str
+    along: dict[str, float] = pydantic.Field(min_length=1)
+    supports: list[float] = []
 
 
 class NoiseTable(StrictTable):
@@ -168,6 +196,8 @@ class ProblemTable(StrictTable):
     model: dict[str, Any]
     estimate: dict[str, EstimateTable] = {}
     disturbances: dict[str, DisturbanceTable] = {}
+    forces: dict[str, ForceTable] = {}
+    moving: dict[str, MovingTable] = {}
     noise: NoiseTable
     prior: PriorTable = PriorTable()
     integrator: dict[str, Any] = {}

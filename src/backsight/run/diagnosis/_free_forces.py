@@ -15,7 +15,8 @@ def constants_and_forces(model: Model, noise: Noise) -> tuple[list[int], list[in
 
     A constant has neither dynamics nor process noise. A free force has process noise, is driven by
     no input and by no other state that moves, and moves others (or is a walk that only outputs
-    show, like a drift of a sensor). A parameter that walks counts as one.
+    show, like a drift of a sensor). A parameter that walks counts as one. A force with dynamics has
+    a size of its own and is neither.
     """
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     change = model.rhs(x, u) if model.continuous else model.rhs(x, u) - x
@@ -31,7 +32,9 @@ def constants_and_forces(model: Model, noise: Noise) -> tuple[list[int], list[in
     own = reach & reach.T
     alone = (reach == own).all(axis=1)
     drives = (reach & ~own).any(axis=0)
-    force = walks & alone & ~driven & (drives | still)
+    sized = np.isin([s.name for s in model.states], [n for g in model.driven for n in g.states])
+    force = walks & alone & ~driven & (drives | still) & ~sized
+    constant &= ~sized
     return np.flatnonzero(constant).tolist(), np.flatnonzero(force).tolist()
 
 
@@ -41,8 +44,8 @@ def with_walks(noise: Noise, model: Model, *, forces: list[int], factor: float) 
     by[forces] = factor
     scale = np.outer(by, by)
     if noise.Qc is not None:
-        return dataclasses.replace(noise, Qc=noise.density(model) * scale)
-    return dataclasses.replace(noise, sigma_w=None, Q=noise.process(model) * scale)
+        return dataclasses.replace(noise, Qc=noise.stated_density(model) * scale)
+    return dataclasses.replace(noise, sigma_w=None, Q=noise.stated_process(model) * scale)
 
 
 def _pattern(rows: ca.SX, by: ca.SX) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.diagnosis._identifiability import check_identifiability
 from backsight.run.diagnosis._judges import Judges
+from backsight.run.diagnosis._sense import surprises
 from backsight.run.diagnosis._walks import Walks
 
 
@@ -50,12 +51,12 @@ def doubts_found(
     estimators: Mapping[str, AbstractEstimator],
     judges: Judges,
 ) -> dict[str, list[str]]:
-    """Say of every result which parameters the recording hardly tells, or not from a force."""
+    """Say of every result which parameters make no sense, are hardly told, or not from a force."""
     walks, large = Walks(judges), judges.model.nx > MOST_STATES
     return {
         name: []
         if large or estimator.innovations == "forced" or failed(results[name])
-        else walks.doubts(estimator, results[name])
+        else [*surprises(estimator, judges, results[name]), *walks.doubts(estimator, results[name])]
         for name, estimator in estimators.items()
     }
 

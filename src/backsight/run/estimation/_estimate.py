@@ -18,7 +18,7 @@ from backsight.models.model import Model
 from backsight.run.estimation._match import match
 from backsight.run.estimation.lag import from_first_sample, run_on
 from backsight.run.estimation.result import as_result
-from backsight.schema import FAILURES, STATUS_TEXT
+from backsight.schema import CULPRIT, FAILURES, STATUS_TEXT
 from backsight.types import Array
 
 
@@ -102,14 +102,14 @@ class Task:
 def ready(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> Task:
     """Check all but the memory that the result takes, see `estimate`."""
     data = match(model, recording, estimator=estimator)
-    _warn_of_useless_rule(estimator, model, data)
+    warn_of_useless_rule(estimator, model, data)
     check_window(estimator, len(data[0]))
     recursion = estimator.compile(model, float(recording.attrs["dt"]))
     check_length(recursion, len(data[0]))
     return Task(estimator, model, recording, recursion, data)
 
 
-def _warn_of_useless_rule(
+def warn_of_useless_rule(
     estimator: AbstractEstimator, model: Model, data: tuple[Array, Array, Array]
 ) -> None:
     """Warn of outputs of which no value can be an outlier: the noise alone is allowed more."""
@@ -166,7 +166,8 @@ def failure(result: xr.Dataset) -> str:
     k = int(failed[0])
     causes = [text for bit, text in STATUS_TEXT.items() if bit & FAILURES & int(status[k])]
     moment = float(result["time"][k])
-    return f"{result.attrs['estimator']} failed at sample {k} (t = {moment:g} s): {causes[0]}"
+    cause = result.attrs.get(CULPRIT, causes[0])
+    return f"{result.attrs['estimator']} failed at sample {k} (t = {moment:g} s): {cause}"
 
 
 def check_window(estimator: AbstractEstimator, samples: int) -> None:

@@ -6,7 +6,7 @@ import xarray as xr
 from backsight.description import checked
 from backsight.engine import vm
 from backsight.engine.recursion import Channel
-from backsight.errors import DataError
+from backsight.errors import DataError, TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.robust import entering
 from backsight.models.model import Model
@@ -56,6 +56,8 @@ def solve_window(
     dt = float(recording.attrs["dt"])
     recursion = estimator.compile(model, dt)
     method, wide = estimator.widened(model, dt)
+    if any(s.positive for s in model.states):
+        raise TuningError("a window of states that are positive cannot be looked at; use estimate")
     inspect, nx = method.inspect(wide, dt), model.nx
     carry, _ = vm.run(recursion, [u[:k], y[:k], mask[:k]], carry=recursion.carry0)
     inside, weighed = _entered(estimator, model, dt, carry, [u[k], y[k], mask[k]])

@@ -14,13 +14,21 @@ from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import EstimationError, TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.models.model import Model
-from backsight.run.estimation._estimate import check_memory, failure, numbers_of
+from backsight.run.estimation._estimate import (
+    check_memory,
+    failure,
+    numbers_of,
+    warn_of_useless_rule,
+)
 from backsight.run.estimation._match import match
 from backsight.run.estimation.result import as_result
 from backsight.types import Array
 
 LEAST_BLOCK = 1000
 """Samples of a block at least."""
+
+KEPT = 2**24
+"""Numbers that a block may take: it goes forward once only if the whole recording is one block."""
 
 
 @checked()
@@ -112,24 +120,9 @@ def ready_to_smooth(
     """Check all but the memory that the result takes, see `smooth`."""
     data = match(model, recording, estimator=estimator)
     _check_own(type(estimator))
-    _check_noise(estimator)
-    passes = estimator.smoother(model, float(recording.attrs["dt"]), covariance=covariance)
+    warn_of_useless_rule(estimator, model, data)
+    passes = estimator.both_ways(model, float(recording.attrs["dt"]), covariance=covariance)
     return SmoothingTask(estimator, model, recording, passes, data)
-
-
-def _check_noise(estimator: AbstractEstimator) -> None:
-    """Raise `TuningError` if the way back would not know of something that the filter does."""
-    noise, _ = estimator.assumed
-    if noise.beyond_additive:
-        raise TuningError(
-            f"{', '.join(noise.beyond_additive)} of the noise cannot be smoothed; make such noise "
-            "states of the model"
-        )
-    if estimator.outliers is not None:
-        raise TuningError(
-            "a rule for outliers goes with a filter only: estimate first, set the samples with a "
-            "small weight to NaN, and smooth without the rule"
-        )
 
 
 def _check_own(kind: type[AbstractEstimator]) -> None:
@@ -182,7 +175,7 @@ def _smoothed(
     """Forward once to keep the memory at the start of every block, then back block by block."""
     u, y, mask = data
     n, forward, backward = len(u), passes.forward, passes.backward
-    size = max(LEAST_BLOCK, math.isqrt(n))
+    size = max(LEAST_BLOCK, math.isqrt(n), KEPT // sum(forward.output_sizes))
     blocks = [slice(start, min(start + size, n)) for start in range(0, n, size)]
     carries = [forward.carry0]
     for part in blocks[:-1]:
@@ -195,7 +188,10 @@ def _smoothed(
         _, outputs = run_part(forward, start, [a[part] for a in data], engine=engine)
         handed, own = outputs[: passes.handed], outputs[passes.handed :]
         after = np.minimum(np.arange(part.start + 1, part.stop + 1), n - 1)
-        rows = [*handed, u[part], u[after], y[part], mask[part]]
+        weighed = mask[part]
+        if passes.weights is not None:
+            weighed = weighed * outputs[passes.weights]
+        rows = [*handed, u[part], u[after], y[part], weighed]
         carry, estimates = run_part(backward, carry, [a[::-1] for a in rows], engine=engine)
         found = {c.name: v[::-1] for c, v in zip(backward.channels, estimates, strict=True)}
         for channel, value in zip(forward.channels[passes.handed :], own, strict=True):

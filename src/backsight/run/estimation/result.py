@@ -12,11 +12,13 @@ from backsight.engine.recursion import Channel
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
+from backsight.run.estimation._culprit import with_culprit
 from backsight.run.estimation._integration import with_integration
 from backsight.run.estimation._match import output_mask
 from backsight.schema import (
     AGO,
     INNOVATIONS,
+    POSITIVE,
     RESULT_VARIABLES,
     ROLE,
     SCHEMA_VERSION,
@@ -76,7 +78,9 @@ def as_result(
             THRESHOLD: rule.threshold,
             OUTLIER_WEIGHT: DOUBTED,
         }
-    result = with_integration(result, estimator, model)
+    if positive := [s.name for s in model.states if s.positive]:
+        result.attrs[POSITIVE] = " ".join(positive)
+    result = with_culprit(with_integration(result, estimator, model), estimator, model)
     remarks = force_remarks(result)
     if remarks:
         result.attrs[REMARKS] = "\n".join(remarks)
@@ -105,6 +109,9 @@ def _dataset(
     if "P" in values:
         variance = np.einsum("kii->ki", values["P"])
         values["x_std"], dims["x_std"] = np.sqrt(np.maximum(variance, 0.0)), ("time", "state")
+    if any(s.positive for s in model.states) and "x_std" in values:
+        values["x_low"], values["x_high"] = _bands(values["x_hat"], values["x_std"], model)
+        dims["x_low"] = dims["x_high"] = ("time", "state")
     flags = [bit for bit in Status if bit]
     result = xr.Dataset(
         {n: (dims[n], v, {"long_name": _long_name(n)}) for n, v in values.items()},
@@ -142,6 +149,15 @@ def _dataset(
         known = [n for n in names if n in truth["state"].values]
         result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
     return result
+
+
+def _bands(x: Array, std: Array, model: Model) -> tuple[Array, Array]:
+    """Ends of the bands of one standard deviation; of positive states as factors."""
+    positive = np.array([s.positive for s in model.states])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        factor = np.exp(std / x)
+        low, high = np.where(positive, x / factor, x - std), np.where(positive, x * factor, x + std)
+    return low, high
 
 
 def _worthless(values: dict[str, np.ndarray], measured: Array) -> Array:

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from backsight.description import Called, Count, Positive, Whole, checked
-from backsight.discrete.runge_kutta import Hold, Integrator
+from backsight.discrete.runge_kutta import Hold, Integrator, RungeKutta
 from backsight.engine import vm
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
@@ -27,7 +27,7 @@ from backsight.run.simulation._scenario import (
 )
 from backsight.types import Array, ByName
 
-SCHEME = "dopri5"
+SCHEME: RungeKutta = "dopri5"
 """Fifth order and on a finer grid than any estimator, so that truth and model are not the same."""
 
 BLOCK = 1000
@@ -47,12 +47,14 @@ def simulate(
     sigma_y: ByName = 0.0,
     seed: Whole = 0,
     substeps: Annotated[Count, TuningError] = 20,
+    scheme: Annotated[RungeKutta, TuningError] = SCHEME,
     hold: Annotated[Hold, TuningError] = "zoh",
 ) -> xr.Dataset:
     r"""Simulate a model and measure it.
 
-    A continuous-time model is integrated by the fifth-order method of Dormand and Prince in
-    `substeps` equal steps per sample; the first sample is at time 0 and in the state `x0`.
+    A continuous-time model is integrated in `substeps` equal steps per sample, by the fifth-order
+    method of Dormand and Prince unless `scheme` says another; the first sample is at time 0 and in
+    the state `x0`.
 
     Parameters
     ----------
@@ -81,6 +83,8 @@ def simulate(
         Of the noise, ``numpy.random.default_rng(seed)``.
     substeps : int
         Steps per sample; not used by a discrete-time model.
+    scheme : str
+        Runge-Kutta method; an implicit one, such as "radau", for a stiff model, see `Integrator`.
     hold : {"zoh", "foh"}
         Input between samples: held, or a ramp to the next sample (the last value is held).
 
@@ -112,7 +116,7 @@ def simulate(
         raise DataError(f"the model has dt = {model.dt:g} s; it cannot be simulated with {dt:g} s")
     U = input_columns(model, u)
     n = len(U)
-    fine = Integrator(SCHEME, substeps if model.continuous else 1, hold)
+    fine = Integrator(scheme, substeps if model.continuous else 1, hold)
     grid = dt / fine.steps
     theta = parameter_steps(model, parameters or {}, changes or {}, grid=grid, end=n * dt)
     pushes = {

@@ -51,4 +51,5 @@ def forces_as_inputs(model: Model, forces: Sequence[str]) -> Model:
         h=ca.Function("h", [x, u, p], model.h.call(given)),
         inputs=(*model.inputs, *(known[n] for n in forces)),
         parameters=tuple(kept),
+        unsolved=model.unsolved_at([x, u, p], given),
     )

@@ -1,0 +1,1 @@
+"""Forces on a model: unknown ones, those with dynamics, and those that move along a structure."""

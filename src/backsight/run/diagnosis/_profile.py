@@ -1,0 +1,121 @@
+"""How well a recording is explained for each of several values of a parameter."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from backsight.analysis.consistency import log_likelihood
+from backsight.description import checked
+from backsight.errors import BacksightError, DataError, TuningError
+from backsight.estimators import yardstick
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.uncertainty import Prior
+from backsight.models.model import Model
+from backsight.run.estimation import estimate
+
+
+@checked()
+def profile(
+    estimator: AbstractEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    name: str,
+    values: ArrayLike | Sequence[float] | None = None,
+) -> xr.Dataset:
+    r"""Profile the likelihood over a parameter: fixed at each value, all else estimated.
+
+    A curve with one narrow top says that the recording tells the parameter; a flat one that it does
+    not; several tops that the start value decides, and which one to take.
+
+    Parameters
+    ----------
+    estimator : AbstractEstimator
+        Its noise and prior are used, by the (extended) Kalman filter that believes in the same.
+    model : Model
+        With the parameter among its states.
+    recording : xarray.Dataset
+    name : str
+        The state.
+    values : (n,) array, optional
+        By default 21 values over three standard deviations of the prior to either side, those
+        inside the bounds (of positive states above zero).
+
+    Returns
+    -------
+    xarray.Dataset
+        ``log_likelihood (value)``, the sum over the recording; the other states at its end and
+        their standard deviations, ``x_hat, x_std (value, state)``; NaN where the filter diverged.
+        The attribute ``best`` is the value with the largest likelihood, ``interval`` the ends of
+        the values within 1.92 of it: a 95 % interval by the likelihood ratio.
+
+    Raises
+    ------
+    ModelError, TuningError, DataError
+        If the state is unknown, estimator, model and recording do not fit, or no value is possible.
+
+    References
+    ----------
+    Raue et al., "Structural and practical identifiability analysis of partially observed dynamical
+    models by exploiting the profile likelihood", 2009, doi:10.1093/bioinformatics/btp358.
+    """
+    i, judge = model.index(name), yardstick(estimator, model)
+    noise, prior = judge.assumed
+    x0, P0 = prior.mean(model), prior.covariance(model)
+    state = model.states[i]
+    if values is None:
+        values = x0[i] + np.sqrt(P0[i, i]) * np.linspace(-3, 3, 21)
+    grid = np.unique(np.atleast_1d(np.asarray(values, float)))
+    least = max(state.lower, np.nextafter(0, 1)) if state.positive else state.lower
+    grid = grid[np.isfinite(grid) & (grid >= least) & (grid <= state.upper)]
+    if not len(grid):
+        raise TuningError(f"{name}: none of the values is possible; give others")
+    fixed = np.ones(model.nx)
+    fixed[i] = 0.0
+    keep = np.outer(fixed, fixed)
+    still = dataclasses.replace(
+        noise,
+        sigma_w=None,
+        Q=None if noise.Qc is not None else noise.stated_process(model) * keep,
+        Qc=None if noise.Qc is None else noise.stated_density(model) * keep,
+    )
+    rows = []
+    for value in grid:
+        start = x0.copy()
+        start[i] = value
+        one = dataclasses.replace(judge, noise=still, prior=Prior(x0=start, P0=P0 * keep))
+        rows.append(_tried(one, model, recording))
+    logs, x, std = (np.array(k) for k in zip(*rows, strict=True))
+    if not np.isfinite(logs).any():
+        raise DataError(f"the filter diverged at every value of {name}; give values nearer to it")
+    best = int(np.nanargmax(logs))
+    near = grid[logs >= logs[best] - 1.92]
+    others = [s.name for s in model.states]
+    return xr.Dataset(
+        {
+            "log_likelihood": ("value", logs),
+            "x_hat": (("value", "state"), x),
+            "x_std": (("value", "state"), std),
+        },
+        coords={"value": grid, "state": others},
+        attrs={
+            "parameter": name,
+            "unit": state.unit,
+            "best": float(grid[best]),
+            "interval": [float(near.min()), float(near.max())],
+        },
+    )
+
+
+def _tried(
+    judge: AbstractEstimator, model: Model, recording: xr.Dataset
+) -> tuple[float, np.ndarray, np.ndarray]:
+    lost = np.full(model.nx, np.nan)
+    try:
+        result = estimate(judge, model, recording)
+    except BacksightError:
+        return np.nan, lost, lost
+    last = result.isel(time=-1)
+    return float(log_likelihood(result).sum()), last["x_hat"].values, last["x_std"].values
