@@ -34,6 +34,11 @@ class Signal(Description):
         Where along the structure it is [m], for maps.
     name : str
         Set by the model.
+
+    Examples
+    --------
+    >>> bs.sdof(k=bs.Signal(value=40.0, lower=10.0, upper=90.0), b=0.8).parameters[0].upper
+    90.0
     """
 
     refusal: ClassVar[type[BacksightError]] = ModelError

@@ -45,6 +45,12 @@ def bandpass(
     ------
     BacksightError
         If an argument is not positive or a frequency is not below half the sampling rate.
+
+    Examples
+    --------
+    >>> b, a = bs.signals.bandpass(1e-4)
+    >>> b.shape, a.shape
+    ((4,), (4,))
     """
     if not all(value > 0 for value in (dt, cutoff, frequency, damping)):
         raise BacksightError("bandpass: dt, cutoff, frequency and damping must be positive")
@@ -78,6 +84,13 @@ def filtered(values: ArrayLike, *, b: Array, a: Array) -> Array:
     ------
     DataError
         If a value is NaN or infinite: from there on, everything would be.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> b, a = bs.signals.bandpass(1e-4)
+    >>> bs.signals.filtered(np.zeros(5), b=b, a=a)
+    array([0., 0., 0., 0., 0.])
     """
     values = np.asarray(values, float)
     wrong = ~np.isfinite(values).reshape(len(values), -1).all(axis=1)

@@ -130,7 +130,17 @@ class NoiseFactors(Printed):
 
 
 def noise_factors(path: FilterPath) -> NoiseFactors:
-    """Find the factors that explain the autocovariance of the innovations best."""
+    """Find the factors that explain the autocovariance of the innovations best.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from backsight.analysis.consistency import FilterPath
+    >>> e, one = 2.0 * np.random.default_rng(0).standard_normal((2000, 1)), np.ones((2000, 1, 1))
+    >>> path = FilterPath(F=one, H=one, P=0 * one, e=e, S=one, Q=0 * one, R=np.eye(1))
+    >>> round(bs.check.noise_factors(path).R)  # innovations twice as large as assumed
+    4
+    """
     products, by_Q, counted = _moments(path.measured())
     settled = slice(len(products) // SETTLE, None)
     products, by_Q, counted = products[settled], by_Q[settled], counted[settled]

@@ -14,7 +14,13 @@ from backsight.types import Array
 
 @dataclasses.dataclass(frozen=True)
 class Impulses(AbstractDictionary):
-    """Every force at every step by itself: short hits, the identity as dictionary."""
+    """Every force at every step by itself: short hits, the identity as dictionary.
+
+    Examples
+    --------
+    >>> bs.forces.Impulses()
+    Impulses()
+    """
 
     def shapes(self, forces: int) -> Array:
         """See `AbstractDictionary.shapes`."""
@@ -29,6 +35,11 @@ class HalfSines(AbstractDictionary):
     ----------
     widths : tuple of int
         Durations in sampling periods; pulses of all of them are offered.
+
+    Examples
+    --------
+    >>> bs.forces.HalfSines(widths=(2, 4)).widths
+    (2, 4)
     """
 
     widths: Annotated[tuple[Count, ...], Distinct()] = (2,)
@@ -55,6 +66,12 @@ class Atoms(AbstractDictionary):
     ----------
     matrix : (forces, atoms) or (forces, steps, atoms) array
         One column per atom: how large each force is, over one step or over several.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> bs.forces.Atoms(np.eye(4)).matrix.shape
+    (4, 4)
     """
 
     matrix: Annotated[Array, Called("the dictionary")]
