@@ -37,7 +37,7 @@ def test_every_example_runs(example, tmp_path, monkeypatch):
 
 
 def spaces():
-    """Namespaces of models, estimators and verbs; what plots, extends or tests has its own pages."""
+    """Namespaces of models, estimators and verbs; the others have pages of their own."""
     left_out = ("data", "errors", "extend", "plot", "testing")
     inner = [n for n in sorted(backsight._HOMES) if inspect.ismodule(getattr(backsight, n))]
     return [backsight, *(getattr(backsight, n) for n in inner if n not in left_out)]
