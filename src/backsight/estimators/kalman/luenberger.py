@@ -90,6 +90,7 @@ class Luenberger(AbstractEstimator):
         :math:`e^{s\,dt}`): inside the unit circle, complex ones in conjugate pairs, none more often
         than there are outputs.
     form : {"filtering", "prediction"}
+        Whether an estimate knows the measurement of its own sample.
     hold : {"zoh", "foh"}
         Input between the samples of a continuous model: held, or interpolated.
 

@@ -63,6 +63,7 @@ class MHO(AbstractEstimator):
     alpha : float
         Weight of the measurements in the window.
     integrator : Integrator
+        For continuous-time models.
     covariance : {"transition", "ode", "discrete"}
         See `EKF`.
     optimiser : GaussNewton

@@ -57,6 +57,7 @@ class AHG(AbstractHighGain, AbstractAdaptiveObserver):
         The printed eq. 10 has a surplus lambda at Upsilon Gamma Upsilon', which makes adaptation
         slower by one to two orders of magnitude.
     adaptive : AdaptiveGain, optional
+        Of a gain that comes down from `gain` while the innovation is small.
     excitation : Excitation
         Window in which the excitation of the parameters is watched.
     integrator : Integrator

@@ -14,12 +14,12 @@ from backsight.models.signals import Signal
 from backsight.problem.reading._model_table import RestOfFile
 from backsight.problem.reading.checking import at, shown_value, validated
 from backsight.problem.reading.kinds import ALL_KINDS
+from backsight.problem.reading.problem_table import ProblemTable
 from backsight.problem.reading.settings import built
 from backsight.problem.reading.tables import (
     ColumnTable,
     EstimateTable,
     ForceTable,
-    ProblemTable,
 )
 from backsight.units import check_unit, convertible
 

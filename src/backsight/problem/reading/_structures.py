@@ -35,6 +35,8 @@ class SensorTable(StrictTable):
 class SecondOrderTable(ModelTable):
     """Mass, damping and stiffness matrices of numbers and formulas."""
 
+    function = staticmethod(second_order)
+
     mass: Any
     damping: Any
     stiffness: Any
@@ -48,7 +50,7 @@ class SecondOrderTable(ModelTable):
         """See `ModelTable.build`."""
         # Which kinds there are is the model's own to say.
         outputs: dict[str, Any] = {name: (s.kind, s.at) for name, s in self.outputs.items()}
-        return second_order(
+        return type(self).function(
             self.mass,
             self.damping,
             self.stiffness,

@@ -16,8 +16,8 @@ from backsight.problem.reading._joint import check_known, joint_model
 from backsight.problem.reading._places import check_units, put_places
 from backsight.problem.reading._room import DEEPEST, MOST_BYTES, check_keys, check_tree
 from backsight.problem.reading.checking import at, validated
+from backsight.problem.reading.problem_table import EstimatorTable, ProblemTable
 from backsight.problem.reading.settings import built, fields_of
-from backsight.problem.reading.tables import EstimatorTable, ProblemTable
 from backsight.problem.reading.uncertain import noise, prior
 
 _GROUP = re.compile(r"[\w+-]+(?:[ .][\w+-]+)*")

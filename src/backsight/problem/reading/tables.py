@@ -1,4 +1,4 @@
-"""The tables of a problem file: which keys there are and what they hold."""
+"""The tables inside a problem file: which keys there are and what they hold."""
 
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
@@ -33,7 +33,23 @@ class ShortTable(StrictTable):
 
 
 class ColumnTable(ShortTable):
-    """A column of the file: ``factor * column + offset`` [unit]; its name alone will do."""
+    """A column of the file: ``factor * column + offset`` [unit]; its name alone will do.
+
+    Parameters
+    ----------
+    column : str
+        Name in the file; ``group/name``, ``acc[2]``, see `backsight.data.Column`.
+    unit : str
+        In which the signal is wanted; the column is converted if the file says its unit.
+    factor : float
+        From the number in the file to the unit; it is all the conversion there is then.
+    offset : float
+        Added after `factor` [unit].
+    delay : float
+        By which the column is late [s]; fractions of a sample are interpolated.
+    remove_mean : bool
+        Subtract the mean over the samples that are kept.
+    """
 
     alone = "column"
 
@@ -46,7 +62,47 @@ class ColumnTable(ShortTable):
 
 
 class FileTable(StrictTable):
-    """A file, its columns and its time."""
+    """A file, its columns and its time.
+
+    Parameters
+    ----------
+    path : str
+        Relative to the problem file; ``${NAME}`` is an environment variable.
+    source : str
+        Where to get the file, told when it is missing.
+    inputs, outputs : dict
+        Signal of the model to its column.
+    truth : dict
+        State to the column with its true values, for comparison only.
+    sigma_factor : dict
+        Output to a column of standard deviations of its samples, by `sigma_y`.
+    formulas : dict
+        Further column to the formula that makes it of others.
+    time : column
+        Of time stamps [s], or dates; not needed if the file knows its times, or with `dt`.
+    dt : float
+        Sampling period [s].
+    start, stop : float
+        Samples with ``start <= t < stop`` are kept [s].
+    resample : float
+        Sampling period to which the samples are interpolated [s].
+    grid : float
+        Sampling period of an even grid; nothing is measured between the samples [s].
+    format : str
+        How to read the file whatever it is called: text, or a suffix as mat.
+    axis : 0 or 1
+        Of matrices along which time runs.
+    time_format : str
+        How dates are written, as in strptime, or excel, matlab, unix, unix_ms, ros.
+    missing : list
+        Values that stand for "not measured".
+    delimiter, decimal, thousands, encoding : str
+        Of texts: what separates cells, the signs in numbers, the encoding.
+    header : int
+        Of texts: number of the line with the names, from 1 on; 0: there is none.
+    skip_lines : int
+        Of texts: lines to pass over at the top.
+    """
 
     path: str
     source: str = ""
@@ -74,13 +130,25 @@ class FileTable(StrictTable):
 
 
 class SourceTable(FileTable):
-    """``[recording.sources.NAME]``: a further file, whose clock is late by `delay` [s]."""
+    """``[recording.sources.NAME]``: a further file, whose clock is late by `delay` [s].
+
+    Parameters
+    ----------
+    delay : float
+        By which the clock of this file is late [s].
+    """
 
     delay: float = 0.0
 
 
 class RecordingTable(FileTable):
-    """``[recording]``: the file, and others that were recorded with it."""
+    """``[recording]``: the file, and others that were recorded with it.
+
+    Parameters
+    ----------
+    sources : dict
+        Further files by names of your own.
+    """
 
     outputs: dict[str, ColumnTable] = pydantic.Field(min_length=1)
     sources: dict[str, SourceTable] = {}
@@ -97,7 +165,25 @@ class RecordingTable(FileTable):
 
 
 class EstimateTable(StrictTable):
-    """``[estimate.NAME]``: a parameter that is not known."""
+    """``[estimate.NAME]``: a parameter that is not known.
+
+    Parameters
+    ----------
+    start : float
+        The guess [unit].
+    sigma : float
+        How wrong the guess may be: a standard deviation [unit].
+    walk : float
+        Standard deviation of its change from sample to sample; 0: it is constant [unit].
+    unit : str
+        Shown in results; that of the model's parameter if not given.
+    lower, upper : float
+        Bounds that the estimate keeps [unit].
+    scale : float
+        Size by which steps and derivatives are measured [unit].
+    positive : bool
+        The logarithm is estimated, so that it stays positive.
+    """
 
     start: float
     sigma: float | None = None
@@ -110,7 +196,13 @@ class EstimateTable(StrictTable):
 
 
 class DisturbanceTable(EstimateTable):
-    """``[disturbances.NAME]``: an unknown quantity that is added to the rate of a state."""
+    """``[disturbances.NAME]``: an unknown quantity that is added to the rate of a state.
+
+    Parameters
+    ----------
+    acts_on : str
+        State to whose rate it is added.
+    """
 
     acts_on: str
     start: float = 0.0
@@ -120,6 +212,17 @@ class ForceTable(StrictTable):
     """``[forces.NAME]``: an unknown force with dynamics; its other keys are those of the process.
 
     It is a parameter of the model, or, with `acts_on`, added to the rate of a state.
+
+    Parameters
+    ----------
+    kind : str
+        Class of the process in `backsight.forces`: Matern, GaussMarkov, Periodic, ...
+    acts_on : str
+        State to whose rate it is added.
+    mean : float
+        Around which it varies [unit].
+    unit : str
+        That of the model's parameter if not given.
     """
 
     model_config = pydantic.ConfigDict(extra="allow")
@@ -163,44 +266,3 @@ class PriorTable(StrictTable):
     x0: dict[str, float] = {}
     sigma_x0: dict[str, float] | None = None
     P0: list[list[float]] | None = None
-
-
-class EstimatorTable(StrictTable):
-    """``[estimators.NAME]``: the method, its own settings, and what it has not in common."""
-
-    model_config = pydantic.ConfigDict(extra="allow")
-
-    kind: str
-    smooth: bool = False
-    noise: NoiseTable | None = None
-    prior: PriorTable | None = None
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """The keys that only this method knows."""
-        return self.model_extra or {}
-
-
-class OutputTable(StrictTable):
-    """``[output]``: what is written."""
-
-    report: bool = True
-    covariance: bool = False
-
-
-class ProblemTable(StrictTable):
-    """The whole file."""
-
-    title: str = ""
-    recording: RecordingTable
-    model: dict[str, Any]
-    estimate: dict[str, EstimateTable] = {}
-    disturbances: dict[str, DisturbanceTable] = {}
-    forces: dict[str, ForceTable] = {}
-    moving: dict[str, MovingTable] = {}
-    noise: NoiseTable
-    prior: PriorTable = PriorTable()
-    integrator: dict[str, Any] = {}
-    estimators: dict[str, EstimatorTable] = pydantic.Field(min_length=1)
-    reference: dict[str, float] = {}
-    output: OutputTable = OutputTable()
