@@ -18,7 +18,7 @@ unless it must be given. `backsight schema` prints the same for editors;
 
 Schema = dict[str, Any]
 
-OF_A_NAME = ("estimate", "disturbances", "forces", "moving")
+OF_A_NAME = ("estimate", "disturbances", "forces", "moving", "virtual", "dummy")
 """Tables of which there is one for each name."""
 
 
@@ -35,12 +35,7 @@ def page() -> str:
         if table := _table(inner, schema):
             parts.append(_section(f"`{title}`", table, schema))
         if name == "recording":
-            parts += [_section("A column", _column(schema), schema)]
-            source = schema["definitions"]["SourceTable"]
-            own = {k: v for k, v in source["properties"].items() if k == "delay"}
-            text = "A further file, with all keys of `[recording]`, and"
-            further = {"properties": own, "description": text}
-            parts.append(_section("`[recording.sources.NAME]`", further, schema))
+            parts += _of_recordings(schema)
     parts += [
         "## `[model]`\n\n`kind` says which of these it is.\n",
         *_kinds(tables["model"], schema),
@@ -49,6 +44,31 @@ def page() -> str:
     parts += ["## `[estimators.NAME]`\n\n`kind` says which method it is.\n"]
     parts += _kinds(estimators, schema)
     return "\n".join(parts)
+
+
+def _of_recordings(schema: Schema) -> Iterator[str]:
+    """What stands inside `[recording]`: what inherits keys has its own only."""
+    column = _part("ColumnTable", schema)
+    yield _section("A column", column, schema)
+    for title, name in (("an input", "CommandColumnTable"), ("an output", "SensorColumnTable")):
+        yield _section(f"A column of {title}", _beside(_part(name, schema), column), schema)
+    yield _section("`gaps` of an input", _part("GapsTable", schema), schema)
+    source = _beside(_part("SourceTable", schema), _part("RecordingTable", schema))
+    source["description"] += " It has all keys of `[recording]`, and"
+    yield _section("`[recording.sources.NAME]`", source, schema)
+
+
+def _part(name: str, schema: Schema) -> Schema:
+    """A table by the name of its definition."""
+    found = _table({"$ref": f"#/definitions/{name}"}, schema)
+    assert found is not None
+    return found
+
+
+def _beside(table: Schema, base: Schema) -> Schema:
+    """The keys that another table does not have."""
+    own = {n: e for n, e in table["properties"].items() if n not in base["properties"]}
+    return {**table, "properties": own}
 
 
 def _kinds(by_kind: Schema, schema: Schema) -> Iterator[str]:
@@ -76,13 +96,8 @@ def _table(entry: Schema, schema: Schema) -> Schema | None:
     """The table that an entry is, None if it is a mapping of names to values."""
     if "$ref" in entry:
         return _table(schema["definitions"][entry["$ref"].rpartition("/")[2]], schema)
-    return entry if "properties" in entry else None
-
-
-def _column(schema: Schema) -> Schema:
-    return next(
-        part for part in schema["definitions"]["ColumnTable"]["anyOf"] if "properties" in part
-    )
+    parts = [part for part in entry.get("anyOf", [entry]) if "properties" in part]
+    return parts[0] if parts else None
 
 
 def _default(entry: Schema) -> str:
@@ -96,7 +111,7 @@ def _kind_of(entry: Schema, schema: Schema) -> str:
     """What a value may be, in words."""
     if "$ref" in entry:
         name = entry["$ref"].rpartition("/")[2]
-        return "column" if name == "ColumnTable" else "table"
+        return "column" if name.endswith("ColumnTable") else "table"
     if "enum" in entry:
         return " or ".join(f"`{word}`" for word in entry["enum"])
     if "anyOf" in entry:

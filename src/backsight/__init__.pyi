@@ -48,6 +48,7 @@ from backsight.models import modal as modal
 from backsight.models import reduced as reduced
 from backsight.models import sdof as sdof
 from backsight.models import second_order as second_order
+from backsight.models import with_virtual as with_virtual
 from backsight.report import report as report
 from backsight.run.compare import compare as compare
 from backsight.run.estimation import estimate as estimate

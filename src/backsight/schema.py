@@ -4,6 +4,8 @@ A *recording* has ``u (time, input)`` and ``y (time, output)``; ``NaN`` in ``y``
 It may have ``sigma_factor (time, output)``: the standard deviation of the sample's noise by the
 nominal one, the estimator's ``sigma_y``; ``NaN`` and infinity are "not measured", too.
 A *result* has, beside the recording's ``u`` and ``y``, the variables of `RESULT_VARIABLES`.
+The virtual outputs of its model are ``z_hat`` and ``z_std (time, virtual)``, see
+`backsight.models.views.virtual`, and ``z_true`` where it is known.
 Units are coordinates: ``input_unit``, ``output_unit``, ``state_unit``. The unknown forces of a
 result, ``d_hat (time, force)``, have ``force_unit``, and ``force_position`` if that is known.
 """
@@ -28,6 +30,9 @@ RESULT_VARIABLES = {
     "S": (("time", "output", "output_"), "covariance of the innovation"),
     "status": (("time",), "bits of Status"),
 }
+
+VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE = "z_hat", "z_std", "z_true"
+"""Variables of a result with virtual outputs, ``(time, virtual)``: quantities without a sensor."""
 
 AGO = "ago"
 """Attribute of a variable that is held between the samples: number of samples from the one of a row
@@ -66,6 +71,7 @@ class Status(enum.IntFlag):
     COARSE_STEP = 1024
     GATE_OPEN = 2048
     NOT_SOLVED = 4096
+    TURN_GUESSED = 8192
 
 
 STATUS_TEXT = {
@@ -117,6 +123,10 @@ STATUS_TEXT = {
     Status.NOT_SOLVED: (
         "the equations of the model or of an implicit integration step were not solved, so that "
         "the estimate rests on a wrong model; give a better guess, or take more sub-steps"
+    ),
+    Status.TURN_GUESSED: (
+        "an angle was not known to within half a turn before it was measured, so that the number "
+        "of its turns was guessed; measure more often, or give a narrower prior"
     ),
 }
 """Cause and remedy of every status bit."""

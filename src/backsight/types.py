@@ -18,5 +18,8 @@ Complex: TypeAlias = NDArray[np.complex128]
 Sparse: TypeAlias = Any
 """A sparse array of SciPy in columns, `csc_array`; SciPy says no types of its own."""
 
+Mask: TypeAlias = NDArray[np.bool_]
+"""A NumPy array of booleans."""
+
 ByName: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 """One number per signal: a mapping by name, a sequence in order, or one number for all."""

@@ -6,7 +6,7 @@ import pytest
 import backsight as bs
 from backsight.errors import TuningError
 from backsight.run.diagnosis._judges import Judges
-from backsight.run.diagnosis._sense import poles, surprises
+from backsight.run.diagnosis.parameters.sense import poles, surprises
 
 DT, N = 0.02, 200
 NOISE = bs.Noise(sigma_y=0.02, sigma_w={"w": 1e-3})

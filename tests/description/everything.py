@@ -13,6 +13,8 @@ import backsight
 from backsight.description import Description, plain
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import Noise, Prior
+from backsight.estimators.varied_noise import NoisePart
+from backsight.tune import Choice
 
 
 def modules() -> list[types.ModuleType]:
@@ -53,8 +55,12 @@ def options(hint: object) -> list[object]:
 
 def example(kind: type) -> dict[str, object]:
     """The arguments that a description needs at least."""
-    if kind is Noise:
+    if issubclass(kind, Noise):
         return {"sigma_y": 1.0}
+    if kind is NoisePart:
+        return {"factor": "name", "Q": np.eye(2)}
+    if kind is Choice:
+        return {"name": "N", "options": (5, 10)}
     if kind is Prior:
         return {"sigma_x0": 1.0}
     needed = [f for f in dataclasses.fields(kind) if f.init and f.default is dataclasses.MISSING]

@@ -15,6 +15,7 @@ from backsight.errors import DataError, EngineError
 from backsight.estimators import EKF, MHO
 from backsight.estimators.outliers import StudentT
 from backsight.export import export_c
+from backsight.models.views.virtual import with_virtual
 from backsight.solvers.box import GaussNewton
 from backsight.testing import CASES, TrialProblem
 
@@ -52,6 +53,29 @@ def test_every_estimator_equals_python(key, hold, tmp_path):
     ran = run_selftest(tmp_path / "c", key)
     assert ran.returncode == 0, ran.stdout
     assert f"{key}: 60 samples passed" in ran.stdout
+
+
+@needs_compiler
+def test_virtual_outputs_are_those_of_python(tmp_path):
+    problem = TrialProblem()
+    model = with_virtual(problem.model, {"spring": ("k*q", "N"), "acc": "v_dot"})
+    export_c(EKF(problem.noise, problem.prior), model, recorded(problem), tmp_path, name="virtual")
+    ran = run_selftest(tmp_path, "virtual")
+    assert ran.returncode == 0, ran.stdout
+    assert "z_std" in ran.stdout
+    assert "| z_hat, z_std | spring [N], acc |" in (tmp_path / "README.md").read_text()
+
+
+@needs_compiler
+def test_angles_turn_as_in_python(tmp_path):
+    problem = TrialProblem()
+    first = dataclasses.replace(problem.model.outputs[0], wrap=0.09)
+    model = dataclasses.replace(problem.model, outputs=(first, problem.model.outputs[1]))
+    recording = recorded(problem)
+    recording["y"][:, 0] = recording["y"][:, 0] % 0.09
+    export_c(EKF(problem.noise, problem.prior), model, recording, tmp_path, name="turning")
+    ran = run_selftest(tmp_path, "turning")
+    assert ran.returncode == 0, ran.stdout
 
 
 @dataclasses.dataclass(frozen=True)

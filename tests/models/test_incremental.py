@@ -8,8 +8,8 @@ from backsight.errors import ModelError
 from backsight.estimators.linear_windows import LinearMHE
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.builtin import sdof
-from backsight.models.incremental import incremental
 from backsight.models.lti import lti, state_space
+from backsight.models.views.incremental import incremental
 from backsight.run.estimation import estimate
 from backsight.schema import recording
 

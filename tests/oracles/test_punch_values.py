@@ -17,8 +17,8 @@ from backsight.models.augment import augment
 from backsight.models.canonical.affine import affine_form
 from backsight.models.canonical.observer_form import gain_vector
 from backsight.models.model import Model
-from backsight.models.scale import scale
 from backsight.models.signals import Signal
+from backsight.models.views.scale import scale
 from backsight.signals import punch_strokes
 from backsight.tune import propose_gamma
 from backsight_studies.punch.plant import (

@@ -78,6 +78,17 @@ def test_nis_comparison_window(results):
     np.testing.assert_array_equal(line.get_ydata(), window.x.sel(state="q"))
 
 
+def test_virtual_outputs_with_bands_and_truth():
+    model = bs.with_virtual(PLANT, {"spring": ("k*q", "N")})
+    recording = bs.simulate(model, np.ones(30), dt=0.02, sigma_y=1e-3, seed=1)
+    result = bs.estimate(bs.KalmanFilter(NOISE, PRIOR), model, recording, engine="vm")
+    made = plot.draw_virtual(result)
+    assert titles(made) == ["spring [N]"]
+    line, true = made.axes[0].get_lines()
+    np.testing.assert_array_equal(line.get_ydata(), result.z_hat.sel(virtual="spring"))
+    np.testing.assert_array_equal(true.get_ydata(), result.z_true.sel(virtual="spring"))
+
+
 def test_figure_shows_itself_in_a_notebook(results):
     assert plot.draw_states(results)._repr_png_().startswith(b"\x89PNG")
 
@@ -88,6 +99,7 @@ def test_figure_shows_itself_in_a_notebook(results):
         (lambda r: plot.draw_states(r, ["w"]), "no state 'w'"),
         (lambda r: plot.draw_outputs(r, ["yy"]), "did you mean 'y'"),
         (lambda _: plot.draw_states({}), "at least one"),
+        (lambda r: plot.draw_virtual(r), "no virtual outputs"),
         (lambda r: plot.draw_forces(r), "no result has unknown forces"),
         (lambda r: plot.draw_window(r["KF"]), "draw_states"),
     ],

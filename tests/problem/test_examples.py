@@ -2,7 +2,9 @@
 
 import json
 import os
+import re
 import runpy
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +78,26 @@ def test_the_stage_after_the_removal_of_its_payload(tmp_path):
     for final in finals("stage/problem.toml", tmp_path, "EKF", "MHO").values():
         for name, true in truth.items():
             assert abs(final[name]["value"] - true) < min(3 * final[name]["std"], 0.05 * true)
+
+
+def test_the_stage_is_tuned(tmp_path):
+    for entry in summaries("stage/problem.toml", tmp_path).values():
+        assert entry["verdict"].startswith("consistent")
+
+
+@pytest.mark.slow
+def test_the_noise_of_the_stage_is_what_the_command_finds(tmp_path):
+    text = (EXAMPLES / "stage" / "problem.toml").read_text(encoding="utf-8")
+    (tmp_path / "stage.csv").write_bytes((EXAMPLES / "stage" / "stage.csv").read_bytes())
+    guessed = re.sub(r"walk = [0-9.]+", "walk = 500.0", text).replace("y = 0.000", "y = 0.00")
+    (tmp_path / "problem.toml").write_text(guessed, encoding="utf-8")
+    out = tmp_path / "tuned.toml"
+    ran = CliRunner().invoke(app, ["tune", str(tmp_path / "problem.toml"), "-o", str(out)])
+    assert ran.exit_code == 0, ran.output
+    found, shipped = (tomllib.loads(t) for t in (out.read_text(encoding="utf-8"), text))
+    for name, entry in shipped["tune"]["found"].items():
+        again = found["tune"]["found"][name]["value"]
+        assert again == pytest.approx(entry["value"], abs=0.3 * entry["std"])
 
 
 BEAM = ("problem.toml", "by_modes.toml", "by_matrices.toml")

@@ -6,7 +6,7 @@ import pytest
 
 import backsight as bs
 from backsight.errors import DataError, TuningError
-from backsight.models.some_outputs import some_outputs
+from backsight.models.views.some_outputs import some_outputs
 from backsight.plot import force_path_figure, save
 from oracles import struck_beam
 from tune.struck_beam_recordings import estimator, recording

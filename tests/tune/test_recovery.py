@@ -8,7 +8,7 @@ import pytest
 import backsight as bs
 from backsight.errors import ModelError, TuningError
 from backsight.models.lti import state_space
-from backsight.models.some_outputs import some_outputs
+from backsight.models.views.some_outputs import some_outputs
 from oracles import struck_beam
 from tune.struck_beam_recordings import estimator
 

@@ -15,6 +15,8 @@ import typer
 
 from backsight.cli import _recordings, _workbench
 from backsight.cli._console import bar, say, tell, told, warn, width
+from backsight.cli._options import Force, Outside
+from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
 
 if TYPE_CHECKING:
@@ -40,13 +42,6 @@ app.command("init")(_recordings.write_problem)
 app.command("open")(_workbench.open_page)
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")]
-Force = Annotated[
-    bool, typer.Option("--force", help="Replace files in the folder that are not from here.")
-]
-Outside = Annotated[
-    list[str] | None,
-    typer.Option(help="Another file that an HDF5, NetCDF or MAT recording may read from."),
-]
 
 
 @app.callback(invoke_without_command=True)
@@ -124,8 +119,9 @@ def check(
     same samples, whether units and signs are those of the model, and how
     the estimators go from sample to sample. The exit code is 0
     if nothing is wrong, 1 if a state that does not fade by itself cannot
-    be seen, if times, units or signs are wrong, if an integration step is
-    too coarse, or if an estimator is not what it is asked to be, and 2 if
+    be seen, if times, units or signs are wrong, if an output jumps like
+    an angle or is rounded more coarsely than its noise, if an integration
+    step is too coarse, or if an estimator is not what it is asked to be, and 2 if
     the problem or the recording is at fault.
     """
     with told():
@@ -141,13 +137,16 @@ def check(
         timing = aligned(read.estimators, read.model, data)
         bands = expected(read.estimators, read.model, data) if found.observable else None
         steps, coarse = seeing.integration(read, data), seeing.coarse_steps(read, data)
+        doubtful, counted = seeing.readings(read, data)
         say(f"{read.title}\n\n{read.model}\n")
         for sentence in [
             *found.lines(),
+            *([] if found.detectable else seeing.remedies(read, data)),
             *(bands.lines() if bands else []),
             *(timing.lines() if timing else []),
             *seeing.priors_at_poles(read),
             *(timing.remedies(float(data.attrs["dt"])) if timing else []),
+            *(doubtful + counted),
             *steps,
             *coarse,
         ]:
@@ -157,9 +156,12 @@ def check(
             say(f"\n{certificate.table()}\n")
             for sentence in certificate.lines():
                 say(textwrap.fill(sentence, width(), subsequent_indent="  "))
-    fine = found.detectable and (timing is None or timing.sound) and not coarse
+    fine = found.detectable and (timing is None or timing.sound) and not coarse and not doubtful
     if not (fine and (certificate is None or certificate.holds)):
         raise typer.Exit(1)
+
+
+app.command()(tune)
 
 
 @app.command()

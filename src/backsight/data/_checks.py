@@ -10,6 +10,12 @@ from backsight.data.times.grid import Grid, rounded_grid
 from backsight.errors import DataError
 from backsight.types import Array
 
+ADVICE = (
+    "Filling gaps makes parameters wrong: estimate the input there, by 'gaps' in a problem file; "
+    "in Python read it as an output, which may be NaN, and take augment(model, inputs=[its name])"
+)
+"""What to do about an input that was not recorded at every sample."""
+
 IRREGULARITY = 0.01
 """Largest deviation of a sampling interval, relative to the sampling period."""
 
@@ -92,7 +98,7 @@ def check_inputs(
     """Raise `DataError` if an input, (n, nu), is NaN or infinite; `first` is the first sample."""
     place = _first(~np.isfinite(values), values, names, time, first)
     if place:
-        raise DataError(f"{where}: input {place}; an input must be known at every sample")
+        raise DataError(f"{where}: input {place}; an input must be known at every sample. {ADVICE}")
 
 
 def check_measured(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -72,6 +73,8 @@ class Recursion:
     innovation : casadi.Function, optional
         ``(carry, *data) -> (e, S)`` of the newest sample, where the outputs ``e`` and ``S`` are
         about an earlier one.
+    start : callable, optional
+        The memory before the first sample for another prior: ``(x0, P0) -> carry``, physical.
     """
 
     step: ca.Function
@@ -81,6 +84,7 @@ class Recursion:
     least_samples: int = 1
     lag: int = 0
     innovation: ca.Function | None = None
+    start: Callable[[Array, Array], Array] | None = None
 
     def restarting(self) -> Recursion:
         """The same, but after a sample that leaves no finite memory it starts anew from `carry0`.

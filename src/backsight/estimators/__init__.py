@@ -3,6 +3,7 @@
 import inspect
 
 from backsight.errors import TuningError
+from backsight.estimators._compiling import Compilable as Compilable
 from backsight.estimators._yardstick import yardstick as yardstick
 from backsight.estimators.arrival import ConstantArrival as ConstantArrival
 from backsight.estimators.arrival import EKFArrival as EKFArrival

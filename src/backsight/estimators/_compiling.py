@@ -14,11 +14,20 @@ from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.discrete.steps import complaint, explicit, settle_steps
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import BacksightError, TuningError
-from backsight.estimators._noise_states import linear_in_noise, widened, without_noise_states
-from backsight.estimators._positive import in_their_units, logarithmic
+from backsight.estimators.around.noise_states import linear_in_noise, widened, without_noise_states
+from backsight.estimators.around.positive import in_their_units, logarithmic
+from backsight.estimators.around.robust import robust
+from backsight.estimators.around.turns import on_circle
+from backsight.estimators.around.virtual import (
+    smoothed_with_virtual_outputs,
+    surroundings,
+    with_virtual_outputs,
+    without_covariance,
+)
+from backsight.estimators.around.virtual_bands import Surroundings
 from backsight.estimators.outliers import AbstractOutlierRule
-from backsight.estimators.robust import robust
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.varied_noise import VariedNoise
 from backsight.models.model import Model
 from backsight.schema import WEIGHT, Status
 from backsight.types import Array
@@ -36,7 +45,9 @@ class Compilable(Description, abc.ABC):
     weighs: ClassVar[bool] = False
     """Whether samples may have a noise of their own, see `sigma_factor` of a recording."""
     noise_states: ClassVar[bool] = False
-    """Whether it is right for noise as states, see `backsight.estimators._noise_states`."""
+    """Whether it is right for noise as states, see `backsight.estimators.around.noise_states`."""
+    varies_noise: ClassVar[bool] = False
+    """Whether inputs may multiply its process noise, see `backsight.estimators.varied_noise`."""
 
     @property
     def assumed(self) -> tuple[Noise, Prior]:
@@ -98,6 +109,16 @@ class Compilable(Description, abc.ABC):
         """Whether the noise of a sample changes its covariance only, not how it is corrected."""
         return False
 
+    def varied(self, *, parameters: bool) -> Compilable:  # noqa: ARG002 - itself mostly
+        """Return the method that finds the same while values of noise and model are inputs.
+
+        Parameters
+        ----------
+        parameters : bool
+            Whether parameters of the model are among them: a linear model is then none any more.
+        """
+        return self
+
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
         if "compile" in vars(cls):
@@ -107,7 +128,9 @@ class Compilable(Description, abc.ABC):
 
     @final
     def compile(self, model: Model, dt: float) -> Recursion:
-        """Turn the description into a recursion: what `build` makes, with the outlier rule.
+        """Turn the description into a recursion: what `build` makes, with what surrounds it.
+
+        Virtual outputs, angles that start anew after a turn, and the rule for outliers.
 
         Parameters, result and errors are those of `build`; the recursion has the channel
         ``weight`` if the noise has a rule for outliers, see `backsight.estimators.outliers`.
@@ -115,17 +138,26 @@ class Compilable(Description, abc.ABC):
         rule = self.outliers
         if rule is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
-        plain = self.plain(model, dt)
+        noise = getattr(self, "noise", None)
+        able = self.varies_noise and not self.constant_gain
+        if isinstance(noise, VariedNoise) and (not able or noise.beyond_additive):
+            raise TuningError(f"{self.title} takes no process noise that inputs multiply")
+        plain = on_circle(self.plain(model, dt), model)
         return plain if rule is None else robust(plain, rule)
 
     @final
     def plain(self, model: Model, dt: float) -> Recursion:
-        """The recursion without the rule for outliers; noise that is not additive as states."""
+        """The recursion without the rule for outliers, with virtual outputs.
+
+        Noise that is not additive is among the states; positive states are estimated as logarithms.
+        """
         if any(s.positive for s in model.states):
             method, inner, at = self._logarithmic(model)
             return in_their_units(method.plain(inner, dt), at)
         method, wide = self.widened(model, dt)
         built = method.build(wide, dt)
+        if wide.virtual is not None:
+            built = with_virtual_outputs(built, method.surroundings(wide, dt))
         if wide is model:
             return built
         # The widened model is in discrete time: of its integrator the method knows nothing.
@@ -134,7 +166,7 @@ class Compilable(Description, abc.ABC):
 
     @final
     def both_ways(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
-        """What `smoother` makes, with the outlier rule; noise that is not additive as states.
+        """What `smoother` makes, with virtual outputs and outlier rule; noise as states.
 
         The weights of the way forward hold on the way back, too. Positive states are estimated as
         logarithms. Parameters, result and errors are those of `AbstractEstimator.smoother`.
@@ -147,7 +179,11 @@ class Compilable(Description, abc.ABC):
         if rule is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
         method, wide = self.widened(model, dt)
-        found = method.smoother(wide, dt, covariance=covariance)
+        found = method.smoother(wide, dt, covariance="full" if wide.virtual else covariance)
+        if wide.virtual is not None:
+            # Bands of virtual outputs need all of the covariance, whatever is put out of it.
+            found = smoothed_with_virtual_outputs(found, method.surroundings(wide, dt))
+            found = found if covariance == "full" else without_covariance(found)
         if rule is not None:
             # The rule needs the covariance of the innovations, whether it is put out or not.
             full = method.smoother(wide, dt, covariance="full").forward
@@ -200,6 +236,16 @@ class Compilable(Description, abc.ABC):
         found = logarithmic(noise, prior, model)
         changes: dict[str, Any] = {"noise": found.noise, "prior": found.prior}
         return dataclasses.replace(self, **changes), found.model, found.at
+
+    def surroundings(self, model: Model, dt: float) -> Surroundings:
+        """What virtual outputs must know beside what the method puts out."""
+        noise = getattr(self, "noise", None)
+        noise = noise if isinstance(noise, Noise) else None
+        return surroundings(model, dt, noise=noise, background=self.background(model))
+
+    def background(self, model: Model) -> Array:  # noqa: ARG002 - none has any
+        """Standard deviation of forces that act beside those that it finds, (nf,)."""
+        return np.zeros(0)
 
     def _coarse(self, model: Model, dt: float) -> bool:
         """Whether the integrator is too coarse for the model at the prior's mean."""

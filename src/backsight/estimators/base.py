@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 import casadi as ca
@@ -21,10 +21,11 @@ from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
 from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.varied_noise import ScaledPart, scaled_parts
 from backsight.kernels import library
 from backsight.models.model import Model
-from backsight.models.scale import scale
 from backsight.models.signals import Signal
+from backsight.models.views.scale import scale
 from backsight.schema import Innovations
 from backsight.types import Array
 
@@ -127,6 +128,8 @@ class Setting:
         Whether it is too coarse for the model at the prior's mean.
     sx, su, sy : arrays
         Scales of states, inputs, outputs.
+    parts : tuple of ScaledPart
+        Process noise that inputs multiply, beside `Q` and `Qc`.
     """
 
     model: Model
@@ -141,6 +144,7 @@ class Setting:
     sx: Array
     su: Array
     sy: Array
+    parts: tuple[ScaledPart, ...] = ()
 
     @property
     def lower(self) -> Array:
@@ -170,15 +174,20 @@ class Setting:
         That of `Qc` is Van Loan's integral for the model linearised at the prior's mean; where it
         has no derivative there, ``Qc * dt``.
         """
-        if not self.Qc.any():
+        if not self.Qc.any() and not any(part.Qc.any() for part in self.parts):
             return self
         x, u = ca.SX.sym("x", self.model.nx), ca.SX.sym("u", self.model.nu)
         rates = ca.densify(ca.jacobian(self.model.rhs(x, u), x))
         A = np.array(ca.Function("A", [x, u], [rates])(self.x0, np.zeros(self.model.nu)))
         if not np.isfinite(A).all():
             A = np.zeros_like(A)
-        added = discretise_noise(A, self.Qc, dt=self.dt)[1]
-        return dataclasses.replace(self, Q=self.Q + added, Qc=np.zeros_like(self.Qc))
+        return self.with_noise(lambda Q, Qc: (Q + discretise_noise(A, Qc, dt=self.dt)[1], 0 * Qc))
+
+    def with_noise(self, change: Callable[[Array, Array], tuple[Array, Array]]) -> Setting:
+        """The same with other Q and Qc, which are linear in Q and Qc; of the parts, too."""
+        Q, Qc = change(self.Q, self.Qc)
+        parts = [ScaledPart(p.index, *change(p.Q, p.Qc)) for p in self.parts]
+        return dataclasses.replace(self, Q=Q, Qc=Qc, parts=tuple(parts))
 
     def unsolved(self, x: ca.SX, u: ca.SX) -> ca.SX:
         """1 if the equations of the model, or of a sub-step from x, are not solved there."""
@@ -264,6 +273,7 @@ def setting(
         sx=sx,
         su=su,
         sy=sy,
+        parts=scaled_parts(noise, model, sx),
     )
 
 

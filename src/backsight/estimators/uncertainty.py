@@ -79,7 +79,7 @@ class Noise(Description):
 
     @property
     def beyond_additive(self) -> tuple[str, ...]:
-        """Names of the fields that make noise states, see `backsight.estimators._noise_states`."""
+        """Names of the fields that make noise states, see `around.noise_states`."""
         return tuple(n for n in ("sigma_u", "sigma_p", "cross") if getattr(self, n) is not None)
 
     def of_inputs(self, model: Model) -> Array:
@@ -102,10 +102,19 @@ class Noise(Description):
         return self.stated_process(model)
 
     def measurement(self, model: Model) -> Array:
-        """R, (ny, ny), checked against the model."""
+        r"""R, (ny, ny), checked against the model, with the rounding of outputs.
+
+        A reading in steps of q is wrong by up to half a step: noise with the variance
+        :math:`q^2 / 12` if the signal moves by more than a step from sample to sample (Widrow,
+        Kollár, "Quantization Noise", 2008, doi:10.1017/CBO9780511754661).
+        """
+        steps = [0.0 if s.resolution is None else s.resolution for s in model.outputs]
+        rounding = np.diag(np.array(steps) ** 2 / 12)
         if self.R is None:
-            return _diagonal(self.sigma_y, model.outputs, what="sigma_y", missing=None)
-        return covariance(self.R, model.outputs, what="R", singular=False)
+            of_sensors = _diagonal(self.sigma_y, model.outputs, what="sigma_y", missing=None)
+        else:
+            of_sensors = covariance(self.R, model.outputs, what="R", singular=False)
+        return of_sensors + rounding
 
     def process(self, model: Model) -> Array:
         """Covariance that is added per sample, (nx, nx), with what the model itself has.

@@ -177,6 +177,13 @@ clean:
 """
 
 
+def _of_virtual(model: Model) -> str:
+    if model.virtual is None:
+        return ""
+    names = [f"{s.name} [{_markdown(s.unit)}]" if s.unit else s.name for s in model.virtual.signals]
+    return f"| z_hat, z_std | {', '.join(names)} |\n"
+
+
 def _readme(
     source: c99.Source,
     name: str,
@@ -191,7 +198,10 @@ def _readme(
         f"{s.name} [{_markdown(s.unit)}]" if s.unit else s.name for s in model.states
     )
     inputs = ", ".join(s.name for s in model.inputs) or "none"
-    outputs = ", ".join(s.name for s in model.outputs)
+    outputs = ", ".join(
+        s.name if s.dummy is None else f"{s.name} (no sensor: y = {s.dummy:g}, mask = 1)"
+        for s in model.outputs
+    )
     workspace = kind.bytes * source.workspace + INT * source.ints
     needed = sources.files(source.kernels)[1:] if source.kernels else []
     files = ", ".join(f"`{file.name}`" for file in needed)
@@ -220,7 +230,7 @@ for (;;) {{
 |---|---|
 | u | {inputs} |
 | y, mask | {outputs} |
-| numbers | {kind.name}, {kind.bytes} bytes |
+{_of_virtual(model)}| numbers | {kind.name}, {kind.bytes} bytes |
 | RAM | {kind.bytes * source.memory} bytes memory, {workspace} bytes workspace |
 | flash | about {flash:.0f} kB{without}; `size` of the object file tells exactly |
 | largest number of passes of the loops inside each other | {limits} |

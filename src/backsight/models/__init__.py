@@ -3,10 +3,8 @@
 from backsight.models.augment import augment
 from backsight.models.builtin import duffing, friction_drive, sdof
 from backsight.models.implicit import implicit
-from backsight.models.incremental import incremental
 from backsight.models.lti import lti
 from backsight.models.model import Model
-from backsight.models.scale import scale
 from backsight.models.signals import Signal
 from backsight.models.structures import (
     Substructure,
@@ -18,6 +16,9 @@ from backsight.models.structures import (
     sensor_lag,
 )
 from backsight.models.text import from_equations
+from backsight.models.views.incremental import incremental
+from backsight.models.views.scale import scale
+from backsight.models.views.virtual import with_dummies, with_virtual
 
 __all__ = [
     "Model",
@@ -38,4 +39,6 @@ __all__ = [
     "sdof",
     "second_order",
     "sensor_lag",
+    "with_dummies",
+    "with_virtual",
 ]

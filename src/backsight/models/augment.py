@@ -13,7 +13,7 @@ from backsight.description import checked
 from backsight.errors import ModelError, nearest
 from backsight.models.forces.processes import Driven, Process
 from backsight.models.model import Model
-from backsight.models.signals import Named, Signal
+from backsight.models.signals import Named, Signal, along
 from backsight.types import Array
 
 
@@ -23,9 +23,10 @@ def augment(
     parameters: Sequence[str] = (),
     *,
     disturbances: Mapping[str, str] | None = None,
+    inputs: Sequence[str] = (),
     forces: Mapping[str, Process] | None = None,
 ) -> Model:
-    r"""Append parameters, unknown disturbances and forces to the state (eq. 3-6).
+    r"""Append parameters, disturbances, forces and inputs with gaps to the state (eq. 3-6).
 
     The new states are constant in the model, :math:`\dot p = 0`; the process noise of the
     estimator makes them random walks. Forces with dynamics bring their noise and their prior
@@ -41,6 +42,10 @@ def augment(
     disturbances : dict, optional
         Name of the new state to the state into whose derivative (next value, if the model is
         discrete) it is added: ``{"w": "v"}``.
+    inputs : sequence of str
+        Inputs that were not recorded at every sample. Each becomes a state, held from sample to
+        sample like the input itself, and an output of the same name that measures it where it was
+        recorded: read it as an output of the recording. Its random walk is what it may do in a gap.
     forces : dict, optional
         Name of a parameter, or of a disturbance, to the process that it is:
         ``{"F": bs.forces.Matern(10.0, 0.1)}``. Its mean is the value of the parameter. The force is
@@ -49,7 +54,8 @@ def augment(
     Returns
     -------
     Model
-        States ``[x, parameters, disturbances, forces]``, without the parameters that moved.
+        States ``[x, parameters, disturbances, forces, inputs]`` and what the forces need, without
+        the parameters and inputs that moved.
 
     Raises
     ------
@@ -75,17 +81,23 @@ def augment(
     for name in plain:
         if name in parameters:
             raise ModelError(f"'{name}' is a parameter and a force; give it once")
-    inputs = [s.name for s in model.inputs]
+    sources = {s.name: i for i, s in enumerate(model.inputs)}
     for name, process in forces.items():
         needed = process.input_needed
-        if needed is not None and needed not in inputs:
-            raise ModelError(f"force '{name}' follows '{needed}': {nearest(needed, inputs)}")
+        if needed is not None and needed not in sources:
+            raise ModelError(f"force '{name}' follows '{needed}': {nearest(needed, sources)}")
     targets = {name: model.index(target) for name, target in disturbances.items()}
+    for name in inputs:
+        if name not in sources:
+            raise ModelError(f"the model has no input '{name}': {nearest(name, sources)}")
 
     # New states: constants, disturbances, forces, and what more the forces need.
     moved = [known[n] for n in (*parameters, *plain)]
     added = [Signal(name=n, unit=_rate_unit(model, model.states[i])) for n, i in targets.items()]
-    new = {s.name: s for s in (*moved[: len(parameters)], *added, *moved[len(parameters) :])}
+    held = [model.inputs[sources[n]] for n in inputs]
+    recorded = [s for s in model.inputs if s.name not in inputs]
+    walking = (*moved[: len(parameters)], *added, *moved[len(parameters) :], *held)
+    new = {s.name: s for s in walking}
     more = [
         Signal(name=n + ending, unit=new[n].unit if "rate" not in ending else "")
         for n, process in forces.items()
@@ -95,31 +107,38 @@ def augment(
     states = (*model.states, *new.values(), *more)
 
     z = ca.SX.sym("z", len(states))
-    u = ca.SX.sym("u", model.nu)
+    u = ca.SX.sym("u", len(recorded))
     p = ca.SX.sym("p", len(kept))
+    x, w = z[: model.nx], ca.SX.sym("w", len(states))
     of_state = {s.name: z[i] for i, s in enumerate(states)}
-    symbols = {n: of_state[n] for n in new} | {s.name: p[i] for i, s in enumerate(kept)}
-    full = ca.vertcat(*(symbols[s.name] for s in model.parameters))
+    full_p = _in_order(model.parameters, of_state | {s.name: p[i] for i, s in enumerate(kept)})
+    full_u = _in_order(model.inputs, of_state | {s.name: u[i] for i, s in enumerate(recorded)})
+    given = [x, full_u, full_p]
 
-    rows = ca.vertsplit(ca.SX(model.f.call([z[: model.nx], u, full])[0]))
+    push = ca.SX.zeros(model.nx)
     for name, i in targets.items():
-        rows[i] += of_state[name]
+        push[i] += of_state[name]
     still = {s.name: ca.SX(0) if model.continuous else of_state[s.name] for s in states}
     driven = []
     for name, process in forces.items():
         names = [name + ending for ending in process.endings]
-        moves, noise = _motion(process, model, new[name], [of_state[n] for n in names], u)
+        chain = [of_state[n] for n in names]
+        moves, noise = _motion(process, model, new[name], chain, full_u)
         still |= dict(zip(names, ca.vertsplit(moves), strict=True))
         driven.append(Driven(tuple(names), noise, process.stationary, f"{name}: {process.words}"))
     changes = [still[s.name] for s in states[model.nx :]]
+    seen = ca.vertcat(model.h.call(given)[0], *(of_state[s.name] for s in held))
     return dataclasses.replace(
         model,
-        f=ca.Function("f", [z, u, p], [ca.vertcat(*rows, *changes)]),
-        h=ca.Function("h", [z, u, p], model.h.call([z[: model.nx], u, full])),
+        f=ca.Function("f", [z, u, p], [ca.vertcat(model.f.call(given)[0] + push, *changes)]),
+        h=ca.Function("h", [z, u, p], [seen]),
         states=states,
+        inputs=tuple(recorded),
+        outputs=(*model.outputs, *(Signal(name=s.name, unit=s.unit) for s in held)),
         parameters=tuple(kept),
         driven=(*model.driven, *driven),
-        unsolved=model.unsolved_at([z, u, p], [z[: model.nx], u, full]),
+        unsolved=model.unsolved_at([z, u, p], given),
+        virtual=along(model.virtual, [z, u, p, w], [*given, w[: model.nx] + push]),
     )
 
 
@@ -134,6 +153,11 @@ def _motion(
         return process.rates(deviation, named), process.density
     after, noise = process.ahead(deviation, named, dt=model.dt)
     return after + mean, noise
+
+
+def _in_order(signals: Sequence[Signal], known: Mapping[str, ca.SX]) -> ca.SX:
+    """Vector of the signals."""
+    return ca.vertcat(*(known[s.name] for s in signals))
 
 
 def _rate_unit(model: Model, state: Signal) -> str:

@@ -1,10 +1,8 @@
 """The model: named signals, state equation and output equation."""
 
 import dataclasses
-import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,8 +11,9 @@ from backsight.description import Positive, equations_of, fault, preformatted, t
 from backsight.errors import ModelError, nearest
 from backsight.models._affine import remember, remembered
 from backsight.models._latex import latex
+from backsight.models._tracing import returned_rows, rows_of_function
 from backsight.models.forces.processes import Driven
-from backsight.models.signals import Named, Signal, signals
+from backsight.models.signals import Named, Signal, Virtual, signals, traced
 from backsight.types import Array
 
 Equations = Callable[..., object] | ca.Function
@@ -47,6 +46,8 @@ class Model:
     driven : tuple of Driven
         States with a noise of their own, see `augment`. Noise and prior of every estimator count
         it in.
+    virtual : Virtual, optional
+        Quantities that no sensor measures, made by `with_virtual`.
 
     Raises
     ------
@@ -79,6 +80,7 @@ class Model:
     name: str
     driven: tuple[Driven, ...]
     unsolved: ca.Function | None
+    virtual: Virtual | None
 
     def __init__(
         self,
@@ -93,6 +95,7 @@ class Model:
         name: str = "model",
         driven: tuple[Driven, ...] = (),
         unsolved: ca.Function | None = None,
+        virtual: Virtual | None = None,
     ) -> None:
         fields = {
             "states": signals(states, "state"),
@@ -103,6 +106,7 @@ class Model:
             "name": name,
             "driven": driven,
             "unsolved": unsolved,
+            "virtual": virtual,
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -121,6 +125,7 @@ class Model:
             for name, count in Counter(s.name for s in self.signals).items()
             if count > 1 and name not in {s.name for s in self.outputs}
         ]
+        problems += self._faults_of_virtual()
         if not self.states:
             problems.append("a model needs at least one state")
         if not self.outputs:
@@ -138,6 +143,26 @@ class Model:
         problems = [p for p in problems if p]
         if problems:
             raise ModelError(f"model '{self.name}': " + "; ".join(problems))
+
+    def _faults_of_virtual(self) -> list[str]:
+        if self.virtual is None:
+            return []
+        names = [s.name for s in self.virtual.signals]
+        taken = {s.name for s in self.signals}
+        problems = [
+            f"'{n}' is not a name: use letters, digits and underscores"
+            for n in names
+            if not n.isidentifier()
+        ]
+        problems += [
+            f"the virtual output '{n}' has the name of another signal"
+            for i, n in enumerate(names)
+            if n in taken or n in names[:i]
+        ]
+        sizes = [self.virtual.g.numel_in(i) for i in range(3)]
+        if sizes != [self.nx, self.nu, len(self.parameters)]:
+            problems.append("its virtual outputs are those of a model with other signals")
+        return problems
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -215,6 +240,7 @@ class Model:
             ("outputs", ", ".join(map(_label, self.outputs))),
             ("parameters", ", ".join(f"{s.name} = {s.value:g}" for s in self.parameters)),
             ("driven", "; ".join(group.says for group in self.driven)),
+            ("virtual", ", ".join(map(_label, self.virtual.signals if self.virtual else ()))),
         ]
         return tree(f"{self.name} ({kind})", [row for row in rows if row[1]])
 
@@ -229,64 +255,25 @@ class Model:
         what = {"f": "state equation f", "h": "output equation h"}[name]
         where = f"model '{self.name}': {what}"
         if isinstance(given, ca.Function):
-            rows = _called(given, [x, u, p], where)
+            rows = rows_of_function(given, [x, u, p], where)
         else:
-            with warnings.catch_warnings():
-                # CasADi announces that np.sin(x.q) will return another type; `_rows` takes either.
-                warnings.filterwarnings("ignore", "(?s).*casadi", FutureWarning)
-                returned = given(
-                    Named("state", [s.name for s in self.states], x),
-                    Named("input", [s.name for s in self.inputs], u),
-                    Named("parameter", [s.name for s in self.parameters], p),
-                )
-            rows = _rows(returned, of, where)
+            returned = traced(
+                given,
+                Named("state", [s.name for s in self.states], x),
+                Named("input", [s.name for s in self.inputs], u),
+                Named("parameter", [s.name for s in self.parameters], p),
+            )
+            rows = returned_rows(returned, of, where)
         expression = ca.densify(ca.vertcat(*rows))
         if expression.shape != (len(of), 1):
             raise ModelError(
                 f"{where} returns {expression.shape[0]} values for "
                 f"{len(of)}: {', '.join(s.name for s in of)}"
             )
-        traced = ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
+        made = ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
         if isinstance(given, ca.Function) and (known := remembered(given)):
-            remember(traced, known)
-        return traced
-
-
-def _called(given: ca.Function, arguments: list[ca.SX], where: str) -> list[ca.SX]:
-    inside = [given, *given.find_functions()]
-    solvers = [k for k in inside if k.class_name() not in ("SXFunction", "MXFunction")]
-    if solvers:
-        raise ModelError(
-            f"{where} calls '{solvers[0].name()}', a {solvers[0].class_name()} of CasADi, which is "
-            "no expression; describe equations that must be solved by bs.models.implicit, which "
-            "does so in every engine"
-        )
-    return given.call(arguments)
-
-
-def _rows(returned: Any, of: tuple[Signal, ...], where: str) -> list[ca.SX]:
-    if isinstance(returned, Mapping):
-        names = [s.name for s in of]
-        for name in returned:
-            if name not in names:
-                raise ModelError(f"{where} has an entry '{name}': {nearest(name, names)}")
-        missing = [n for n in names if n not in returned]
-        if missing:
-            raise ModelError(f"{where} has no entry for {', '.join(missing)}")
-        returned = [returned[n] for n in names]
-    rows = returned if isinstance(returned, list | tuple) else [returned]
-    try:
-        return [ca.SX(row) for row in rows]
-    except NotImplementedError:
-        hint = ""
-        if any(isinstance(row, ca.MX) for row in rows):
-            hint = (
-                ": a CasADi function such as a rootfinder gives MX, which is none here; describe "
-                "equations that must be solved by bs.models.implicit"
-            )
-        raise ModelError(
-            f"{where} returns something that is not a number or expression{hint}"
-        ) from None
+            remember(made, known)
+        return made
 
 
 def _label(s: Signal) -> str:

@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -29,9 +30,18 @@ class Signal(Description):
         Bounds [unit].
     positive : bool
         Of a state or of a parameter that becomes one: it is estimated as a logarithm and cannot
-        reach zero, see `backsight.estimators._positive`. No bound is needed.
+        reach zero, see `backsight.estimators.around.positive`. No bound is needed.
     position : float, optional
         Where along the structure it is [m], for maps.
+    dummy : float, optional
+        Of an output that no sensor has: the value that stands for its measurement in every sample,
+        see `backsight.models.views.virtual.with_dummies`.
+    wrap : float, optional
+        Of an output that is an angle and starts anew after a turn: what a turn is, ``360`` or
+        ``2 * np.pi`` [unit]. Innovations are then the shortest way round.
+    resolution : float, optional
+        Of an output: the step of its readings [unit]. Rounding to it counts as noise of the
+        variance ``resolution**2 / 12`` beside that of the estimator.
     name : str
         Set by the model.
 
@@ -50,6 +60,9 @@ class Signal(Description):
     upper: Unlimited = math.inf
     positive: bool = False
     position: float | None = None
+    dummy: Unlimited | None = None
+    wrap: Positive | None = None
+    resolution: Positive | None = None
     name: str = ""
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
@@ -63,6 +76,32 @@ class Signal(Description):
             yield f"bounds{of} are contradictory: {self.lower} to {self.upper}"
         elif not self.lower <= self.value <= self.upper:
             yield f"value{of} is {self.value}, outside its bounds {self.lower} to {self.upper}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Virtual:
+    """Quantities that no sensor measures, see `backsight.models.views.virtual`.
+
+    Parameters
+    ----------
+    signals : tuple of Signal
+    g : casadi.Function
+        ``(x, u, p, w) -> (nz,)`` with the process noise w that is added to the rates of the states
+        (in discrete time, to their next values).
+    """
+
+    signals: tuple[Signal, ...]
+    g: ca.Function
+
+
+def along(
+    virtual: Virtual | None, symbols: Sequence[ca.SX], arguments: Sequence[ca.SX]
+) -> Virtual | None:
+    """Virtual outputs of a model of other variables: `symbols`, of which `arguments` are made."""
+    if virtual is None:
+        return None
+    g = ca.Function("g", list(symbols), virtual.g.call(list(arguments)))
+    return dataclasses.replace(virtual, g=g)
 
 
 def signals(given: Mapping[str, object] | Sequence[Signal], kind: str) -> tuple[Signal, ...]:
@@ -126,6 +165,14 @@ def vector(given: ByName, of: Sequence[Signal], *, what: str, default: Array) ->
             f"{', '.join(names)}"
         )
     return values
+
+
+def traced(formulas: Callable[..., Any], *arguments: Any) -> Any:
+    """Result of equations that are Python functions; those of NumPy may be used in them."""
+    with warnings.catch_warnings():
+        # CasADi announces that np.sin(x.q) will return another type; either is taken.
+        warnings.filterwarnings("ignore", "(?s).*casadi", FutureWarning)
+        return formulas(*arguments)
 
 
 class Named:

@@ -17,7 +17,13 @@ from backsight.plot._figures import band, figure, label, legend, line, save, tru
 from backsight.plot._force_map import draw_forces, force_map
 from backsight.plot._force_path import force_path_figure
 from backsight.plot._quality import draw_comparison, draw_nis, draw_spectrum
-from backsight.plot._signals import draw_innovations, draw_outputs, draw_states, draw_window
+from backsight.plot._signals import (
+    draw_innovations,
+    draw_outputs,
+    draw_states,
+    draw_virtual,
+    draw_window,
+)
 
 __all__ = [
     "band",
@@ -28,6 +34,7 @@ __all__ = [
     "draw_outputs",
     "draw_spectrum",
     "draw_states",
+    "draw_virtual",
     "draw_window",
     "figure",
     "force_map",

@@ -24,6 +24,7 @@ from backsight.plot._choice import (
 )
 from backsight.plot._figures import band, figure, label, truth
 from backsight.report.ranges import view
+from backsight.schema import VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE
 
 
 @checked()
@@ -58,27 +59,64 @@ def draw_states(
     DataError
         If there is no such state.
     """
+    return _estimated(results, names, _STATES, reference or {}, deviations)
+
+
+@checked()
+def draw_virtual(results: Results, names: Sequence[str] = (), *, deviations: float = 3.0) -> Figure:
+    """Draw virtual outputs, quantities without a sensor, over time with their bands, a plot each.
+
+    Parameters
+    ----------
+    results, names, deviations
+        As in `draw_states`, of virtual outputs.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    DataError
+        If there is no such virtual output.
+    """
+    return _estimated(results, names, _VIRTUAL, {}, deviations)
+
+
+_STATES = ("state", "x_hat", "x_std", "x_true")
+_VIRTUAL = ("virtual", VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE)
+"""Dimension, and variables of estimate, deviation and truth."""
+
+
+def _estimated(
+    results: Results,
+    names: Sequence[str],
+    of: tuple[str, str, str, str],
+    reference: Mapping[str, float],
+    deviations: float,
+) -> Figure:
+    """What is estimated over time with its bands."""
+    dim, value, deviation, true = of
     every = results_by_name(results)
-    known = names_with_units(every, "state")
-    shown = chosen(names, known, "state")
+    known = names_with_units(every, dim)
+    if not known:
+        raise DataError("the results have no virtual outputs: give the model some, `with_virtual`")
+    shown = chosen(names, known, dim)
     made = figure(len(shown), height=1.7 if len(shown) > 3 else 2.2)
     for axes, name in zip(made.axes, shown, strict=True):
         ranged, edges = [], []
-        for i, (who, result) in enumerate(having(every, "state", name)):
-            x, std = (
-                signal_of(result, "x_hat", "state", name),
-                signal_of(result, "x_std", "state", name),
-            )
+        for i, (who, result) in enumerate(having(every, dim, name)):
+            x, std = (signal_of(result, variable, dim, name) for variable in (value, deviation))
             band(axes, time_of(result), x, std, name=who, series=i, deviations=deviations)
             if not failed(result):
                 ranged.append(x)
                 edges += [x - deviations * std, x + deviations * std]
-        for _, result in having(every, "state", name)[:1]:
-            if "x_true" in result:
-                x = signal_of(result, "x_true", "state", name)
+        for _, result in having(every, dim, name)[:1]:
+            if true in result:
+                x = signal_of(result, true, dim, name)
                 truth(axes, time_of(result), x)
                 ranged.append(x)
-        if reference and name in reference:
+        if name in reference:
             axes.axhline(reference[name], color="#1d2126", linewidth=1.0, linestyle=":")
             ranged.append(np.array([reference[name]]))
         set_range(axes, view(ranged, edges))

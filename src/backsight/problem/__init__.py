@@ -8,10 +8,11 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     path = "drive.csv"            # relative to this file; ${NAME}: environment variable
     source = "..."                # [where to get it, told when it is missing]
     time = "t_s"                  # column of time [s]; or dt = 1e-3
-    inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, delay, remove_mean]
-    outputs.y = { column = "q_m", unit = "m" }
+    inputs.F = { column = "F_N", unit = "N" }       # [factor, offset, delay, remove_mean;
+                                  # gaps = { walk, sigma, sigma_u }: not known at every sample]
+    outputs.y = { column = "q_m", unit = "m" }      # [of angles wrap = 360 or "2*pi"; resolution]
                                   # [truth.STATE; sigma_factor.OUTPUT: noise of single samples;
-                                  # formulas.NAME: arithmetic on columns;
+                                  # formulas.NAME: arithmetic on columns; high_pass [Hz];
                                   # start, stop, resample, grid [s]; format, axis, time_format,
                                   # missing, delimiter, decimal, thousands, encoding, header,
                                   # skip_lines]
@@ -29,6 +30,14 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
 
     [disturbances]                # [unknown quantities added to the rate of a state]
     w = { acts_on = "v", sigma = 1e5, walk = 1e4 }  # [start, lower, upper, scale, unit]
+
+    [virtual]                     # [quantities where no sensor is]
+    tip = { kind = "displacement", at = 0.4 }       # of a structure, like a sensor
+    force = { expression = "k*q", unit = "N" }      # or a formula: states, inputs, parameters,
+                                                    # outputs, rates (v_dot), virtual ones above
+
+    [dummy]                       # [displacements that stay near zero, see docs/virtual-sensors]
+    stays = { kind = "displacement", at = 0.4, sigma = 1e-2 }   # or a formula, as in [virtual]
 
     [noise]
     sigma_y = { y = 1e-6 }        # of the measurement; or R
@@ -50,6 +59,12 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     [reference]                   # [known values, for errors]
     M = 95.1
 
+    [tune]                        # [what `backsight tune` finds]
+    free = ["sigma_y", "sigma_w"] # [or { name, spread, sigma, per, options }]
+    estimator = "EKF"             # [the first that can if not given]
+    criterion = { kind = "Likelihood" }             # [or "Prediction", "Whiteness"]
+    recordings = ["second.csv"]   # [further ones, with the same columns]
+
     [output]
     report = true                 # [whether to write the page]
 """
@@ -57,3 +72,4 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
 from backsight.problem.problem import Problem as Problem
 from backsight.problem.reading.loading import load as load
 from backsight.problem.running import run_problem as run_problem
+from backsight.problem.tuning import tune_problem as tune_problem

@@ -20,9 +20,15 @@ from backsight.models.forces.moving_load import moving_load
 from backsight.models.lti import lti
 from backsight.models.text.equations import from_equations
 from backsight.problem.reading.kinds import ALL_KINDS, EquationsTable, LtiTable
-from backsight.problem.reading.problem_table import EstimatorTable, ProblemTable
 from backsight.problem.reading.settings import dataclasses_in, fields_of, required
-from backsight.problem.reading.tables import MovingTable, NoiseTable, PriorTable, StrictTable
+from backsight.problem.reading.tables import (
+    EstimatorTable,
+    MovingTable,
+    NoiseTable,
+    PriorTable,
+    ProblemTable,
+    StrictTable,
+)
 from backsight.problem.reading.uncertain import RULES
 
 DRAFT = "http://json-schema.org/draft-07/schema#"

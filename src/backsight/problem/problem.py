@@ -7,7 +7,7 @@ from pathlib import Path
 from backsight.description import Printed
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem.reading.tables import RecordingTable
+from backsight.problem.reading.tables import RecordingTable, TuneTable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +32,8 @@ class Problem(Printed):
         Names of the estimators whose recording is smoothed.
     reference : dict
         State to known value [its unit].
+    tune : TuneTable
+        What to tune.
     report : bool
         Whether a page is wanted.
     """
@@ -44,5 +46,6 @@ class Problem(Printed):
     estimators: Mapping[str, AbstractEstimator]
     smoothed: frozenset[str]
     reference: Mapping[str, float]
+    tune: TuneTable
     report: bool
     covariance: bool

@@ -14,6 +14,7 @@ from backsight.data.reader import read
 from backsight.errors import ProblemError
 from backsight.problem.problem import Problem
 from backsight.problem.reading.tables import ColumnTable, FileTable, SourceTable
+from backsight.signals import high_pass
 
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
@@ -40,9 +41,11 @@ def recording_of(problem: Problem, *, outside: Collection[str] = ()) -> xr.Datas
         for where, table in problem.recording.files.items()
     ]
     recording = merge(*parts) if len(parts) > 1 else parts[0]
-    model = problem.model
-    signals = (*model.inputs, *model.outputs, *model.states)
-    return convert_units(recording, {s.name: s.unit for s in signals if s.unit})
+    model, cutoff = problem.model, problem.recording.high_pass
+    virtual = () if model.virtual is None else model.virtual.signals
+    signals = (*model.inputs, *model.outputs, *model.states, *virtual)
+    found = convert_units(recording, {s.name: s.unit for s in signals if s.unit})
+    return found if cutoff is None else high_pass(found, cutoff)
 
 
 def _read(table: FileTable, where: str, folder: Path, outside: Collection[str]) -> xr.Dataset:
@@ -53,8 +56,12 @@ def _read(table: FileTable, where: str, folder: Path, outside: Collection[str]) 
         )
     recording = read(
         path,
-        inputs={name: _column(entry) for name, entry in table.inputs.items()},
-        outputs={name: _column(entry) for name, entry in table.outputs.items()},
+        inputs={n: _column(entry) for n, entry in table.inputs.items() if not entry.gaps},
+        outputs={
+            n: _column(entry)
+            for n, entry in (*table.outputs.items(), *table.inputs.items())
+            if n in table.outputs or n in table.with_gaps
+        },
         truth={name: _column(entry) for name, entry in table.truth.items()},
         sigma_factor={name: _column(entry) for name, entry in table.sigma_factor.items()},
         formulas=table.formulas,

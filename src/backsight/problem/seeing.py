@@ -9,11 +9,15 @@ from backsight.analysis.observability import (
     Observability,
     check_observability,
     check_observability_along,
+    dummies_that_would_do,
 )
 from backsight.discrete.steps import complaint, in_words
 from backsight.errors import ModelError, TuningError
+from backsight.models.lti import state_space
+from backsight.models.model import Model
 from backsight.problem.problem import Problem
-from backsight.run.diagnosis import poles
+from backsight.rounding import significant
+from backsight.run.diagnosis import coarse_readings, poles, rounded_readings, turned_readings
 from backsight.run.estimation import matched_inputs
 
 FIRST_SAMPLES, MOST_SAMPLES = 500, 8000
@@ -81,6 +85,52 @@ def priors_at_poles(problem: Problem) -> list[str]:
     """Parameters whose prior reaches zero where the model divides by them, a line each."""
     told = [line for e in problem.estimators.values() for line in poles(e, problem.model)]
     return list(dict.fromkeys(told))
+
+
+def remedies(problem: Problem, data: xr.Dataset) -> list[str]:
+    """Say which dummy measurements would do for a linear model whose drift cannot be seen."""
+    names = dummies_that_would_do(problem.model)
+    if not names:
+        return []
+    factor = _samples_on_one_side(problem.model, float(data.attrs["dt"]))
+    virtual = problem.model.virtual
+    taken = {s.name for s in (*problem.model.signals, *(virtual.signals if virtual else ()))}
+    lines = [
+        f'dummy.{_unused(name, taken)} = {{ expression = "{name}", sigma = {factor} }}'
+        for name in names
+    ]
+    one = len(names) == 1
+    return [
+        f"without a further sensor, {'a dummy measurement' if one else 'dummy measurements'} of "
+        f"{', '.join(names)} would do, if {'it stays' if one else 'they stay'} near zero; s is the "
+        f"size (RMS) that you expect: {'; '.join(lines)}"
+    ]
+
+
+def _samples_on_one_side(model: Model, dt: float) -> str:
+    """Deviation per sample of a dummy measurement, for its slowest oscillation; in words."""
+    A = state_space(model)[0]
+    values = np.linalg.eigvals(A) if model.continuous else np.log(np.linalg.eigvals(A) + 0j) / dt
+    slow = np.abs(values[np.abs(values.imag) > 1e-6 * np.abs(values).max(initial=0.0)])
+    if not slow.size:
+        return "s * sqrt(2 * T / dt) (T: the time that it stays on one side)"
+    return f"{significant(max(1.0, float(np.sqrt(2 / (slow.min() * dt)))), 2)} * s"
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    return name if name not in taken else f"{name}_stays"
+
+
+def readings(problem: Problem, data: xr.Dataset) -> tuple[list[str], list[str]]:
+    """Say which readings are not what they are taken for, and what counts that is no reading."""
+    doubtful, counted = turned_readings(problem.model, data), list[str]()
+    supposed = [s.name for s in problem.model.outputs if s.dummy is not None]
+    if supposed:
+        counted.append(f"without a sensor, but measured as zero: {', '.join(supposed)} (dummy)")
+    for estimator in problem.estimators.values():
+        doubtful += coarse_readings(estimator, problem.model, data)
+        counted += rounded_readings(estimator, problem.model, data)
+    return list(dict.fromkeys(doubtful)), list(dict.fromkeys(counted))
 
 
 def integration(problem: Problem, data: xr.Dataset) -> list[str]:

@@ -21,6 +21,7 @@ def report(
     problem: str | Mapping[str, object] | None = None,
     title: str | None = None,
     reference: Mapping[str, float] | None = None,
+    profiles: xr.Dataset | None = None,
 ) -> Path:
     """Write one self-contained HTML page that compares results; it opens without a network.
 
@@ -36,6 +37,8 @@ def report(
         Heading; the name of the model if not given.
     reference : dict, optional
         Known value of some states or parameters [their units].
+    profiles : xarray.Dataset, optional
+        Of the fit that the results are from, see `backsight.tune.Tuned`.
 
     Returns
     -------
@@ -64,4 +67,6 @@ def report(
     """
     from backsight.report.page import write_page
 
-    return write_page(results, path, problem=problem, title=title, reference=reference)
+    return write_page(
+        results, path, problem=problem, title=title, reference=reference, profiles=profiles
+    )

@@ -11,7 +11,7 @@ from backsight.report._series import Series, signal_units
 from backsight.report.ranges import view
 from backsight.report.thin import envelope, thin
 from backsight.rounding import plus_minus, shortest, significant
-from backsight.schema import ROLE, UNKNOWN
+from backsight.schema import ROLE, UNKNOWN, VIRTUAL, VIRTUAL_STD
 from backsight.types import Array
 
 MOST = 12
@@ -45,7 +45,10 @@ def judgements(rows: Sequence[Row], every: Sequence[Series]) -> str:
 
 
 def answers(rows: Sequence[Row], every: Sequence[Series], reference: Mapping[str, float]) -> str:
-    """Return cards of the unknown parameters and forces: value, band, course, light."""
+    """Return cards of what was asked for: value, band, course, light.
+
+    Quantities without a sensor, unknown parameters and forces.
+    """
     names = asked(every)
     units = signal_units(every, "state")
     best = {row.estimator: rank for rank, row in enumerate(rows)}
@@ -54,9 +57,15 @@ def answers(rows: Sequence[Row], every: Sequence[Series], reference: Mapping[str
         _card(name, units[name], [s for s in having if s.has("state", name)], rows, reference)
         for name in names[:MOST]
     ]
+    virtual = signal_units(every, "virtual")
+    shown = list(virtual)[:MOST]
+    cards[:0] = [
+        _virtual_card(name, virtual[name], [s for s in having if s.has("virtual", name)], rows)
+        for name in shown
+    ]
     if hits := _hits_card(rows):
         cards.insert(0, hits)
-    more = len(names) - MOST
+    more = max(len(names) - MOST, 0) + len(virtual) - len(shown)
     note = f"<p>{more} more below.</p>" if more > 0 else ""
     if not cards:
         return ""
@@ -102,8 +111,24 @@ def _card(
     known = f"<small>known: {shortest(reference[name])}</small>" if name in reference else ""
     return (
         f"<article><h3>{lamp(_trust(row, name))}{escape(name)} <small>{escape(unit)}</small></h3>"
-        f'<p class="value">{value}</p>{_sparkline(first, name)}'
+        f'<p class="value">{value}</p>{_course(first, name, ("state", "x_hat", "x_std"))}'
         f"<ul>{others if len(having) > 1 else ''}</ul>{known}</article>"
+    )
+
+
+def _virtual_card(name: str, unit: str, having: Sequence[Series], rows: Sequence[Row]) -> str:
+    """Return a quantity without a sensor: its size over the recording, with its typical band."""
+    by_name = {row.estimator: row for row in rows}
+    first = having[0]
+    sizes = {s.name: by_name[s.name].virtual[name] for s in having}
+    texts = {who: plus_minus(v.rms, v.typical_std) for who, v in sizes.items()}
+    others = "".join(f"<li>{swatch(s)}{escape(s.name)} {texts[s.name]}</li>" for s in having)
+    return (
+        f"<article><h3>{lamp(light(by_name[first.name]))}{escape(name)} "
+        f"<small>{escape(unit)}</small></h3>"
+        f'<p class="value">{texts[first.name]}</p>'
+        f"{_course(first, name, ('virtual', VIRTUAL, VIRTUAL_STD))}"
+        f"<ul>{others if len(having) > 1 else ''}</ul><small>RMS; no sensor</small></article>"
     )
 
 
@@ -136,9 +161,13 @@ def _hits_card(rows: Sequence[Row]) -> str:
     )
 
 
-def _sparkline(s: Series, name: str) -> str:
-    """Return the course of an estimate in its band, as a small drawing without axes."""
-    x, std = s.signal("x_hat", "state", name), s.signal("x_std", "state", name)
+def _course(s: Series, name: str, of: tuple[str, str, str]) -> str:
+    """Return the course of an estimate in its band, as a small drawing without axes.
+
+    Of a dimension, and its variables of values and deviations.
+    """
+    dim, value, deviation = of
+    x, std = s.signal(value, dim, name), s.signal(deviation, dim, name)
     kept = thin(x, _POINTS)
     at, low, high = envelope(x - 3.0 * std, x + 3.0 * std, _POINTS)
     span = view([x], [low, high])

@@ -79,6 +79,30 @@ def final_values_table(
     return table("final", head, body, caption="At the last sample")
 
 
+def virtual_table(rows: Sequence[Row], every: Sequence[Series]) -> str:
+    """Quantities without a sensor over the recording; nothing if there are none."""
+    marks = {s.name: swatch(s) for s in every}
+    found = [(row, name, v) for row in rows for name, v in row.virtual.items()]
+    if not found:
+        return ""
+    head = ["estimator", "virtual output", "RMS", "largest", "typical σ"]
+    body = [
+        [
+            f"{marks[row.estimator]}{escape(row.estimator)}",
+            _label(name, v.unit),
+            significant(v.rms, 3),
+            significant(v.largest, 3),
+            significant(v.typical_std, 2),
+        ]
+        for row, name, v in found
+    ]
+    if any(v.within for _, _, v in found):
+        head += ["RMS error<small>against truth</small>", "within 3σ<small>ideal: 99.7 %</small>"]
+        for cells, (_, _, v) in zip(body, found, strict=True):
+            cells += [significant(v.rms_error, 2), _share(v.within[2] if v.within else math.nan)]
+    return table("virtual", head, body, caption="Quantities without a sensor")
+
+
 def status_list(rows: Sequence[Row]) -> str:
     """Cause and remedy of everything that occurred."""
     items = [

@@ -1,7 +1,7 @@
 """The plots of the page: one function per kind, each from results to plotly.js figures."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -39,20 +39,12 @@ def input_plots(every: Sequence[Series]) -> list[Plot]:
     return plots
 
 
-def state_plots(
-    every: Sequence[Series], reference: Mapping[str, float], names: Sequence[str]
-) -> list[Plot]:
-    """States and parameters of these names with their 3-sigma bands, one plot each."""
-    units = signal_units(every, "state")
-    return [_state(every, name, units[name], reference.get(name)) for name in names]
-
-
 def innovation_plots(every: Sequence[Series]) -> list[Plot]:
     """Innovations of every output and estimator within three standard deviations."""
     plots = []
     for name, unit in signal_units(every, "output").items():
         having = [s for s in every if s.has("output", name)]
-        sound = [_innovation(s, name) for s in _sound(having)]
+        sound = [_innovation(s, name) for s in sound_ones(having)]
         span = view([bulk(e) for e, _ in sound], [b for _, bound in sound for b in (-bound, bound)])
         plots += [
             _innovations(s, name, unit, span=span, wide=len(having) == 1, first=s is having[0])
@@ -70,7 +62,7 @@ def nis_plot(every: Sequence[Series]) -> Plot:
     time = interval["time"].values
     lower, upper = interval["lower"].values, interval["upper"].values
     traces = [band_trace(time, lower, upper, colour="--neutral-band")]
-    traces += [_line(s, w["nis"].values, time=w["time"].values, width=1.4) for s, w in means]
+    traces += [line_of(s, w["nis"].values, time=w["time"].values, width=1.4) for s, w in means]
     values = [np.log10(w["nis"].where(w["nis"] > 0).values) for _, w in means]
     span = view(values, [np.log10(lower[lower > 0]), np.log10(upper[upper > 0])])
     title = f"mean NIS of {window} samples [1]" if window > 1 else "NIS [1]"
@@ -115,9 +107,9 @@ def _output(every: Sequence[Series], name: str, unit: str) -> Plot:
     having = [s for s in every if s.has("output", name)]
     y = having[0].signal("y", "output", name)
     traces = [line_trace(having[0].time, y, name="measured", colour="--measured", width=4)]
-    traces += [_line(s, s.signal("y_hat", "output", name)) for s in having]
-    traces += [_line(s, _residual(s, name), axis="y2", width=0.9) for s in having]
-    sound = _sound(having)
+    traces += [line_of(s, s.signal("y_hat", "output", name)) for s in having]
+    traces += [line_of(s, _residual(s, name), axis="y2", width=0.9) for s in having]
+    sound = sound_ones(having)
     upper = view([y, *(s.signal("y_hat", "output", name) for s in sound)], [])
     lower = view([_residual(s, name) for s in sound], [])
     title = literal_text(quantity(name, unit))
@@ -135,42 +127,7 @@ def _residual(s: Series, name: str) -> Array:
     return s.signal("y", "output", name) - s.signal("y_hat", "output", name)
 
 
-def _state(every: Sequence[Series], name: str, unit: str, reference: float | None) -> Plot:
-    having = [s for s in every if s.has("state", name)]
-    sound = _sound(having)
-    traces = [
-        band_trace(s.time, *_edges(s, name), colour=f"{s.colour}-band", group=s.group)
-        for s in having
-    ]
-    traces += [
-        _line(s, s.signal("x_hat", "state", name), std=s.signal("x_std", "state", name))
-        for s in having
-    ]
-    shown = [s.signal("x_hat", "state", name) for s in sound]
-    shapes = []
-    if truth := next((s for s in having if "x_true" in s.result), None):
-        x = truth.signal("x_true", "state", name)
-        traces.append(
-            line_trace(truth.time, x, name="truth", colour="--ink", width=1.2, dash="dash")
-        )
-        shown.append(x)
-    if reference is not None:
-        shapes.append(_level(reference))
-        shown.append(np.array([reference]))
-    layout = {
-        "annotations": [heading(literal_text(quantity(name, unit)))],
-        "yaxis": {"range": view(shown, [edge for s in sound for edge in _edges(s, name)])},
-        "shapes": shapes,
-    }
-    return Plot(f"state {name} over time with bands", traces, layout)
-
-
-def _edges(s: Series, name: str) -> tuple[Array, Array]:
-    x, std = s.signal("x_hat", "state", name), s.signal("x_std", "state", name)
-    return x - 3.0 * std, x + 3.0 * std
-
-
-def _sound(having: Sequence[Series]) -> Sequence[Series]:
+def sound_ones(having: Sequence[Series]) -> Sequence[Series]:
     """Choose what vertical ranges follow: estimators that did not diverge, if there is one."""
     return [s for s in having if not failed(s.result)] or having
 
@@ -187,7 +144,7 @@ def _innovations(
     title = heading(literal_text(f"{_short(s.name)}: {quantity(name, unit)}"))
     return Plot(
         f"innovation of {name}, {s.name}",
-        [_line(s, e, width=0.8), limits(s.time, bound, group=s.group)],
+        [line_of(s, e, width=0.8), limits(s.time, bound, group=s.group)],
         {"annotations": [title, *_inside(e, bound)], "yaxis": {"range": span}},
         wide=wide,
         first=first,
@@ -221,7 +178,7 @@ def _log_ticks(span: list[float] | None) -> dict[str, object]:
     return {"tickvals": values, "ticktext": [f"{v:g}" for v in values]}
 
 
-def _line(
+def line_of(
     s: Series,
     values: Array,
     *,
@@ -262,9 +219,3 @@ def _ticks(s: Series, where: Positions, row: int) -> Trace:
 def _nearest(places: Array, times: Array) -> Array:
     step = places[1] - places[0]
     return places[np.unique(np.rint((times - places[0]) / step).astype(int))]
-
-
-def _level(value: float) -> dict[str, object]:
-    pen = {"color": "--ink", "width": 1.2, "dash": "dot"}
-    ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": value, "y1": value}
-    return {"type": "line", "layer": "above", "line": pen, **ends}

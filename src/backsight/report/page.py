@@ -18,17 +18,18 @@ from backsight.errors import DataError
 from backsight.output import write_whole
 from backsight.report import _html_tables as tables
 from backsight.report._answers import answers, asked, judgements
-from backsight.report._hit_maps import NOTE, force_maps, hit_tables
 from backsight.report._plots import (
     innovation_plots,
     input_plots,
     nis_plot,
     output_plots,
-    state_plots,
     status_plots,
 )
 from backsight.report._series import Plot, Series, series, signal_units
 from backsight.report._theme import TEMPLATE
+from backsight.report.figures.bands import state_plots, virtual_plots
+from backsight.report.figures.hit_maps import NOTE, force_maps, hit_tables
+from backsight.report.figures.profiles import profile_drawings
 from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
 from backsight.report.thin import POINTS, interval_length
 from backsight.rounding import grouped
@@ -41,6 +42,7 @@ def write_page(
     problem: str | Mapping[str, object] | None,
     title: str | None,
     reference: Mapping[str, float] | None,
+    profiles: xr.Dataset | None,
 ) -> Path:
     """Write the page, see `backsight.report.report`."""
     if not results:
@@ -48,6 +50,8 @@ def write_page(
     rows = ranked_table(results, reference)
     every = series(results)
     sections = _sections(rows, every, reference or {})
+    if profiles is not None:
+        sections.append(Section("Tuning", profile_drawings(profiles)))
     plots = [plot for section in sections for plot in section.plots]
     heading = title or str(every[0].result.attrs.get("model", "Estimates"))
     page = Template(_resource("page.html")).substitute(
@@ -101,6 +105,7 @@ def _sections(
     bands = "<p>Lines are estimates, bands three standard deviations either way.</p>"
     found = [
         Section("Unknown forces", NOTE if maps else "", maps, hit_tables(rows, every)),
+        Section("Where no sensor is", tables.virtual_table(rows, every), virtual_plots(every)),
         Section("Unknowns", bands, state_plots(every, reference, first)),
         Section("States", "" if first else bands, state_plots(every, reference, moving)),
         Section("Measured and estimated", "", output_plots(every)),

@@ -8,8 +8,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from backsight.analysis.comparison import Final, Row
-from backsight.rounding import grouped, percent, shortest, significant
+from backsight.analysis.comparison import Final, Row, VirtualOutput
+from backsight.rounding import grouped, percent, plus_minus, shortest, significant
 from backsight.schema import Status
 
 MOST_OUTPUTS = 2
@@ -82,6 +82,29 @@ def true_errors(rows: Sequence[Row]) -> Table:
         if not all(map(math.isnan, errors)):
             table.add_row(_labelled(name, unit), *(significant(e, 3) for e in errors))
     return table
+
+
+def virtual_values(rows: Sequence[Row]) -> Table:
+    """Size of every virtual output with its typical deviation, one column per estimator.
+
+    Where the truth is known, its root mean square error stands behind.
+    """
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("virtual (RMS)", no_wrap=True)
+    for row in rows:
+        table.add_column(row.estimator, justify="right")
+    every = {name: found for row in reversed(rows) for name, found in row.virtual.items()}
+    for name, found in every.items():
+        cells = [_virtual(row.virtual.get(name)) for row in rows]
+        table.add_row(_labelled(name, found.unit), *cells)
+    return table
+
+
+def _virtual(found: VirtualOutput | None) -> str:
+    if found is None:
+        return ""
+    text = plus_minus(found.rms, found.typical_std)
+    return text if not found.within else f"{text} (error {significant(found.rms_error, 2)})"
 
 
 def as_text(tables: Sequence[Table], width: int) -> str:

@@ -13,7 +13,7 @@ from backsight.engine.execute import Engine
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run._ranking import as_text, final_values, ranking, true_errors
+from backsight.run._ranking import as_text, final_values, ranking, true_errors, virtual_values
 from backsight.run.diagnosis import audited
 from backsight.run.estimation import (
     SmoothingTask,
@@ -68,6 +68,8 @@ class Comparison(Printed, Mapping[str, xr.Dataset]):
         tables = [ranking(rows, outputs), final_values(rows)]
         if any(row.rms_error for row in rows):
             tables.append(true_errors(rows))
+        if any(row.virtual for row in rows):
+            tables.append(virtual_values(rows))
         return as_text(tables, width)
 
     def verdicts(self, reference: Mapping[str, float] | None = None) -> list[str]:

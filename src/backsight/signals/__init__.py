@@ -2,7 +2,7 @@
 
 from backsight.signals.binary import prbs
 from backsight.signals.difference import central_difference
-from backsight.signals.filters import bandpass, filtered
+from backsight.signals.filters import bandpass, filtered, high_pass
 from backsight.signals.profiles import (
     Motion,
     Profile,
@@ -19,6 +19,7 @@ __all__ = [
     "bandpass",
     "central_difference",
     "filtered",
+    "high_pass",
     "jerk_limited",
     "prbs",
     "punch_strokes",

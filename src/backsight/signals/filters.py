@@ -1,17 +1,27 @@
-"""The band-pass filter that emphasises a resonance.
+"""Filters: a band-pass that emphasises a resonance, and a high-pass for whole recordings.
 
-Source: Polóni, Eielsen, Rohaľ-Ilkiv, Johansen (2012), "Moving horizon observer for vibration
-dynamics with plant uncertainties in nanopositioning system estimation", ACC 2012, section VI.B.
+Source of the band-pass: Polóni, Eielsen, Rohaľ-Ilkiv, Johansen (2012), "Moving horizon observer
+for vibration dynamics with plant uncertainties in nanopositioning system estimation", ACC 2012,
+section VI.B.
 """
 
 import math
 
 import numpy as np
+import scipy
+import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.signal import bilinear, lfilter
 
+from backsight.description import Positive, checked
 from backsight.errors import BacksightError, DataError
 from backsight.types import Array
+
+ORDER = 2
+"""Of the Butterworth filter."""
+
+NOTE = "high_pass"
+"""Attribute of a recording that was filtered: the cut-off frequency [Hz]."""
 
 
 def bandpass(
@@ -100,3 +110,59 @@ def filtered(values: ArrayLike, *, b: Array, a: Array) -> Array:
             f"before filtering"
         )
     return np.asarray(lfilter(b, a, values, axis=0))
+
+
+@checked(DataError)
+def high_pass(recording: xr.Dataset, cutoff: Positive) -> xr.Dataset:
+    """High-pass filter inputs, outputs and true states alike.
+
+    Sensors of acceleration have offsets and drift, and what is integrated from them drifts with
+    them. With the same filter on all signals a linear model with constant parameters holds between
+    the filtered ones as it does between the others, so that estimators need not know of it. What
+    they then find, states, unknown forces and virtual outputs, is without its slow part, too.
+
+    Parameters
+    ----------
+    recording : xarray.Dataset
+        Without gaps.
+    cutoff : float
+        Frequency at which a signal is 3 dB too small [Hz]; the filter is a causal Butterworth
+        filter of the second order.
+
+    Returns
+    -------
+    xarray.Dataset
+        The filter starts as if all signals had stayed at their first value for ever; what is wrong
+        with that fades within about ``1 / cutoff`` seconds.
+
+    Raises
+    ------
+    DataError
+        If the cut-off is not below half the sampling rate, or a sample is missing.
+    """
+    dt = float(recording.attrs["dt"])
+    if cutoff >= 0.5 / dt:
+        raise DataError(
+            f"high_pass: {cutoff:g} Hz is not below half the sampling rate, {0.5 / dt:g} Hz"
+        )
+    sections = scipy.signal.butter(ORDER, cutoff, "highpass", fs=1 / dt, output="sos")
+    signals = {name: recording[name] for name in ("u", "y", "x_true") if name in recording}
+    for name, signal in signals.items():
+        values = signal.values
+        whole = np.isfinite(values)
+        if not whole.all() and name != "x_true":
+            k, j = np.argwhere(~whole)[0]
+            raise DataError(
+                f"high_pass: '{signal[signal.dims[1]].values[j]}' is missing at sample {k}; cut "
+                "the recording there, or fill the gap first"
+            )
+        signals[name] = signal.copy(data=_settled(sections, values))
+    return recording.assign(signals).assign_attrs({NOTE: float(cutoff)})
+
+
+def _settled(sections: Array, values: Array) -> Array:
+    """Signals (n, m) through the sections of a filter that was settled before the first sample."""
+    if not values.shape[1]:
+        return values
+    settled = scipy.signal.sosfilt_zi(sections)[:, :, np.newaxis] * values[0]
+    return np.asarray(scipy.signal.sosfilt(sections, values, axis=0, zi=settled)[0])

@@ -12,7 +12,7 @@ from backsight.description import Count, Positive, Whole, checked
 from backsight.errors import TuningError
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
-from backsight.models.some_outputs import some_outputs
+from backsight.models.views.some_outputs import some_outputs
 from backsight.sparse import AbstractSelection
 from backsight.tune._recovery import Hits, rate_sensors
 
@@ -128,10 +128,13 @@ class _Trial:
         estimator = dataclasses.replace(
             self.estimator, noise=dataclasses.replace(noise, sigma_y=None, R=R)
         )
+        model = some_outputs(self.model, names)
+        # The rounding of readings is in R already.
+        outputs = tuple(dataclasses.replace(s, resolution=None) for s in model.outputs)
         try:
             about = rate_sensors(
                 estimator,
-                some_outputs(self.model, names),
+                dataclasses.replace(model, outputs=outputs),
                 self.hits,
                 dt=self.dt,
                 selection=self.selection,

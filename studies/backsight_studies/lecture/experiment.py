@@ -11,8 +11,8 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import KalmanFilter
 from backsight.estimators.linear_windows import LinearMHE, RecursiveMHE
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.models.incremental import incremental
 from backsight.models.model import Model
+from backsight.models.views.incremental import incremental
 from backsight.run.estimation import estimate
 from backsight.types import Array
 from backsight_studies.lecture.plants import (

@@ -17,3 +17,4 @@ from backsight.analysis.comparison.verdict import light as light
 from backsight.analysis.comparison.verdict import ranking_sentence as ranking_sentence
 from backsight.analysis.comparison.verdict import sentence as sentence
 from backsight.analysis.comparison.verdict import verdicts as verdicts
+from backsight.analysis.comparison.virtual_outputs import VirtualOutput as VirtualOutput

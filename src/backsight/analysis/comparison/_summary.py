@@ -10,6 +10,7 @@ import xarray as xr
 from backsight.analysis.comparison.error_measures import rms_innovation, rmse
 from backsight.analysis.comparison.row import Final, Row
 from backsight.analysis.comparison.verdict import sentence
+from backsight.analysis.comparison.virtual_outputs import VirtualOutput, virtual_outputs
 from backsight.analysis.consistency import (
     Consistency,
     NoiseFactors,
@@ -30,7 +31,8 @@ ALIGNMENT, ALIGNED = "alignment", "aligned"
 outputs and inputs belong to the same samples, 0 if not (not there if that is not known)."""
 
 DOUBTS = "doubts"
-"""Attribute of a result: which parameters the recording hardly tells, a line per sentence."""
+"""Attribute of a result: which parameters the recording hardly tells, and which readings are not
+what they are taken for; a line per sentence."""
 
 MOST_HITS = 50
 """So many of the largest hits are in a summary; all are in the result."""
@@ -88,6 +90,7 @@ def assess(
         outliers=outliers(result),
         coarse=str(result.attrs.get(COARSE, "")),
         doubts=tuple(str(result.attrs.get(DOUBTS, "")).splitlines()),
+        virtual=virtual_outputs(settled),
     )
 
 
@@ -105,9 +108,12 @@ def summary(
     ``within`` (per state whose truth is known: the shares within 1, 2 and 3 deviations), and
     ``noise_factors`` (by how much the variances R and Q should be larger) or None; ``hits`` (number
     of unknown forces found, and the largest of them), or None if the estimator looks for none;
-    ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force);
+    ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force, and
+    on readings that are not what they are taken for);
     ``outliers`` (per output, if there is a rule for outliers: the ``count`` of samples that were
-    left out or weighed down, of ``samples``, and how many were ``opened``, see `Outliers`).
+    left out or weighed down, of ``samples``, and how many were ``opened``, see `Outliers`);
+    ``virtual`` (per quantity without a sensor: last ``value`` and ``std``, ``rms``, ``largest``,
+    ``typical_std`` and ``unit``, and where its truth is known ``rms_error`` and ``within``).
     Arguments and errors as in `assess`.
     """
     row = assess(result, reference, burn_in=burn_in)
@@ -134,6 +140,7 @@ def summary(
             o.output: {"count": o.count, "samples": o.samples, "opened": o.opened}
             for o in row.outliers
         },
+        "virtual": {name: _virtual(found) for name, found in row.virtual.items()},
     }
 
 
@@ -212,6 +219,16 @@ def _final_entry(final: Final) -> dict[str, object]:
         "reference": final.reference,
         "error": _known(final.error),
         "relative_error": _known(final.relative_error),
+    }
+
+
+def _virtual(found: VirtualOutput) -> dict[str, object]:
+    entry = dataclasses.asdict(found)
+    known = bool(found.within)
+    return {
+        name: _known(value) if isinstance(value, float) else value
+        for name, value in entry.items()
+        if known or name not in ("rms_error", "within")
     }
 
 

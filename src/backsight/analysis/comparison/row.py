@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+from backsight.analysis.comparison.virtual_outputs import VirtualOutput
 from backsight.analysis.consistency import Consistency
 from backsight.analysis.forces import FoundHits
 from backsight.analysis.outliers import Outliers
@@ -86,6 +87,8 @@ class Row(Printed):
         Why the integration step is too coarse; empty if it is not.
     doubts : tuple of str
         Which parameters the recording hardly tells, or not from an unknown force, a sentence each.
+    virtual : dict
+        Quantities without a sensor, by name.
     """
 
     estimator: str
@@ -108,3 +111,4 @@ class Row(Printed):
     outliers: tuple[Outliers, ...] = ()
     coarse: str = ""
     doubts: tuple[str, ...] = ()
+    virtual: dict[str, VirtualOutput] = dataclasses.field(default_factory=dict)

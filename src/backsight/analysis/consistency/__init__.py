@@ -6,6 +6,7 @@ from backsight.analysis.consistency._consistency import NOISE_FACTORS as NOISE_F
 from backsight.analysis.consistency._consistency import Consistency as Consistency
 from backsight.analysis.consistency._consistency import check_consistency as check_consistency
 from backsight.analysis.consistency._coverage import coverage as coverage
+from backsight.analysis.consistency._coverage import shares_within as shares_within
 from backsight.analysis.consistency._nis import log_likelihood as log_likelihood
 from backsight.analysis.consistency._nis import mean_nis as mean_nis
 from backsight.analysis.consistency._nis import measured_channels as measured_channels

@@ -102,12 +102,20 @@ def innovation_coverage(result: xr.Dataset) -> xr.DataArray:
     return _shares(np.abs(normalised(result)), result["output"].values, "output")
 
 
-def _shares(size: Array, names: Array, dim: str) -> xr.DataArray:
+def shares_within(size: Array) -> Array:
+    """Shares (deviations, m) of errors (n, m), in deviations, that are not larger than these.
+
+    NaN is an error that is not known; of a column of these so are the shares.
+    """
     known = np.isfinite(size)
     count = np.where(known.any(axis=0), known.sum(axis=0), np.nan)
-    shares = [(np.where(known, size, np.inf) <= d).sum(axis=0) / count for d in DEVIATIONS]
+    return np.array([(np.where(known, size, np.inf) <= d).sum(axis=0) / count for d in DEVIATIONS])
+
+
+def _shares(size: Array, names: Array, dim: str) -> xr.DataArray:
     coords = {"deviations": list(DEVIATIONS), dim: names}
-    return xr.DataArray(np.array(shares), dims=("deviations", dim), coords=coords, name="coverage")
+    shares = shares_within(size)
+    return xr.DataArray(shares, dims=("deviations", dim), coords=coords, name="coverage")
 
 
 def _squares(result: xr.Dataset) -> tuple[Array, Array]:

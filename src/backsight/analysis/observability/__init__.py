@@ -1,5 +1,6 @@
 """What measurements can show of states, parameters and forces."""
 
+from backsight.analysis.observability._dummies import dummies_that_would_do as dummies_that_would_do
 from backsight.analysis.observability._flat import flat_directions as flat_directions
 from backsight.analysis.observability._force_locations import (
     check_force_locations as check_force_locations,

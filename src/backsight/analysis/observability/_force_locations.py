@@ -206,7 +206,10 @@ def _verdict(result: xr.Dataset, model: Model, blind: list[int]) -> str:
         reasons.append(f"the forces move the states in {about['rank_forces']} ways (modes) only")
     if blind:
         named = ", ".join(model.outputs[i].name for i in blind)
-        reasons.append(f"constant forces do not show in {named}")
+        reasons.append(
+            f"constant forces do not show in {named}, but in displacements; what is known of these "
+            "can be told by dummy measurements (with_dummies)"
+        )
     if not reasons:
         reasons.append(f"constant forces show in {about['rank_static']} independent ways only")
     return f"{model.name}: {most} ({states} states), in either order: {'; '.join(reasons)}"

@@ -60,13 +60,13 @@ def check_observability(
     A, _, C, _ = state_space(model)
     _, (size, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
     balanced = A * size / size[:, None]
-    basis, samples, weakest = _unseen(balanced, C * size, tolerance)
-    lasting = _lasting(balanced, basis, size, model)
+    basis, samples, weakest = unseen(balanced, C * size, tolerance)
+    lasting = lasting_modes(balanced, basis, size, model)
     mending = repairs(
         model,
         candidates,
         basis,
-        lambda m: _unseen(balanced, state_space(m)[2] * size, tolerance)[0],
+        lambda m: unseen(balanced, state_space(m)[2] * size, tolerance)[0],
     )
     return Observability(
         model=model.name,
@@ -165,7 +165,7 @@ def _pushes(model: Model, walks: Mapping[str, float], samples: int) -> Array | N
     return sigma * np.random.default_rng(0).standard_normal((samples, model.nx))
 
 
-def _unseen(A: Array, C: Array, tolerance: float) -> tuple[Array, int, float]:
+def unseen(A: Array, C: Array, tolerance: float) -> tuple[Array, int, float]:
     """Basis of the unobservable subspace (nx, d), blocks it took, weakest singular value."""
     length = np.linalg.norm(C, axis=1, keepdims=True)
     rows = C / np.where(length > 0, length, 1.0)
@@ -201,7 +201,9 @@ def _samples(stack: Array, rank: int, tolerance: float) -> int:
     return low
 
 
-def _lasting(A: Array, basis: Array, size: Array, model: Model) -> tuple[tuple[complex, str], ...]:
+def lasting_modes(
+    A: Array, basis: Array, size: Array, model: Model
+) -> tuple[tuple[complex, str], ...]:
     """Modes of the unobservable subspace that do not decay, of a pair the upper one."""
     if not basis.shape[1]:
         return ()

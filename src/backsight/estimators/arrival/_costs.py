@@ -120,7 +120,7 @@ class EKFArrival(AbstractArrival):
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        return _filter(ekf.ekf_halves(to.s, to.integrator, "discrete"), _same(to.chain))
+        return _filter(ekf.ekf_halves(to.s, to.integrator, "discrete"), to.s.P0, _same(to.chain))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,7 +146,7 @@ class UKFArrival(AbstractArrival):
         """See `AbstractArrival.build`."""
         points = ukf.points_of(to.s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
         halves = ukf.ukf_halves(to.s, to.integrator, points)
-        return _filter(halves, _whole(to.chain, halves.covariance))
+        return _filter(halves, to.s.P0, _whole(to.chain, halves.covariance))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -208,7 +208,7 @@ def arrival_name(arrival: AbstractArrival) -> str:
     return next((name for name, part in ARRIVALS.items() if alike(part, arrival)), str(arrival))
 
 
-def _filter(halves: Halves, covariance: ca.Function) -> Arrival:
+def _filter(halves: Halves, P0: Array, covariance: ca.Function) -> Arrival:
     """Correct with the sample that leaves, carry to the next one."""
 
     def advance(x: ca.MX, spread: ca.MX, leaving: Leaving) -> list[ca.MX]:
@@ -216,7 +216,7 @@ def _filter(halves: Halves, covariance: ca.Function) -> Arrival:
         x_post, after, _ = halves.correct.call([x, spread, *measured])
         return halves.predict.call([x_post, after, leaving.u, leaving.u_next])
 
-    return Arrival(halves.spread0, covariance, advance)
+    return Arrival(halves.spread_of(P0), covariance, advance)
 
 
 def _along(chain: Chain, Q: Array) -> ca.Function:

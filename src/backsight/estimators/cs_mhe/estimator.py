@@ -209,18 +209,21 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         _check_unbounded(joined)
         system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
         check_sampling(joined, dt)
-        m = len(self.forces)
-        try:
-            sigma = vector(
-                self.sigma_force, joined.inputs[-m:], what="sigma_force", default=np.zeros(m)
-            )
-        except ModelError as error:
-            raise TuningError(str(error)) from None
+        m, sigma = len(self.forces), self.background(model)
         E, F = (system.B + system.B_next)[:, -m:], system.D[:, -m:]
         unit = system.s.su[-m:]
         forced = Forced(system, E / unit, F / unit, sigma, self.forces)
         check_forces(forced, self.N)
         return forced
+
+    def background(self, model: Model) -> Array:
+        """See `AbstractEstimator.background`: `sigma_force`."""
+        known = {s.name: s for s in model.parameters}
+        forces, none = [known[name] for name in self.forces], np.zeros(len(self.forces))
+        try:
+            return vector(self.sigma_force, forces, what="sigma_force", default=none)
+        except ModelError as error:
+            raise TuningError(str(error)) from None
 
     def _solver(self, forced: Forced) -> Solver:
         shapes = self.dictionary.shapes(len(self.forces))

@@ -86,6 +86,7 @@ def extended_step(found: Forces) -> ca.Function:
         "E_next": E_next,
         "triangle": triangle,
         "d_triangle": d_triangle,
+        "joint": ca.densify(joint),
         "v": v,
         **{k: known[k] for k in ("x_post", "e", "spread", "flags", "d")},
     }

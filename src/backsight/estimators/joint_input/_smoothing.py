@@ -27,6 +27,7 @@ from backsight.algebra.symmetric import vech
 from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked, measured
 from backsight.engine.recursion import Channel, ForwardBackward
+from backsight.estimators.around.virtual import CROSS
 from backsight.estimators.base import Spread
 from backsight.estimators.joint_input._step import lost_forces, step
 from backsight.estimators.joint_input._system import Forces
@@ -47,8 +48,11 @@ from backsight.estimators.smoothing import (
 )
 
 
-def joint_passes(name: str, found: Forces, *, covariance: Spread) -> ForwardBackward:
-    """Pass forward and pass back of the joint input and state filter."""
+def joint_passes(name: str, found: Forces, *, covariance: Spread, cross: bool) -> ForwardBackward:
+    """Pass forward and pass back of the joint input and state filter.
+
+    With the channel `CROSS` if virtual outputs need it.
+    """
     s, m = found.system.s, len(found.names)
     nx, ny, nu = s.model.nx, s.model.ny, found.nu
     data = {k: ca.MX.sym(k, n) for k, n in (("u", nu), ("y", ny), ("mask", ny))}
@@ -86,6 +90,11 @@ def joint_passes(name: str, found: Forces, *, covariance: Spread) -> ForwardBack
     of_states, of_forces = smoothed_channels(covariance), _force_channels(found, covariance)
     values = [*outputs, d, _of_forces(found, covariance)(Tt[:, nx:])]
     channels = (*of_states, *of_forces)
+    if cross:
+        of_states_root, of_forces_root = ca.MX(Tt[:, :nx]), ca.MX(Tt[:, nx:])
+        between = matrix_product(transposed(of_states_root), of_forces_root)
+        values.append(found.cross()(between))
+        channels = (*channels, Channel(CROSS, ("state", "force")))
     backward = back.recursion(
         f"{name}_backward",
         [*estimates.values(), data["u"], u_next, data["y"], data["mask"]],

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import casadi as ca
 import numpy as np
 
 from backsight.analysis.observability import rank_of, transmission_zeros
@@ -51,6 +52,12 @@ class Forces:
     def nu(self) -> int:
         """Number of known inputs."""
         return self.system.s.model.nu - len(self.names)
+
+    def cross(self) -> ca.Function:
+        """Covariance of scaled states and forces (nx, m) to that of physical ones, as a column."""
+        size = np.outer(self.system.s.sx, self.unit)
+        P = ca.SX.sym("P_xd", *size.shape)
+        return ca.Function("physical_cross", [P], [ca.vec(P * ca.SX(size))])
 
 
 def forces_of(system: Linear, names: tuple[str, ...]) -> Forces:

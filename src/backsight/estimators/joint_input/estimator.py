@@ -11,6 +11,7 @@ from backsight.description import Called, Distinct, Range, Sound
 from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import ModelError, TuningError
+from backsight.estimators.around.virtual import CROSS
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread, setting
 from backsight.estimators.joint_input._extended import at_prior, extended_step
 from backsight.estimators.joint_input._smoothing import joint_passes
@@ -124,10 +125,10 @@ class JointInput(AbstractEstimator):
         if bent(model):
             forces = self._linearised(model, dt)
             refuse_too_wide(forces.system.s, "JointInput")
-            return _extended(self.key, forces)
+            return _extended(self.key, forces, cross=model.virtual is not None)
         forces = self._forces(model, dt)
         refuse_too_wide(forces.system.s, "JointInput")
-        return _recursion(self.key, forces)
+        return _recursion(self.key, forces, cross=model.virtual is not None)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`; the forces are smoothed, too."""
@@ -136,7 +137,8 @@ class JointInput(AbstractEstimator):
                 f"{self.title} smooths linear models only; '{model.name}' is not: use estimate, or "
                 "EKF with a force that has dynamics (bs.forces)"
             )
-        return joint_passes(self.key, self._forces(model, dt), covariance=covariance)
+        found, cross = self._forces(model, dt), model.virtual is not None
+        return joint_passes(self.key, found, covariance=covariance, cross=cross)
 
     def _joined(self, model: Model) -> Model:
         try:
@@ -179,32 +181,34 @@ class JointInput(AbstractEstimator):
         return np.diag((sigma / found.unit) ** 2)
 
 
-def _recursion(name: str, found: Forces) -> Recursion:
+def _recursion(name: str, found: Forces, *, cross: bool) -> Recursion:
+    """The filter; with the channel `CROSS` if virtual outputs need it."""
     s, kept = found.system.s, Covariance(found.system.s.model.nx)
-    sizes = {"u": found.nu, "y": s.model.ny, "m": s.model.ny}
-    data = [ca.MX.sym(n, k) for n, k in sizes.items()]
     m = Memory(x=s.x0, P=kept.kept(s.P0), started=0)
+    data = _data(found)
     now = named_results(step(found), m.x, m.P, m.started, *data)
     after = {"x": now["x_next"], "P": now["P_next"], "started": 1}
-    return m.recursion(
-        name, data, next=after, outputs=_outputs(found, now), channels=_channels(found), dt=s.dt
-    )
+    outputs, channels = _outputs(found, now, cross=cross), _channels(found, cross=cross)
+    return m.recursion(name, data, next=after, outputs=outputs, channels=channels, dt=s.dt)
 
 
-def _extended(name: str, found: Forces) -> Recursion:
-    """The recursion of a nonlinear model."""
+def _extended(name: str, found: Forces, *, cross: bool) -> Recursion:
+    """The recursion of a nonlinear model, see `_recursion`."""
     s, kept = found.system.s, Covariance(found.system.s.model.nx)
-    sizes = {"u": found.nu, "y": s.model.ny, "m": s.model.ny}
-    data = [ca.MX.sym(n, k) for n, k in sizes.items()]
     m = Memory(x=s.x0, P=kept.kept(s.P0), E=np.zeros(found.E.shape), started=0)
+    data = _data(found)
     now = named_results(extended_step(found), m.x, m.P, m.E, m.started, *data)
     after = {"x": now["x_next"], "P": now["P_next"], "E": now["E_next"], "started": 1}
-    return m.recursion(
-        name, data, next=after, outputs=_outputs(found, now), channels=_channels(found), dt=s.dt
-    )
+    outputs, channels = _outputs(found, now, cross=cross), _channels(found, cross=cross)
+    return m.recursion(name, data, next=after, outputs=outputs, channels=channels, dt=s.dt)
 
 
-def _outputs(found: Forces, now: dict[str, Term]) -> dict[str, Term]:
+def _data(found: Forces) -> list[ca.MX]:
+    sizes = {"u": found.nu, "y": found.system.s.model.ny, "m": found.system.s.model.ny}
+    return [ca.MX.sym(n, k) for n, k in sizes.items()]
+
+
+def _outputs(found: Forces, now: dict[str, Term], *, cross: bool) -> dict[str, Term]:
     estimate = physical(
         found.system.s,
         x=now["x_post"],
@@ -214,12 +218,17 @@ def _outputs(found: Forces, now: dict[str, Term]) -> dict[str, Term]:
         S=now["spread"],
         flags=now["flags"],
     )
-    return {**estimate, "d_hat": now["d"], "P_d": now["d_triangle"]}
+    outputs = {**estimate, "d_hat": now["d"], "P_d": now["d_triangle"]}
+    if cross:
+        nx = found.system.s.model.nx
+        outputs[CROSS] = found.cross()(now["joint"][:nx, nx:])
+    return outputs
 
 
-def _channels(found: Forces) -> tuple[Channel, ...]:
-    return (
+def _channels(found: Forces, *, cross: bool) -> tuple[Channel, ...]:
+    channels = (
         *ESTIMATE_CHANNELS,
         Channel("d_hat", ("force",), labels=found.names, ago=0 if found.direct else 1),
         Channel("P_d", ("force", "force_"), symmetric=True, labels=found.names),
     )
+    return (*channels, Channel(CROSS, ("state", "force"))) if cross else channels

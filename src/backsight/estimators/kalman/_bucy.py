@@ -61,7 +61,7 @@ def assemble_continuous(
     nothing = np.zeros(s.model.ny)
     m = Memory(
         x=s.x0,
-        P=halves.spread0,
+        P=halves.spread_of(s.P0),
         u_last=np.zeros(s.model.nu),
         y_last=nothing,
         m_last=nothing,

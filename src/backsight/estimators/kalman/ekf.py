@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from typing import ClassVar, Literal
 
 import casadi as ca
-import numpy as np
 
 from backsight.algebra.factor import smallest_pivot
 from backsight.algebra.update import masked, measured, noise_of
@@ -95,6 +94,7 @@ class EKF(AbstractEstimator):
     title: ClassVar[str] = "Extended Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    varies_noise: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -126,7 +126,7 @@ class EKF(AbstractEstimator):
         if self.measurement == "sampled":
             return assemble(self.key, s, parts)
         # Noise per sample is spread evenly over the time in which measurements come all the time.
-        spread = dataclasses.replace(s, Q=np.zeros_like(s.Q), Qc=s.Qc + s.Q / dt)
+        spread = s.with_noise(lambda Q, Qc: (0 * Q, Qc + Q / dt))
         step = transition(spread, s.integrator)
         return assemble_continuous(self.key, s, parts, transition=step, integrator=s.integrator)
 
@@ -144,7 +144,7 @@ def ekf_halves(s: Setting, integrator: Integrator, covariance: Propagation) -> H
     """Measurement update and time update, see `EKF`."""
     kept = Covariance(s.model.nx)
     return Halves(
-        spread0=kept.kept(s.P0),
+        spread_of=kept.kept,
         innovation=innovation(s),
         correct=correct(s, check=covariance == "ode"),
         predict=predict(s, integrator, covariance),

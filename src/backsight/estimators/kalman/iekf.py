@@ -91,6 +91,7 @@ class IEKF(AbstractEstimator):
     title: ClassVar[str] = "Iterated extended Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    varies_noise: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

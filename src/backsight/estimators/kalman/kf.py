@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import scipy
 
-from backsight.discrete.runge_kutta import Hold
+from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
@@ -79,6 +79,7 @@ class KalmanFilter(AbstractEstimator):
     title: ClassVar[str] = "Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    varies_noise: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -89,6 +90,12 @@ class KalmanFilter(AbstractEstimator):
     def constant_gain(self) -> bool:
         """See `AbstractEstimator.constant_gain`."""
         return self.steady_state
+
+    def varied(self, *, parameters: bool) -> AbstractEstimator:
+        """See `AbstractEstimator.varied`: never with the gain of one steady state."""
+        if parameters:
+            return ekf.EKF(self.noise, self.prior, Integrator(hold=self.hold))
+        return dataclasses.replace(self, steady_state=False)
 
     @property
     def innovations(self) -> Innovations:
@@ -139,7 +146,7 @@ def linear_halves(system: Linear | Varying, correct: ca.Function) -> Halves:
     """Halves of a filter of a linear model with the given measurement update."""
     kept = Covariance(system.s.model.nx)
     return Halves(
-        spread0=kept.kept(system.s.P0),
+        spread_of=kept.kept,
         innovation=ekf.innovation(system.s),
         correct=correct,
         predict=predict_linear(system),

@@ -19,6 +19,7 @@ from backsight.estimators.parts.covariance import (
 )
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, moved_state, substep_inputs
+from backsight.estimators.varied_noise import noise_at
 from backsight.models.lti import state_equation
 from backsight.types import Array
 
@@ -61,15 +62,25 @@ def predict(s: Setting, integrator: Integrator, covariance: Propagation) -> ca.F
     if covariance == "discrete" and integrator.scheme != "exact":
         start = [x, ca.MX(ca.DM.eye(nx).full())]
         final, _ = scan(sensitivity(s, integrator), n, carry=start, xs=xs, constants=held)
-        ends = [final[0], _carried(s)(final[1], P)]
+        ends = [final[0], _carried(s)(final[1], P, u)]
     else:
         by_ode = covariance == "ode" and integrator.scheme != "exact"
         step = _ode(s, integrator) if by_ode else transition(s, integrator)
         ends, _ = scan(step, n, carry=[x, P], xs=xs, constants=[*held, *([x] if by_ode else [])])
-        if s.Q.any():
-            walk = half("walk", s, lambda P: {"P_next": P + ca.DM(s.Q)})
-            ends = [ends[0], walk(ends[1])]
+        if walks(s):
+            walk = half("walk", s, lambda P, u: {"P_next": P + per_sample(s, u)})
+            ends = [ends[0], walk(ends[1], u)]
     return ca.Function("predict", [x, P, u, u_next], ends)
+
+
+def walks(s: Setting) -> bool:
+    """Whether any process noise is added per sample."""
+    return bool(s.Q.any() or any(part.Q.any() for part in s.parts))
+
+
+def per_sample(s: Setting, u: Term) -> Term:
+    """Covariance of the process noise per sample at inputs u."""
+    return noise_at(s.Q, [(part.index, part.Q) for part in s.parts], u)
 
 
 def moved_by(s: Setting, integrator: Integrator) -> ca.Function:
@@ -93,24 +104,32 @@ def substep_noise(s: Setting, integrator: Integrator) -> tuple[Array, Array]:
 
     By the trapezoidal rule, or, with the matrix exponential, all of Van Loan's integral after it.
     """
+    return _added(s, integrator, s.Qc)
+
+
+def _added(s: Setting, integrator: Integrator, Qc: Array) -> tuple[Array, Array]:
+    """See `substep_noise`; linear in the density."""
     if not s.model.continuous:
-        return 0 * s.Qc, 0 * s.Qc
+        return 0 * Qc, 0 * Qc
     h = s.dt / integrator.steps
     found = state_equation(s.model) if integrator.scheme == "exact" else None
     if found is None:
-        return h / 2 * s.Qc, h / 2 * s.Qc
-    return 0 * s.Qc, discretise_noise(found[0], s.Qc, dt=h)[1]
+        return h / 2 * Qc, h / 2 * Qc
+    return 0 * Qc, discretise_noise(found[0], Qc, dt=h)[1]
 
 
 def transition(s: Setting, integrator: Integrator) -> ca.Function:
     """One sub-step, see `predict`: ``(x, P, ua, ub) -> (x, P)``."""
     moved = moved_by(s, integrator)
     before, after = substep_noise(s, integrator)
+    added = [(part.index, *_added(s, integrator, part.Qc)) for part in s.parts]
 
     def formula(x: Term, P: Term, ua: Term, ub: Term) -> Results:
         x_next, Phi = moved(x, ua, ub)
-        start = P + ca.DM(before) if integrator.scheme != "exact" else P
-        return {"x_next": x_next, "P_next": congruence(Phi, start, ca.DM(after))}
+        first = noise_at(before, [(index, Q) for index, Q, _ in added], ua)
+        last = noise_at(after, [(index, Q) for index, _, Q in added], ua)
+        start = P + first if integrator.scheme != "exact" else P
+        return {"x_next": x_next, "P_next": congruence(Phi, start, last)}
 
     return half("transition", s, formula)
 
@@ -125,7 +144,7 @@ def _ode(s: Setting, integrator: Integrator) -> ca.Function:
 
         def rhs(v: ca.SX, _: ca.SX) -> ca.SX:
             ZP = Z @ unvech(v)
-            return vech(ZP + ZP.T + s.Qc)
+            return vech(ZP + ZP.T + noise_at(s.Qc, [(p.index, p.Qc) for p in s.parts], ua))
 
         v_next = integrator.substep(rhs, vech(P), ua=ua, ub=ub, h=h)
         return {"x_next": x_next, "P_next": unvech(v_next)}
@@ -145,12 +164,12 @@ def sensitivity(s: Setting, integrator: Integrator) -> ca.Function:
 
 
 def _carried(s: Setting) -> ca.Function:
-    """``(F', P) -> F P F' + Q``, Q per sample."""
-    nx, noise = s.model.nx, ca.DM(s.sampled().Q)
+    """``(F', P, u) -> F P F' + Q``, Q per sample."""
+    nx, sampled = s.model.nx, s.sampled()
     return half(
         "carried",
         s,
-        lambda Ft, P: {"P_next": congruence(transposed(Ft), P, noise)},
+        lambda Ft, P, u: {"P_next": congruence(transposed(Ft), P, per_sample(sampled, u))},
         {"Ft": (nx, nx)},
     )
 
@@ -161,6 +180,6 @@ def _mapped(s: Setting) -> ca.Function:
 
     def formula(x: Term, P: Term, u: Term, u_next: Term) -> Results:
         x_next, F = mapped(x, u, u_next)
-        return {"x_next": x_next, "P_next": congruence(F, P, ca.DM(s.Q))}
+        return {"x_next": x_next, "P_next": congruence(F, P, per_sample(s, u))}
 
     return half("predict", s, formula)

@@ -114,8 +114,9 @@ def square_root_halves(s: Setting, *, ramp: ca.Function | None = None) -> Halves
     ramp : casadi.Function, optional
         ``(x, u_next) -> x``: what an interpolated input adds to a linear model in discrete time.
     """
+    kept = Factor(Covariance(s.model.nx))
     return Halves(
-        spread0=np.append(Factor(Covariance(s.model.nx)).of(cholesky_factor(s.P0)), 0.0),
+        spread_of=kept.spread,
         innovation=_innovation(s),
         correct=_correct(s),
         predict=_predict(s, ramp),
@@ -183,6 +184,8 @@ def _predict(s: Setting, ramp: ca.Function | None) -> ca.Function:
     nx, nu, kept = s.model.nx, s.model.nu, Factor(Covariance(s.model.nx))
     n = s.integrator.steps if s.model.continuous else 1
     moved = moved_by(s, s.integrator)
+    if s.parts:
+        raise TuningError("noise that inputs multiply goes with narrower priors only")
     before, after = (cholesky_factor(Q) for Q in substep_noise(s, s.integrator))
     noisy, sizes = before.any() or after.any(), {"spread": kept.size}
 

@@ -4,7 +4,6 @@ import dataclasses
 from typing import ClassVar
 
 import casadi as ca
-import numpy as np
 
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import weights
@@ -38,6 +37,7 @@ from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.varied_noise import columns_at
 from backsight.models.model import Model
 from backsight.schema import Innovations
 from backsight.types import Array
@@ -89,6 +89,7 @@ class UKF(AbstractEstimator):
     title: ClassVar[str] = "Unscented Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    varies_noise: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -143,7 +144,7 @@ def ukf_halves(s: Setting, integrator: Integrator, points: SigmaPoints) -> Halve
     """Measurement update and time update, see `UKF`; the spread is that of `Factor`."""
     kept = Factor(Covariance(s.model.nx))
     return Halves(
-        spread0=np.append(kept.of(cholesky_factor(s.P0)), 0.0),
+        spread_of=kept.spread,
         innovation=_innovation(s, points),
         correct=_correct(s, points),
         predict=_predict(s, points, integrator),
@@ -259,18 +260,20 @@ def _images(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Funct
 def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
     kept, noise, w = Factor(Covariance(s.model.nx)), _noise_root(s), points.weights
+    roots = [(part.index, cholesky_factor(part.Q)) for part in s.sampled().parts]
     inside = leaf("within", notation(s), lambda x: {"x_in": within_bounds(s, x)})
 
-    def gathered(X: Term, spread: Term) -> Results:
+    def gathered(X: Term, spread: Term, u: Term) -> Results:
         mean, d = mean_and_deviations(X, w)
-        L, definite = deviation_factor(d, w, type(X)(ca.DM(noise)))
+        added = columns_at(noise, roots, u) if roots else type(X)(ca.DM(noise))
+        L, definite = deviation_factor(d, w, added)
         L_next = ca.if_else(definite, kept.closed(L), spread[:-1])
         return {"x_next": inside(mean), "spread_next": ca.vertcat(L_next, 1 - definite)}
 
     gather = half("gather", s, gathered, {"spread": kept.size, "X": (s.model.nx, len(w.mean))})
     images = _images(s, points, integrator)
     given = [ca.MX.sym(images.name_in(i), images.numel_in(i)) for i in range(4)]
-    return ca.Function("predict", given, gather.call([images(*given), given[1]]))
+    return ca.Function("predict", given, gather.call([images(*given), given[1], given[2]]))
 
 
 def _noise_root(s: Setting) -> Array:

@@ -127,6 +127,7 @@ def _chain(model: Model, n: int, constants: Array) -> Model:
         f=ca.Function("f", [x, u, p], [model.f.call([full, u, p])[0][:n]]),
         h=ca.Function("h", [x, u, p], model.h.call([full, u, p])),
         states=model.states[:n],
+        virtual=None,
     )
 
 

@@ -45,6 +45,10 @@ class Factor:
         """A factor in numbers as it is kept, without the last entry."""
         return L.ravel(order="F") if self.like.whole else packed(L)
 
+    def spread(self, P: Array) -> Array:
+        """The factor of a covariance in numbers as it is kept, (`size`,)."""
+        return np.append(self.of(cholesky_factor(P)), 0.0)
+
     def opened(self, spread: Term) -> Term:
         """The factor (n, n)."""
         L = self.like.opened(spread[:-1])

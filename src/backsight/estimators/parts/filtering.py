@@ -1,7 +1,7 @@
 """Put a measurement update and a time update together to a recursion."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -22,8 +22,8 @@ class Halves:
 
     Parameters
     ----------
-    spread0 : array
-        Spread of the prior.
+    spread_of : callable
+        Covariance (nx, nx) in numbers to its spread.
     innovation : casadi.Function
         ``(x, spread, u, y, mask) -> (e, S)``.
     correct : casadi.Function
@@ -36,7 +36,7 @@ class Halves:
         Whether the input is interpolated between samples.
     """
 
-    spread0: Array
+    spread_of: Callable[[Array], Array]
     innovation: ca.Function
     correct: ca.Function
     predict: ca.Function
@@ -74,9 +74,35 @@ class Sample:
 def assemble(name: str, s: Setting, halves: Halves) -> Recursion:
     """Recursion of a filter that consists of two halves, see `sample`."""
     now = sample(s, halves)
-    return now.memory.recursion(
+    plain = now.memory.recursion(
         name, now.data, next=now.next, outputs=now.outputs, channels=ESTIMATE_CHANNELS, dt=s.dt
     )
+    behind = plain.carry0[s.model.nx + len(halves.spread_of(s.P0)) :]
+    return dataclasses.replace(plain, start=PriorMemory(halves.spread_of, s.sx, behind))
+
+
+@dataclasses.dataclass(frozen=True)
+class PriorMemory:
+    """The memory before the first sample for a prior, see `Recursion.start`.
+
+    Parameters
+    ----------
+    spread_of : callable
+        See `Halves`.
+    sx : (nx,) array
+        Scales of the states.
+    behind : array
+        What lies behind state and spread.
+    """
+
+    spread_of: Callable[[Array], Array]
+    sx: Array
+    behind: Array
+
+    def __call__(self, x0: Array, P0: Array) -> Array:
+        """Of a mean (nx,) and a covariance (nx, nx), physical."""
+        spread = self.spread_of(P0 / np.outer(self.sx, self.sx))
+        return np.concatenate([x0 / self.sx, spread, self.behind])
 
 
 def sample(s: Setting, halves: Halves) -> Sample:
@@ -88,7 +114,7 @@ def sample(s: Setting, halves: Halves) -> Sample:
     """
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    parts = {"x": s.x0, "spread": halves.spread0}
+    parts = {"x": s.x0, "spread": halves.spread_of(s.P0)}
     if halves.ramp:
         parts |= {"u_last": np.zeros(s.model.nu), "started": np.zeros(1)}
     m = Memory(**parts)

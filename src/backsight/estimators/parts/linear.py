@@ -124,9 +124,10 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -
         ) from None
     s = setting(model, dt, noise=noise, prior=prior)
     A, B, C, D = state_space(s.model)
-    B_next, Q = np.zeros_like(B), s.Q
+    B_next = np.zeros_like(B)
     if model.continuous:
-        Q = s.Q + discretise_noise(A, s.Qc, dt=dt)[1]
+        rates = A
+        s = s.with_noise(lambda Q, Qc: (Q + discretise_noise(rates, Qc, dt=dt)[1], 0 * Qc))
         if hold == "foh":
             A, B, B_next = foh(A, B, dt=dt)
         else:
@@ -135,7 +136,7 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -
     sampled = lti(
         A, B, C, D, states=m.states, inputs=m.inputs, outputs=m.outputs, dt=dt, name=m.name
     )
-    s = dataclasses.replace(s, model=sampled, Q=Q, Qc=np.zeros_like(Q))
+    s = dataclasses.replace(s, model=sampled)
     return Linear(s, A, B, B_next, C, D, hold == "foh")
 
 

@@ -76,6 +76,7 @@ def observer_form(model: Model) -> AffineForm:
         f=ca.Function("f", [free, u, parameters], [ca.vertcat(rows, ca.SX.zeros(p.numel()))]),
         h=ca.Function("h", [free, u, parameters], [free[0]]),
         states=(*states, *model.states[n:]),
+        virtual=None,
     )
     slope = ca.jacobian(chain.z, x)
     coordinates = Coordinates(
@@ -102,6 +103,7 @@ def moving_first(model: Model) -> tuple[Model, list[int]]:
         f=ca.Function("f", [x, u, p], [model.f.call(given)[0][order]]),
         h=ca.Function("h", [x, u, p], model.h.call(given)),
         states=tuple(model.states[i] for i in order),
+        virtual=None,
     )
     return ordered, order
 

@@ -8,6 +8,7 @@ import casadi as ca
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
+from backsight.models.signals import along
 
 
 @checked(ModelError)
@@ -64,7 +65,7 @@ def forces_as_inputs(model: Model, forces: Sequence[str]) -> Model:
     symbols = {n: u[model.nu + i] for i, n in enumerate(forces)}
     symbols |= {s.name: p[i] for i, s in enumerate(kept)}
     full = ca.vertcat(*(symbols[s.name] for s in model.parameters))
-    given = [x, u[: model.nu], full]
+    given, w = [x, u[: model.nu], full], ca.SX.sym("w", model.nx)
     return dataclasses.replace(
         model,
         f=ca.Function("f", [x, u, p], model.f.call(given)),
@@ -72,4 +73,5 @@ def forces_as_inputs(model: Model, forces: Sequence[str]) -> Model:
         inputs=(*model.inputs, *(known[n] for n in forces)),
         parameters=tuple(kept),
         unsolved=model.unsolved_at([x, u, p], given),
+        virtual=along(model.virtual, [x, u, p, w], [*given, w]),
     )

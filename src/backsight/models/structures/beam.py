@@ -28,6 +28,7 @@ def beam(
     sensors: Mapping[str, tuple[SensorKind, float]],
     forces: Mapping[str, float] | None = None,
     inputs: Mapping[str, float] | None = None,
+    virtual: Mapping[str, tuple[SensorKind, float]] | None = None,
     boundary: BoundaryName = "cantilever",
     modes: int = 3,
     damping: ArrayLike = 0.01,
@@ -62,6 +63,8 @@ def beam(
         parameter with the value 0 [N]; an estimator finds it, or `augment` makes it a state.
     inputs : dict, optional
         Name to position [m] of the forces that are measured.
+    virtual : dict, optional
+        What is wanted where no sensor is, described like `sensors`; see `with_virtual`.
     boundary : {"cantilever", "pinned-pinned", "free-free", "clamped-clamped"}
         A cantilever is clamped at 0. The first two modes of a free beam are its translation and
         its rotation, at 0 Hz.
@@ -132,7 +135,8 @@ def beam(
     made = modal(
         (of.wavenumbers / length) ** 2 * speed / (2 * math.pi),
         damping=damping,
-        sensors={k: row.sensor(k, sensor) for k, sensor in sensors.items()},
+        sensors={k: row.sensor(f"sensor '{k}'", sensor) for k, sensor in sensors.items()},
+        virtual={k: row.sensor(f"virtual '{k}'", v) for k, v in (virtual or {}).items()},
         forces={k: row.force(f"force '{k}'", x) for k, x in unknown.items()},
         inputs={k: row.force(f"input '{k}'", x) for k, x in (inputs or {}).items()},
         name=name,
@@ -191,15 +195,14 @@ class _Places:
             )
         return row
 
-    def sensor(self, name: str, given: tuple[SensorKind, float]) -> tuple[SensorKind, Array]:
+    def sensor(self, what: str, given: tuple[SensorKind, float]) -> tuple[SensorKind, Array]:
         match given:
             case (str() as kind, position):
                 pass
             case _:
-                raise ModelError(f"sensor '{name}' is {given!r}; give (kind, position)")
+                raise ModelError(f"{what} is {given!r}; give (kind, position)")
         if kind not in SENSORS:
-            raise ModelError(f"sensor '{name}' is a '{kind}': {nearest(kind, SENSORS)}")
-        what = f"sensor '{name}'"
+            raise ModelError(f"{what} is a '{kind}': {nearest(kind, SENSORS)}")
         if kind != "strain":
             row = self._row(what, position, 0)
         elif self.thickness is None:

@@ -13,6 +13,7 @@ from backsight.errors import DataError, ModelError, nearest
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.models.structures.second_order import Motion, second_order
+from backsight.models.views.virtual import built_with_virtual
 from backsight.types import Array
 
 SensorKind: TypeAlias = Literal[Motion, "strain"]
@@ -44,6 +45,7 @@ def modal(
     sensors: Mapping[str, tuple[SensorKind, Shape]],
     forces: Mapping[str, Shape] | None = None,
     inputs: Mapping[str, Shape] | None = None,
+    virtual: Mapping[str, tuple[SensorKind, Shape]] | None = None,
     modal_masses: ArrayLike | None = None,
     feedthrough: Mapping[str, Mapping[str, float]] | None = None,
     length_unit: str = "m",
@@ -76,6 +78,8 @@ def modal(
         state.
     inputs : dict, optional
         The same for the forces that are measured.
+    virtual : dict, optional
+        What is wanted where no sensor is, described like `sensors`; see `with_virtual`.
     modal_masses : number or (n,) array
         Of the shapes as they are scaled; 1 for mass-normalised shapes, and if nothing says it.
     feedthrough : dict of dict, optional
@@ -111,6 +115,23 @@ def modal(
     ├── outputs     a [m/s2]
     └── parameters  F = 0
     """
+    if virtual:
+
+        def seeing(sensors: Mapping[str, tuple[SensorKind, Shape]]) -> Model:
+            return modal(
+                frequencies,
+                damping=damping,
+                sensors=sensors,
+                forces=forces,
+                inputs=inputs,
+                modal_masses=modal_masses,
+                feedthrough=feedthrough,
+                length_unit=length_unit,
+                force_unit=force_unit,
+                name=name,
+            )
+
+        return built_with_virtual(seeing, sensors, virtual)
     if isinstance(frequencies, ModeShapes):
         modes, at = frequencies, frequencies.at
         return modal(

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from backsight.algebra.expressions import check_names, expressions
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model, Signals
-from backsight.models.signals import Signal, signals
+from backsight.models.signals import Signal, Virtual, signals
 
 Entries: TypeAlias = ArrayLike | Sequence[Sequence[float | str]] | str
 """A matrix whose entries are numbers or formulas of the parameters."""
@@ -39,6 +39,7 @@ def second_order(
     inputs: Signals = (),
     parameters: Signals = (),
     coordinates: Signals | None = None,
+    virtual: Mapping[str, tuple[Motion, Direction]] | None = None,
     name: str = "structure",
 ) -> Model:
     r"""Build a structure of any number of degrees of freedom (eq. 1-2).
@@ -69,6 +70,9 @@ def second_order(
     coordinates : dict, optional
         Name of every degree of freedom to its unit; "q1", "q2"... if not given. The velocity of
         "q1" is the state "q1_dot".
+    virtual : dict, optional
+        Motions that no sensor measures, described like `outputs`: see `with_virtual`, which takes
+        formulas of them, too.
     name : str
         Shown in results.
 
@@ -133,6 +137,10 @@ def second_order(
     a = ca.ldl_solve(load, D, LT, permutation)
 
     motion = {"displacement": q, "velocity": v, "acceleration": a}
+    w = ca.SX.sym("w", 2 * n)
+    disturbed = motion | {"acceleration": a + w[n:]}
+    z = [_output(k, given, disturbed, of_q, symbols) for k, given in (virtual or {}).items()]
+    g = ca.Function("g", [x, u, p, w], [ca.densify(ca.vertcat(*z))])
     y = [_output(k, given, motion, of_q, symbols) for k, given in outputs.items()]
     return Model(
         f=ca.Function("f", [x, u, p], [ca.vertcat(v, a)]),
@@ -142,6 +150,7 @@ def second_order(
         outputs={k: _output_unit(kind, where, of_q) for k, (kind, where) in outputs.items()},
         parameters=of_p,
         name=name,
+        virtual=Virtual(_virtual_signals(virtual, of_q), g) if virtual else None,
     )
 
 
@@ -237,6 +246,13 @@ def _output(
     if kind not in motion:
         raise ModelError(f"output '{name}' is a '{kind}': {nearest(kind, motion)}")
     return ca.dot(_direction(where, f"output '{name}'", of_q, symbols), motion[kind])
+
+
+def _virtual_signals(
+    virtual: Mapping[str, tuple[Motion, Direction]], of_q: Sequence[Signal]
+) -> tuple[Signal, ...]:
+    units = {k: _output_unit(kind, where, of_q) for k, (kind, where) in virtual.items()}
+    return tuple(Signal(name=k, unit=unit) for k, unit in units.items())
 
 
 def _output_unit(kind: Motion, where: Direction, of_q: Sequence[Signal]) -> str:

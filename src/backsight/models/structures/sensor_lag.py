@@ -8,7 +8,7 @@ import numpy as np
 
 from backsight.errors import ModelError
 from backsight.models.model import Model
-from backsight.models.signals import Signal, vector
+from backsight.models.signals import Signal, along, vector
 from backsight.types import ByName
 
 ENDING = "_sensor"
@@ -66,13 +66,14 @@ def sensor_lag(model: Model, cutoff: ByName, *, limit: ByName = math.inf) -> Mod
     seen = [_clipped(row, limit) for row, limit in zip(rows, limits, strict=True)]
     rates = [2 * np.pi * cutoffs[j] * (seen[j] - s[k]) for k, j in enumerate(slow)]
     read = dict(zip(slow, ca.vertsplit(s), strict=True)) if slow else {}
-    z = ca.vertcat(x, s)
+    z, w = ca.vertcat(x, s), ca.SX.sym("w", model.nx + len(slow))
     return dataclasses.replace(
         model,
         f=ca.Function("f", [z, u, p], [ca.vertcat(model.f.call([x, u, p])[0], *rates)]),
         h=ca.Function("h", [z, u, p], [ca.vertcat(*(read.get(j, e) for j, e in enumerate(seen)))]),
         states=(*model.states, *(_state(model.outputs[j]) for j in slow)),
         unsolved=model.unsolved_at([z, u, p], [x, u, p]),
+        virtual=along(model.virtual, [z, u, p, w], [x, u, p, w[: model.nx]]),
     )
 
 

@@ -4,22 +4,23 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from backsight.description import Description, Positive
+from backsight.algebra.expressions import expression
 from backsight.errors import ProblemError, nearest
 from backsight.models.augment import augment
-from backsight.models.forces.moving_load import moving_load
-from backsight.models.forces.processes import GaussMarkov, Matern, Periodic, Process
+from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.models.views.virtual import with_dummies, with_virtual
+from backsight.problem.reading._forces import of_mean, process_of, with_moving
 from backsight.problem.reading._model_table import RestOfFile
 from backsight.problem.reading.checking import at, shown_value, validated
 from backsight.problem.reading.kinds import ALL_KINDS
-from backsight.problem.reading.problem_table import ProblemTable
-from backsight.problem.reading.settings import built
 from backsight.problem.reading.tables import (
     ColumnTable,
     EstimateTable,
-    ForceTable,
+    ProblemTable,
+    SensorColumnTable,
+    VirtualTable,
 )
 from backsight.units import check_unit, convertible
 
@@ -36,9 +37,13 @@ def joint_model(table: ProblemTable, folder: Path) -> Model:
     """
     _check_sources(table)
     _check_units(table)
-    plain = _with_moving(_plain(table, folder), table)
-    _check_columns(plain.inputs, table.recording.columns("inputs"), "input")
-    _check_columns(plain.outputs, table.recording.columns("outputs"), "output")
+    columns = table.recording.columns
+    plain = _with_sensors(with_moving(_plain(table, folder), table), columns("outputs"))
+    _check_columns(plain.inputs, columns("inputs"), "input")
+    _check_columns(plain.outputs, columns("outputs"), "output")
+    if table.recording.high_pass is not None:
+        with at("recording.high_pass needs a linear model"):
+            state_space(plain)
     parameters = [s.name for s in plain.parameters]
     for name in table.estimate:
         if name not in parameters:
@@ -49,7 +54,7 @@ def joint_model(table: ProblemTable, folder: Path) -> Model:
         if entry.acts_on not in states:
             hint = nearest(entry.acts_on, states)
             raise ProblemError(f"disturbances.{name}.acts_on: no state '{entry.acts_on}', {hint}")
-    forces = {name: _process(name, entry) for name, entry in table.forces.items()}
+    forces = {name: process_of(name, entry) for name, entry in table.forces.items()}
     added = {n: e.acts_on for n, e in table.forces.items() if e.acts_on is not None}
     for name in forces:
         if name in table.estimate or name in table.disturbances:
@@ -65,60 +70,29 @@ def joint_model(table: ProblemTable, folder: Path) -> Model:
         if state not in states:
             hint = nearest(state, states)
             raise ProblemError(f"forces.{name}.acts_on: no state '{state}', {hint}")
+    gaps = table.recording.gaps
+    for name in gaps:
+        if name in columns("outputs"):
+            raise ProblemError(f"recording.inputs.{name}.gaps: '{name}' is an output, too")
     with at("estimate"):
         described = dataclasses.replace(
             plain,
-            parameters=_of_mean(_described(plain.parameters, table.estimate), table.forces),
+            parameters=of_mean(_described(plain.parameters, table.estimate), table.forces),
         )
     walking = {name: entry.acts_on for name, entry in table.disturbances.items()}
     with at("forces" if forces else "estimate"):
         joint = augment(
-            described, list(table.estimate), disturbances=walking | added, forces=forces
+            described,
+            list(table.estimate),
+            disturbances=walking | added,
+            forces=forces,
+            inputs=list(gaps),
         )
-        return dataclasses.replace(joint, states=_described(joint.states, table.disturbances))
-
-
-PROCESSES = {"matern": Matern, "periodic": Periodic}
-"""Forces with dynamics by the word of the key ``kind``; ``gauss_markov`` is one of Matérn's."""
-
-
-def _process(name: str, entry: ForceTable) -> Process:
-    where = f"forces.{name}"
-    if entry.kind == "gauss_markov":
-        return built(_GaussMarkov, entry.settings, where=where, fixed={}).process()
-    if entry.kind not in PROCESSES:
-        hint = nearest(entry.kind, [*PROCESSES, "gauss_markov"])
-        raise ProblemError(f"{where}.kind: unknown kind '{entry.kind}', {hint}")
-    return built(PROCESSES[entry.kind], entry.settings, where=where, fixed={})
-
-
-@dataclasses.dataclass(frozen=True)
-class _GaussMarkov(Description):
-    """The keys of ``kind = "gauss_markov"``."""
-
-    sigma: Positive
-    time: Positive
-
-    def process(self) -> Process:
-        return GaussMarkov(self.sigma, self.time)
-
-
-def _of_mean(group: tuple[Signal, ...], entries: Mapping[str, ForceTable]) -> tuple[Signal, ...]:
-    return tuple(
-        dataclasses.replace(s, value=entries[s.name].mean, unit=entries[s.name].unit or s.unit)
-        if s.name in entries
-        else s
-        for s in group
-    )
-
-
-def _with_moving(model: Model, table: ProblemTable) -> Model:
-    for name, entry in table.moving.items():
-        with at(f"moving.{name}"):
-            model = moving_load(
-                model, name, position=entry.position, along=entry.along, supports=entry.supports
-            )
-    return model
+        told = _described(joint.states, {**table.disturbances, **gaps})
+        joint = dataclasses.replace(joint, states=told)
+    model = _with_formulas(joint, {**table.virtual, **table.dummy})
+    with at("dummy"):
+        return with_dummies(model, list(table.dummy))
 
 
 def _plain(table: ProblemTable, folder: Path) -> Model:
@@ -132,9 +106,16 @@ def _plain(table: ProblemTable, folder: Path) -> Model:
         raise ProblemError(f"model.kind: unknown kind '{kind}', {nearest(kind, ALL_KINDS)}")
     with at("model.kind"):
         described = ALL_KINDS[kind]
+    twice = [name for name in table.dummy if name in table.virtual]
+    if twice:
+        raise ProblemError(f"dummy.{twice[0]}: is the name of a virtual output, too")
+    for key, entries in (("virtual", table.virtual), ("dummy", table.dummy)):
+        _check_virtual(entries, key, kind, places=described.has_places)
+    placed = {n: (v.kind, v.at) for n, v in {**table.virtual, **table.dummy}.items() if v.placed}
     with at("model"), ALL_KINDS.blamed(kind):
         return validated(described, given, where="model").build(
             RestOfFile(
+                virtual=placed,
                 inputs={n: c.unit for n, c in table.recording.columns("inputs").items()},
                 outputs={n: c.unit for n, c in table.recording.columns("outputs").items()},
                 start={name: entry.start for name, entry in table.estimate.items()}
@@ -142,6 +123,67 @@ def _plain(table: ProblemTable, folder: Path) -> Model:
                 folder=folder,
             )
         )
+
+
+def _with_sensors(model: Model, columns: Mapping[str, ColumnTable]) -> Model:
+    """Outputs with what is known of their sensors: whether they start anew, and their steps."""
+    outputs = []
+    for s in model.outputs:
+        known = {}
+        if isinstance(column := columns.get(s.name), SensorColumnTable):
+            if column.wrap is not None:
+                known["wrap"] = _number(column.wrap, f"recording.outputs.{s.name}.wrap")
+            if column.resolution is not None:
+                known["resolution"] = column.resolution
+        with at(f"recording.outputs.{s.name}"):
+            outputs.append(dataclasses.replace(s, **known))
+    return dataclasses.replace(model, outputs=tuple(outputs))
+
+
+def _number(given: float | str, where: str) -> float:
+    """A number, or one as text such as "2*pi"."""
+    if not isinstance(given, str):
+        return given
+    with at(where):
+        return float(expression(given, {}, where="the number"))
+
+
+def _check_virtual(
+    virtual: Mapping[str, VirtualTable], key: str, kind: str, *, places: bool
+) -> None:
+    """Raise `ProblemError` if a virtual output is neither a formula nor at a place, or both."""
+    for name, entry in virtual.items():
+        where = f"{key}.{name}"
+        if entry.placed == (entry.expression is not None):
+            raise ProblemError(
+                f"{where}: give either an expression, or kind and at like those of a sensor"
+            )
+        if not entry.placed:
+            continue
+        if not places:
+            raise ProblemError(
+                f"{where}.kind: a model of kind '{kind}' has no places; give an expression of its "
+                "states, inputs and parameters"
+            )
+        if entry.kind is None or entry.at is None:
+            raise ProblemError(f"{where}.{'kind' if entry.kind is None else 'at'}: is missing")
+
+
+def _with_formulas(model: Model, virtual: Mapping[str, VirtualTable]) -> Model:
+    """Add the virtual outputs that are formulas; all of them get the unit that the file gives.
+
+    Dummy measurements are such outputs until `with_dummies` makes outputs of them.
+    """
+    formulas = {n: (v.expression, v.unit) for n, v in virtual.items() if v.expression is not None}
+    with at("virtual"):
+        made = with_virtual(model, formulas) if formulas else model
+    if made.virtual is None:
+        return made
+    units = {name: entry.unit for name, entry in virtual.items() if entry.unit}
+    signals = tuple(
+        dataclasses.replace(s, unit=units.get(s.name, s.unit)) for s in made.virtual.signals
+    )
+    return dataclasses.replace(made, virtual=dataclasses.replace(made.virtual, signals=signals))
 
 
 def _check_sources(table: ProblemTable) -> None:
@@ -166,7 +208,7 @@ def _check_units(table: ProblemTable) -> None:
         for kind in ("inputs", "outputs", "truth")
         for name, column in getattr(file, kind).items()
     }
-    for kind in ("estimate", "disturbances"):
+    for kind in ("estimate", "disturbances", "virtual", "dummy"):
         units |= {f"{kind}.{n}.unit": entry.unit for n, entry in getattr(table, kind).items()}
     for kind in ("states", "coordinates"):
         entries = table.model.get(kind)

@@ -4,7 +4,7 @@ import abc
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from backsight.data.finite_elements import Matrix, read_matrix
 from backsight.models.model import Model
@@ -24,16 +24,22 @@ class RestOfFile:
         Values of the parameters that are estimated; they need not be in the model's table.
     folder : Path
         Of the problem file: paths are relative to it.
+    virtual : dict
+        Name to kind and place of what is wanted where no sensor is.
     """
 
     inputs: Mapping[str, str]
     outputs: Mapping[str, str]
     start: Mapping[str, float]
     folder: Path
+    virtual: Mapping[str, tuple[Any, Any]]
 
 
 class ModelTable(StrictTable, abc.ABC):
     """The entries of ``[model]`` beside ``kind``."""
+
+    has_places: ClassVar[bool] = False
+    """Whether it is a structure, with sensors of a kind at a place."""
 
     @abc.abstractmethod
     def build(self, given: RestOfFile) -> Model:

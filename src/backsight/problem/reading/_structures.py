@@ -36,6 +36,7 @@ class SecondOrderTable(ModelTable):
     """Mass, damping and stiffness matrices of numbers and formulas."""
 
     function = staticmethod(second_order)
+    has_places: ClassVar[bool] = True
 
     mass: Any
     damping: Any
@@ -59,6 +60,7 @@ class SecondOrderTable(ModelTable):
             inputs=given.inputs,
             parameters=parameters_of(self.parameters, given.start),
             coordinates=self.coordinates,
+            virtual=given.virtual,
             name=self.name,
         )
 
@@ -66,6 +68,7 @@ class SecondOrderTable(ModelTable):
 class StructureTable(ModelTable, abc.ABC):
     """Sensors, unknown forces and measured forces at places of a structure."""
 
+    has_places: ClassVar[bool] = True
     function: ClassVar[Callable[..., Model]]
 
     sensors: dict[str, SensorTable] = pydantic.Field(min_length=1)
@@ -76,7 +79,7 @@ class StructureTable(ModelTable, abc.ABC):
 
     def build(self, given: RestOfFile) -> Model:
         """See `ModelTable.build`."""
-        return type(self).function(**self.arguments(given.folder))
+        return type(self).function(**self.arguments(given.folder), virtual=given.virtual)
 
     def arguments(self, folder: Path) -> dict[str, Any]:
         """Return what the function takes; what the table leaves out has its default."""

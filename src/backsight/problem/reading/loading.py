@@ -16,8 +16,8 @@ from backsight.problem.reading._joint import check_known, joint_model
 from backsight.problem.reading._places import check_units, put_places
 from backsight.problem.reading._room import DEEPEST, MOST_BYTES, check_keys, check_tree
 from backsight.problem.reading.checking import at, validated
-from backsight.problem.reading.problem_table import EstimatorTable, ProblemTable
 from backsight.problem.reading.settings import built, fields_of
+from backsight.problem.reading.tables import EstimatorTable, ProblemTable
 from backsight.problem.reading.uncertain import noise, prior
 
 _GROUP = re.compile(r"[\w+-]+(?:[ .][\w+-]+)*")
@@ -53,14 +53,21 @@ def load(path: str | os.PathLike[str]) -> Problem:
     built(Integrator, table.integrator, where="integrator", fixed={})
     model = joint_model(table, file.parent)
     check_units(listed, model)
+    virtual = () if model.virtual is None else model.virtual.signals
     check_known(
-        model.states, table.recording.columns("truth"), kind="state", where="recording.truth"
+        (*model.states, *virtual),
+        table.recording.columns("truth"),
+        kind="state",
+        where="recording.truth",
     )
     states = [s.name for s in model.states]
     for name in table.reference:
         if name not in states:
             hint = nearest(name, states)
             raise ProblemError(f"reference.{name}: the model has no state '{name}', {hint}")
+    if table.tune.estimator is not None and table.tune.estimator not in table.estimators:
+        hint = nearest(table.tune.estimator, table.estimators)
+        raise ProblemError(f"tune.estimator: there is no '{table.tune.estimator}', {hint}")
     return Problem(
         title=table.title or file.stem,
         path=file,
@@ -70,6 +77,7 @@ def load(path: str | os.PathLike[str]) -> Problem:
         estimators={n: _estimator(n, e, table, model) for n, e in table.estimators.items()},
         smoothed=frozenset(name for name, e in table.estimators.items() if e.smooth),
         reference=table.reference,
+        tune=table.tune,
         report=table.output.report,
         covariance=table.output.covariance,
     )
@@ -110,15 +118,18 @@ def _estimator(
         kind = ALL_ESTIMATORS[entry.kind]
     takes_integrator = "integrator" in (f.name for f in fields_of(kind))
     common = {"integrator": table.integrator} if table.integrator and takes_integrator else {}
-    unknowns = {**table.estimate, **table.disturbances}
+    gaps = table.recording.gaps
+    unknowns = {**table.estimate, **table.disturbances, **gaps}
+    sensors = {name: entry.sigma for name, entry in table.dummy.items() if entry.sigma is not None}
+    sensors |= {name: entry.sigma_u for name, entry in gaps.items()}
     return built(
         kind,
         {**common, **entry.settings},
         where=where,
         fixed={
-            "noise": noise(entry.noise, unknowns, model, where=f"{where}.noise")
+            "noise": noise(entry.noise, unknowns, model, sensors, where=f"{where}.noise")
             if entry.noise
-            else noise(table.noise, unknowns, model, where="noise"),
+            else noise(table.noise, unknowns, model, sensors, where="noise"),
             "prior": prior(entry.prior, unknowns, model, where=f"{where}.prior")
             if entry.prior
             else prior(table.prior, unknowns, model, where="prior"),

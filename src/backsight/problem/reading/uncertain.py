@@ -21,15 +21,24 @@ Unknowns = Mapping[str, EstimateTable]
 """Parameters and disturbances that are estimated."""
 
 
-def noise(table: NoiseTable, unknowns: Unknowns, model: Model, *, where: str) -> Noise:
-    """Join the noise with the random walks of the unknowns, and check it against the model."""
+def noise(
+    table: NoiseTable,
+    unknowns: Unknowns,
+    model: Model,
+    sensors: Mapping[str, float],
+    *,
+    where: str,
+) -> Noise:
+    """Join the noise with the walks of unknowns, and of outputs that say their own; check it."""
     walks = {name: entry.walk for name, entry in unknowns.items() if entry.walk}
     for key in ("Q", "Qc"):
         if getattr(table, key) is not None and walks:
             _twice(f"{where}.{key}", next(iter(walks)), "walk")
+    if table.R is not None and sensors:
+        _twice(f"{where}.R", next(iter(sensors)), "noise")
     with at(where):
         made = Noise(
-            sigma_y=table.sigma_y,
+            sigma_y=_joined(table.sigma_y, sensors, f"{where}.sigma_y", "noise") or None,
             R=_matrix(table.R, f"{where}.R"),
             sigma_w=_joined(table.sigma_w, walks, f"{where}.sigma_w", "walk") or None,
             Q=_matrix(table.Q, f"{where}.Q"),

@@ -99,7 +99,9 @@ def check_alignment(
         (weight,) = outputs_of_run(predicting.compile(model, dt), data, "vm", (WEIGHT,))
         mask = mask * (weight >= DOUBTED)
     names = [s.name for s in model.outputs]
-    ratios = response_ratios(recursion, u, y, mask, engine=engine, names=names) if model.nu else ()
+    # Readings that start anew after a turn have another size than the response.
+    whole = mask * np.array([s.wrap is None for s in model.outputs])
+    ratios = response_ratios(recursion, u, y, whole, engine=engine, names=names) if model.nu else ()
     if any(r.factor != 1.0 for r in ratios):
         ratios = reconsidered(ratios, predicting, model, dt=dt, data=(u, y, mask), engine=engine)
     if model.nu == 0 or len(u) < 20 * reach:
@@ -133,11 +135,12 @@ def check_alignment(
         scores, _ = tried([result.best], every, _later(u, float(part)), len(u))
         fine |= {result.best + float(part): v for v in scores.values()}
     result = dataclasses.replace(result, fine=vertex(fine))
-    if len(names) == 1:
+    sensors = {i: s.name for i, s in enumerate(model.outputs) if s.dummy is None}
+    if len(sensors) < 2:
         return result
-    few = max(SHARED // len(names), 40 * reach)
+    few = max(SHARED // len(sensors), 40 * reach)
     channels = []
-    for i, name in enumerate(names):
+    for i, name in sensors.items():
         alone = decide(*tried(range(-reach, reach + 1), slice(i, i + 1), u, min(few, len(u))), ())
         channels.append((name, alone))
     return dataclasses.replace(result, channels=tuple(channels))

@@ -14,10 +14,11 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
-from backsight.run.diagnosis._identifiability import check_identifiability
 from backsight.run.diagnosis._judges import Judges
-from backsight.run.diagnosis._sense import surprises
+from backsight.run.diagnosis._readings import coarse_readings, turned_readings
 from backsight.run.diagnosis._walks import Walks
+from backsight.run.diagnosis.parameters.identifiability import check_identifiability
+from backsight.run.diagnosis.parameters.sense import surprises
 
 
 def audited(
@@ -51,12 +52,24 @@ def doubts_found(
     estimators: Mapping[str, AbstractEstimator],
     judges: Judges,
 ) -> dict[str, list[str]]:
-    """Say of every result which parameters make no sense, are hardly told, or not from a force."""
-    walks, large = Walks(judges), judges.model.nx > MOST_STATES
+    """Say of every result which parameters make no sense, are hardly told, or not from a force.
+
+    And before them which readings are not what they are taken for.
+    """
+    model, recording = judges.model, judges.recording
+    walks, turned = Walks(judges), turned_readings(model, recording)
+    large = model.nx > MOST_STATES
     return {
-        name: []
-        if large or estimator.innovations == "forced" or failed(results[name])
-        else [*surprises(estimator, judges, results[name]), *walks.doubts(estimator, results[name])]
+        name: turned
+        + coarse_readings(estimator, model, recording)
+        + (
+            []
+            if large or estimator.innovations == "forced" or failed(results[name])
+            else [
+                *surprises(estimator, judges, results[name]),
+                *walks.doubts(estimator, results[name]),
+            ]
+        )
         for name, estimator in estimators.items()
     }
 

@@ -9,6 +9,7 @@ from backsight.run.estimation._estimate import failure as failure
 from backsight.run.estimation._estimate import ready as ready
 from backsight.run.estimation._match import match as match
 from backsight.run.estimation._match import matched_inputs as matched_inputs
+from backsight.run.estimation._match import measured_outputs as measured_outputs
 from backsight.run.estimation._mhe_window import solve_window as solve_window
 from backsight.run.estimation._smooth import SmoothingTask as SmoothingTask
 from backsight.run.estimation._smooth import carry_out_smoothing as carry_out_smoothing

@@ -128,7 +128,11 @@ def warn_of_useless_rule(
     sigma = np.sqrt(np.diag(estimator.assumed[0].measurement(model)))
     for i, output in enumerate(model.outputs):
         seen = y[mask[:, i] > 0, i]
-        if seen.size > 1 and np.ptp(seen) < estimator.outliers.threshold * sigma[i]:
+        if (
+            output.dummy is None
+            and seen.size > 1
+            and np.ptp(seen) < estimator.outliers.threshold * sigma[i]
+        ):
             warnings.warn(
                 f"the rule for outliers of '{output.name}' can never act: all values lie within "
                 f"{np.ptp(seen):.3g}, and a deviation of "

@@ -40,7 +40,7 @@ def match(
         noise of their own and the estimator does not weigh them.
     """
     u = matched_inputs(model, recording)
-    y = _columns(recording, "y", "output", of=model.outputs)
+    y = measured_outputs(model, recording)
     bad = np.argwhere(np.isinf(y))
     if len(bad):
         k, i = bad[0]
@@ -68,17 +68,47 @@ def matched_inputs(model: Model, recording: xr.Dataset) -> Array:
         k, i = bad[0]
         raise DataError(
             f"input '{model.inputs[i].name}' is {u[k, i]} at sample {k}; inputs must be known at "
-            "every sample: fill the gap or cut the recording there"
+            "every sample. Cut the recording there, or estimate the input: make it an output of "
+            f"the recording and take augment(model, inputs=['{model.inputs[i].name}'])"
         )
     return u
 
 
+def measured_outputs(model: Model, recording: xr.Dataset) -> Array:
+    """Outputs in the order of the model, (n, ny), NaN where not measured; see `match`.
+
+    Dummy measurements are in no recording.
+    """
+    real = tuple(s for s in model.outputs if s.dummy is None)
+    y = np.empty((recording.sizes["time"], model.ny))
+    y[:, dummies(model)] = [s.dummy for s in model.outputs if s.dummy is not None]
+    y[:, ~dummies(model)] = _columns(recording, "y", "output", of=real)
+    return y
+
+
+def with_turns(model: Model, y: Array, near: Array) -> Array:
+    """Outputs (n, ny), those that start anew after a turn with as many as bring them `near`."""
+    turned = y.copy()
+    for i, s in enumerate(model.outputs):
+        if s.wrap is not None:
+            known = np.isfinite(near[:, i])
+            turned[known, i] += s.wrap * np.round((near[known, i] - y[known, i]) / s.wrap)
+    return turned
+
+
+def dummies(model: Model) -> np.ndarray:
+    """Which outputs are dummy measurements, (ny,)."""
+    return np.array([s.dummy is not None for s in model.outputs])
+
+
 def output_mask(model: Model, recording: xr.Dataset) -> Array:
     """Mask of the outputs in the order of the model, (n, ny), see `match`."""
-    y = _columns(recording, "y", "output", of=model.outputs)
+    y = measured_outputs(model, recording)
     if SIGMA_FACTOR not in recording:
         return np.isfinite(y).astype(float)
-    factor = _columns(recording, SIGMA_FACTOR, "output", of=model.outputs)
+    real = tuple(s for s in model.outputs if s.dummy is None)
+    factor = np.ones(y.shape)
+    factor[:, ~dummies(model)] = _columns(recording, SIGMA_FACTOR, "output", of=real)
     check_sigma_factor(factor, [s.name for s in model.outputs], "recording")
     measured = np.isfinite(y) & np.isfinite(factor)
     return np.where(measured, 1 / np.where(measured, factor, 1.0), 0.0)

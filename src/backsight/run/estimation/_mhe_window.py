@@ -7,8 +7,8 @@ from backsight.description import checked
 from backsight.engine import vm
 from backsight.engine.recursion import Channel
 from backsight.errors import DataError, TuningError
+from backsight.estimators.around.robust import entering
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.robust import entering
 from backsight.models.model import Model
 from backsight.run.estimation._match import match
 from backsight.types import Array
@@ -69,6 +69,7 @@ def solve_window(
     inspect, nx = method.inspect(wide, dt), model.nx
     carry, _ = vm.run(recursion, [u[:k], y[:k], mask[:k]], carry=recursion.carry0)
     inside, weighed = _entered(estimator, model, dt, carry, [u[k], y[k], mask[k]])
+    inside = inside[: inspect.numel_in(0)]  # inputs for virtual outputs wait behind it
     present, *columns = (np.asarray(c).T for c in inspect(inside, u[k], y[k], weighed))
     here = present[:, 0] > 0
     x, P, w, v, multiplier, side = (c[here] for c in columns)

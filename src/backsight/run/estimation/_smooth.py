@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from backsight.description import checked
-from backsight.engine.execute import Engine, choose_engine, prepare, run_part
-from backsight.engine.recursion import Channel, ForwardBackward
+from backsight.engine.execute import Engine, choose_engine, prepare, run_part, run_recursion
+from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import EstimationError, TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.models.model import Model
@@ -20,7 +20,7 @@ from backsight.run.estimation._estimate import (
     numbers_of,
     warn_of_useless_rule,
 )
-from backsight.run.estimation._match import match
+from backsight.run.estimation._match import match, with_turns
 from backsight.run.estimation.result import as_result
 from backsight.types import Array
 
@@ -132,8 +132,21 @@ def ready_to_smooth(
     data = match(model, recording, estimator=estimator)
     _check_own(type(estimator))
     warn_of_useless_rule(estimator, model, data)
-    passes = estimator.both_ways(model, float(recording.attrs["dt"]), covariance=covariance)
+    dt = float(recording.attrs["dt"])
+    passes = estimator.both_ways(model, dt, covariance=covariance)
+    if any(s.wrap is not None for s in model.outputs):
+        data = _unwrapped(estimator.compile(model, dt), model, data)
     return SmoothingTask(estimator, model, recording, passes, data)
+
+
+def _unwrapped(
+    recursion: Recursion, model: Model, data: tuple[Array, Array, Array]
+) -> tuple[Array, Array, Array]:
+    """Data whose angles have the turns that the filter gives them: both passes need the same."""
+    u, y, mask = data
+    outputs = run_recursion(recursion, list(data), engine=choose_engine(None, len(u)))
+    named = {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
+    return u, np.where(mask > 0, with_turns(model, y, named["y_hat"]), 0.0), mask
 
 
 def _check_own(kind: type[AbstractEstimator]) -> None:

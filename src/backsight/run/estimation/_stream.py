@@ -71,11 +71,16 @@ class Stream:
             If an input is missing or not finite, a factor is not positive, or the estimator cannot
             take it into account.
         """
-        nan = np.full(max(self._model.nu, self._model.ny), np.nan)
-        inputs = vector(u, self._model.inputs, what="u", default=nan[: self._model.nu])
-        outputs = vector(y, self._model.outputs, what="y", default=nan[: self._model.ny])
+        nan = np.full(self._model.nu, np.nan)
+        inputs = vector(u, self._model.inputs, what="u", default=nan)
+        outputs = self._measured(y)
         if not np.all(np.isfinite(inputs)):
-            raise DataError(f"input {inputs} is not finite; inputs must be known at every sample")
+            names = [s.name for s in self._model.inputs]
+            lacking = ", ".join(n for n, v in zip(names, inputs, strict=True) if not np.isfinite(v))
+            raise DataError(
+                f"input {lacking} is not finite or missing; inputs must be known at every sample, "
+                f"or be among the states: augment(model, inputs=['{lacking}'])"
+            )
         factors = self._factors(sigma_factor)
         measured = np.isfinite(outputs) & np.isfinite(factors)
         mask = np.where(measured, 1 / np.where(measured, factors, 1.0), 0.0)
@@ -84,6 +89,15 @@ class Stream:
         return {
             c.name: c.unpack(v[np.newaxis])[0] for c, v in zip(self._channels, values, strict=True)
         }
+
+    def _measured(self, y: ByName) -> Array:
+        """Outputs (ny,), NaN where not measured; a sequence has those that a sensor has."""
+        missing = [np.nan if s.dummy is None else s.dummy for s in self._model.outputs]
+        values = np.array(missing, float)
+        real = [i for i, s in enumerate(self._model.outputs) if s.dummy is None]
+        signals = [self._model.outputs[i] for i in real]
+        values[real] = vector(y, signals, what="y", default=values[real])
+        return values
 
     def named(self, sample: Mapping[str, Array], variable: str = "x_hat") -> dict[str, float]:
         """Return one variable of a sample by the names of its states, outputs or forces.

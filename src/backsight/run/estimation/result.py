@@ -14,7 +14,12 @@ from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
 from backsight.run.estimation._culprit import with_culprit
 from backsight.run.estimation._integration import with_integration
-from backsight.run.estimation._match import output_mask
+from backsight.run.estimation._match import (
+    dummies,
+    measured_outputs,
+    output_mask,
+    with_turns,
+)
 from backsight.schema import (
     AGO,
     INNOVATIONS,
@@ -24,6 +29,7 @@ from backsight.schema import (
     SCHEMA_VERSION,
     SIGMA_FACTOR,
     UNKNOWN,
+    VIRTUAL_TRUE,
     WEIGHT,
     Status,
 )
@@ -97,8 +103,10 @@ def _dataset(
     outputs = [s.name for s in model.outputs]
     inputs = [s.name for s in model.inputs]
     resting = model.resting
-    measured = recording["y"].sel(output=outputs).values
-    measured = np.where(output_mask(model, recording) > 0, measured, np.nan)
+    measured = measured_outputs(model, recording)
+    # What no sensor has measured has no innovation either.
+    seen = (output_mask(model, recording) > 0) & ~dummies(model)
+    measured = np.where(seen, with_turns(model, measured, values["y_hat"]), np.nan)
     values["e"] = np.where(np.isfinite(measured), values["e"], np.nan)
     if WEIGHT in values:
         values[WEIGHT] = np.where(np.isfinite(measured), values[WEIGHT], np.nan)
@@ -135,10 +143,13 @@ def _dataset(
             result[channel.name].attrs[AGO] = channel.ago
     if "force" in result.dims:
         result = _with_forces(result, model)
+    if model.virtual is not None:
+        of_virtual = [s.unit for s in model.virtual.signals]
+        result = result.assign_coords(virtual_unit=("virtual", of_virtual))
     result["u"] = (("time", "input"), recording["u"].sel(input=inputs).values)
     result["y"] = (("time", "output"), measured)
     if SIGMA_FACTOR in recording:
-        factors = recording[SIGMA_FACTOR].sel(output=outputs).values
+        factors = recording[SIGMA_FACTOR].reindex(output=outputs).values
         result[SIGMA_FACTOR] = (("time", "output"), factors)
     result["status"].attrs |= {
         "flag_masks": [int(f) for f in flags],
@@ -148,6 +159,8 @@ def _dataset(
         truth = recording["x_true"]
         known = [n for n in names if n in truth["state"].values]
         result["x_true"] = truth.sel(state=known).reindex(state=names).transpose("time", "state")
+        if model.virtual is not None:
+            result[VIRTUAL_TRUE] = _virtual_truth(truth, [s.name for s in model.virtual.signals])
     return result
 
 
@@ -158,6 +171,13 @@ def _bands(x: Array, std: Array, model: Model) -> tuple[Array, Array]:
         factor = np.exp(std / x)
         low, high = np.where(positive, x / factor, x - std), np.where(positive, x * factor, x + std)
     return low, high
+
+
+def _virtual_truth(truth: xr.DataArray, names: list[str]) -> xr.DataArray:
+    """True values of virtual outputs, NaN where they are not known."""
+    known = truth.sel(state=[n for n in names if n in truth["state"].values])
+    columns = known.reindex(state=names).transpose("time", "state").values
+    return xr.DataArray(columns, dims=("time", "virtual"), coords={"time": truth["time"]})
 
 
 def _worthless(values: dict[str, np.ndarray], measured: Array) -> Array:

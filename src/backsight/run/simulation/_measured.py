@@ -15,6 +15,7 @@ def measured_recording(
     u: Array,
     x: Array,
     y: Array,
+    z: Array,
     parameters: Array,
     sigma: Array,
     seed: int,
@@ -26,8 +27,9 @@ def measured_recording(
     model : Model
     dt : float
         Sampling period [s].
-    u, x, y, parameters : (n, ...) arrays
-        Inputs, states, outputs without noise, and values of all parameters at the samples.
+    u, x, y, z, parameters : (n, ...) arrays
+        Inputs, states, outputs without noise, virtual outputs, and values of all parameters at the
+        samples.
     sigma : (ny,) array
         Standard deviation of the noise.
     seed : int
@@ -36,7 +38,7 @@ def measured_recording(
     Returns
     -------
     xarray.Dataset
-        With ``x_true (time, state)``: states and parameters.
+        With ``x_true (time, state)``: states, parameters and virtual outputs.
     """
     noise = sigma * np.random.default_rng(seed).standard_normal(y.shape)
     result = recording(
@@ -48,7 +50,8 @@ def measured_recording(
         dt=dt,
     )
     known = [*model.states, *model.parameters]
-    result["x_true"] = (("time", "state"), np.hstack([x, parameters]))
+    known += [] if model.virtual is None else model.virtual.signals
+    result["x_true"] = (("time", "state"), np.hstack([x, parameters, z]))
     result = result.assign_coords(
         state=[s.name for s in known], state_unit=("state", [s.unit for s in known])
     )

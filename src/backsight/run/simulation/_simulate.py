@@ -91,9 +91,9 @@ def simulate(
     Returns
     -------
     xarray.Dataset
-        A recording with the truth beside it: ``x_true (time, state)`` holds states and parameters
-        at the samples, so that an estimator which has them among its states is measured against
-        them.
+        A recording with the truth beside it: ``x_true (time, state)`` holds states, parameters and
+        virtual outputs at the samples, so that an estimator which has them among its states or
+        virtual outputs is measured against them.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def simulate(
     if (_finite(sigma, "sigma_y") < 0).any():
         raise DataError(f"sigma_y is {sigma}; it must not be negative")
 
-    X, Y = _integrate(model, fine, x, U=U, theta=theta, pushes=pushes, dt=dt)
+    X, Y, Z = _integrate(model, fine, x, U=U, theta=theta, pushes=pushes, dt=dt)
     _check_finite(X, Y, dt)
 
     return measured_recording(
@@ -138,6 +138,7 @@ def simulate(
         u=U,
         x=X,
         y=Y,
+        z=Z,
         parameters=theta.at(np.arange(n) * fine.steps),
         sigma=sigma,
         seed=seed,
@@ -153,11 +154,12 @@ def _integrate(
     theta: Steps,
     pushes: Mapping[int, Push],
     dt: float,
-) -> tuple[Array, Array]:
-    """States (n, nx) and outputs without noise (n, ny), in blocks that fit into memory."""
+) -> tuple[Array, Array, Array]:
+    """States (n, nx), outputs without noise (n, ny) and virtual ones (n, nz), in blocks."""
     recursion = _recursion(model, fine, pushed=list(pushes), dt=dt)
     n, m = len(U), fine.steps
     X, Y = np.empty((n, model.nx)), np.empty((n, model.ny))
+    Z = np.empty((n, 0 if model.virtual is None else len(model.virtual.signals)))
     for first in range(0, n, BLOCK):
         part = slice(first, min(first + BLOCK, n))
         ahead = np.minimum(np.arange(part.start, part.stop) + 1, n - 1)
@@ -168,12 +170,12 @@ def _integrate(
         for k, push in enumerate(pushes.values()):
             W[:, k] = push(steps // m, times)
         data = [U[part], U[ahead], *(rows.reshape(len(ahead), -1) for rows in (P, W))]
-        x, (X[part], Y[part]) = vm.run(recursion, data, carry=x)
-    return X, Y
+        x, (X[part], Y[part], Z[part]) = vm.run(recursion, data, carry=x)
+    return X, Y, Z
 
 
 def _recursion(model: Model, fine: Integrator, *, pushed: Sequence[int], dt: float) -> Recursion:
-    """``(x, u, u_next, P, W) -> (x_next, x, y)``; P and W hold the values of all sub-steps."""
+    """``(x, u, u_next, P, W) -> (x_next, x, y, z)``; P and W hold the values of all sub-steps."""
     m, nx, nu, nw = fine.steps, model.nx, model.nu, len(pushed)
     n_par = len(model.parameters)
     x, p, w = ca.SX.sym("x", nx), ca.SX.sym("p", n_par), ca.SX.sym("w", nw)
@@ -187,7 +189,8 @@ def _recursion(model: Model, fine: Integrator, *, pushed: Sequence[int], dt: flo
     else:
         x_next = model.f(x, ua, p) + push
     substep = ca.Function("truth", [x, p, w, ua, ub], [x_next])
-    measure = ca.Function("measure", [x, u, p], [model.h(x, u, p)])
+    virtual = ca.SX(0, 1) if model.virtual is None else model.virtual.g(x, u, p, push)
+    measure = ca.Function("measure", [x, u, p, w], [model.h(x, u, p), virtual])
 
     X, U, U_next = ca.MX.sym("x", nx), ca.MX.sym("u", nu), ca.MX.sym("u_next", nu)
     P, W = ca.MX.sym("P", n_par * m), ca.MX.sym("W", nw * m)
@@ -196,9 +199,15 @@ def _recursion(model: Model, fine: Integrator, *, pushed: Sequence[int], dt: flo
         columns, held = [*columns, *_ramp(nu, m)(U, U_next)], []
     (after,), _ = scan(substep, m, carry=[X], xs=columns, constants=held)
     return Recursion(
-        step=ca.Function("simulate", [X, U, U_next, P, W], [after, X, measure(X, U, P[:n_par])]),
+        step=ca.Function(
+            "simulate", [X, U, U_next, P, W], [after, X, *measure(X, U, P[:n_par], W[:nw])]
+        ),
         carry0=np.zeros(nx),
-        channels=(Channel("x_true", ("state",)), Channel("y", ("output",))),
+        channels=(
+            Channel("x_true", ("state",)),
+            Channel("y", ("output",)),
+            Channel("z_true", ("virtual",)),
+        ),
         dt=dt,
     )
 

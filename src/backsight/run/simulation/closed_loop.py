@@ -111,7 +111,7 @@ def simulate_closed_loop(
         P = theta.at(steps).reshape(len(rows), -1)
         x, outputs = vm.run(recursion, [rows, P], carry=x)
         parts.append(outputs)
-    X, U, Y = (np.vstack(column) for column in zip(*parts, strict=True))
+    X, U, Y, Z = (np.vstack(column) for column in zip(*parts, strict=True))
     _check_finite(X, U, dt)
 
     return measured_recording(
@@ -120,6 +120,7 @@ def simulate_closed_loop(
         u=U,
         x=X,
         y=Y,
+        z=Z,
         parameters=theta.at(np.arange(n) * substeps),
         sigma=sigma,
         seed=seed,
@@ -167,23 +168,25 @@ def _columns(reference: Mapping[str, ArrayLike]) -> Array:
 
 
 def _recursion(model: Model, law: ca.Function, integrator: Integrator, dt: float) -> Recursion:
-    """``(x, r, P) -> (x_next, x, u, y)``; P holds the parameters of all sub-steps."""
+    """``(x, r, P) -> (x_next, x, u, y, z)``; P holds the parameters of all sub-steps."""
     m, n_par = integrator.steps, len(model.parameters)
     x, p, u = ca.SX.sym("x", model.nx), ca.SX.sym("p", n_par), ca.SX.sym("u", model.nu)
     x_next = integrator.substep(
         lambda xi, ui: model.f.call([xi, ui, p])[0], x, ua=u, ub=u, h=dt / m
     )
     substep = ca.Function("truth", [x, p, u], [x_next])
-    measure = ca.Function("measure", [x, u, p], model.h.call([x, u, p]))
+    still = [x, u, p, ca.SX.zeros(model.nx)]
+    virtual = ca.SX(0, 1) if model.virtual is None else model.virtual.g.call(still)[0]
+    measure = ca.Function("measure", [x, u, p], [*model.h.call([x, u, p]), virtual])
     X, r = ca.MX.sym("x", model.nx), ca.MX.sym("r", law.numel_in(1))
     P = ca.MX.sym("P", n_par * m)
     U = law.call([X, r])[0]
     columns = [ca.reshape(P, n_par, m)]
     (after,), _ = scan(substep, m, carry=[X], xs=columns, constants=[U])
     return Recursion(
-        step=ca.Function("closed_loop", [X, r, P], [after, X, U, measure(X, U, P[:n_par])]),
+        step=ca.Function("closed_loop", [X, r, P], [after, X, U, *measure(X, U, P[:n_par])]),
         carry0=np.zeros(model.nx),
-        channels=(Channel("x_true", ("state",)), Channel("u", ("input",)), Channel("y")),
+        channels=tuple(map(Channel, ("x_true", "u", "y", "z_true"))),
         dt=dt,
     )
 

@@ -14,6 +14,7 @@ from backsight.models.structures.matrices._motion import Equations, motions, mov
 from backsight.models.structures.matrices._places import Place, Places
 from backsight.models.structures.matrices._skew import skew_model
 from backsight.models.structures.matrices._symmetric import Residual, symmetric_model
+from backsight.models.views.virtual import built_with_virtual
 from backsight.types import Array
 
 
@@ -27,6 +28,7 @@ def reduced(
     forces: Mapping[str, Place] | None = None,
     inputs: Mapping[str, Place] | None = None,
     ground: Mapping[str, Place] | None = None,
+    virtual: Mapping[str, tuple[ReducedKind, Place]] | None = None,
     fixed: Sequence[int | str] = (),
     constraints: Equations | None = None,
     damping: ArrayLike | None = None,
@@ -67,6 +69,8 @@ def reduced(
         coordinates: a place, or the name of a direction, "UX", for all of them; of a structure
         without its supports, the motion of all coordinates as a rigid body. Several for supports
         that move differently.
+    virtual : dict, optional
+        What is wanted where no sensor is, described like `sensors`; see `with_virtual`.
     fixed : sequence of int or str
         Coordinates that do not move (relative to the ground).
     constraints : (k, n) array, sparse matrix or list of dict, optional
@@ -141,17 +145,20 @@ def reduced(
     n = structure.n
     if not isinstance(modes, int | np.integer) or not 1 <= modes <= n:
         raise ModelError(f"modes is {modes}; with {n} coordinates it must be from 1 to {n}")
-    around = Around.read(places, sensors, forces or {}, inputs or {}, ground or {})
     build = skew_model if whole.skew else symmetric_model
-    return build(
-        structure,
-        around,
-        int(modes),
-        ratios=_ratios(damping, loss_factor, int(modes)),
-        residual=residual,
-        units=(length_unit, force_unit),
-        name=name,
-    )
+
+    def seeing(sensors: Mapping[str, tuple[ReducedKind, Place]]) -> Model:
+        return build(
+            structure,
+            Around.read(places, sensors, forces or {}, inputs or {}, ground or {}),
+            int(modes),
+            ratios=_ratios(damping, loss_factor, int(modes)),
+            residual=residual,
+            units=(length_unit, force_unit),
+            name=name,
+        )
+
+    return built_with_virtual(seeing, sensors, virtual) if virtual else seeing(sensors)
 
 
 def _ratios(damping: ArrayLike | None, loss_factor: float | None, modes: int) -> Array:

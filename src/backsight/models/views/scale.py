@@ -50,6 +50,7 @@ def scale(model: Model) -> Model:
         outputs=tuple(map(_scaled, model.outputs)),
         unsolved=model.unsolved_at([x, u, p], [ca.SX(sx) * x, ca.SX(su) * u, p]),
         driven=tuple(_in_scale(group, model, sx) for group in model.driven),
+        virtual=None,
     )
 
 
@@ -69,4 +70,9 @@ def _scaled(s: Signal) -> Signal:
         lower=s.lower / s.scale,
         upper=s.upper / s.scale,
         scale=None,
+        **{
+            field: value / s.scale
+            for field in ("dummy", "wrap", "resolution")
+            if (value := getattr(s, field)) is not None
+        },
     )

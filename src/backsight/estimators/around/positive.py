@@ -22,7 +22,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
-from backsight.models.signals import Signal
+from backsight.models.signals import Signal, along
 from backsight.types import Array
 
 
@@ -70,6 +70,8 @@ def logarithmic(noise: Noise, prior: Prior, model: Model) -> Logarithmic:
         # A constant stays one to the last bit.
         rows[i] = x[i] if not model.continuous and _is_same(rows[i], natural[i]) else moved
     given = [natural, u, p]
+    w = ca.SX.sym("w", model.nx)
+    slopes = ca.vertcat(*(natural[i] if c else ca.SX(1) for i, c in enumerate(chosen)))
     inner = dataclasses.replace(
         model,
         f=ca.Function("f", [x, u, p], [ca.vertcat(*rows)]),
@@ -77,6 +79,7 @@ def logarithmic(noise: Noise, prior: Prior, model: Model) -> Logarithmic:
         states=tuple(_logarithm(s, v) if s.positive else s
                      for s, v in zip(model.states, x0, strict=True)),
         unsolved=model.unsolved_at([x, u, p], given),
+        virtual=along(model.virtual, [x, u, p, w], [*given, slopes * w]),
     )  # fmt: skip
     # The size of the prior is that of the lognormal distribution, correlations stay.
     relative = np.sqrt(np.diag(P0)) / unit

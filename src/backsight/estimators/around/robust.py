@@ -58,7 +58,7 @@ def entering(plain: Recursion, rule: AbstractOutlierRule) -> ca.Function:
     carry, *data = _symbols(plain, behind=_size(ny) * plain.lag)
     ends = [0, len(plain.carry0), len(plain.carry0) + ny, carry.numel()]
     inside, share, _ = ca.vertsplit(carry, ends)
-    before = plain.innovation or _innovation(plain)
+    before = plain.innovation or innovation_alone(plain)
     e, S = before.call([inside, *data], True, False)
     w, opened, share = _judged(rule, ny)(e, S, data[2], share)
     return ca.Function("entering", [carry, *data], [w, opened, e, S, share])
@@ -76,7 +76,8 @@ def _symbols(plain: Recursion, *, behind: int) -> list[ca.MX]:
     return [ca.MX.sym(name, size) for name, size in sizes.items()]
 
 
-def _innovation(plain: Recursion) -> ca.Function:
+def innovation_alone(plain: Recursion) -> ca.Function:
+    """``(carry, *data) -> (e, S)`` of a recursion that does not look back."""
     sizes = (len(plain.carry0), *plain.input_sizes)
     data = [ca.MX.sym(f"d{i}", size) for i, size in enumerate(sizes)]
     values = plain.step.call(data, True, False)[1:]

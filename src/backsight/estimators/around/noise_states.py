@@ -33,7 +33,7 @@ from backsight.errors import TuningError
 from backsight.estimators.uncertainty import Noise, Prior, covariance_faults
 from backsight.models.lti import state_equation, state_space
 from backsight.models.model import Model
-from backsight.models.signals import Signal
+from backsight.models.signals import Signal, along
 from backsight.models.structures import forces_as_inputs
 from backsight.schema import Status
 from backsight.types import Array
@@ -86,6 +86,9 @@ def widened(
     moved += ca.mtimes(common.to_x, shared)
     seen = model.h.call(felt)[0] + ca.mtimes(common.to_y, shared)
     forgotten = ca.SX.zeros(len(W))
+    # The step of a sample, as the rate that virtual outputs of a continuous model know.
+    w = ca.SX.sym("w", z.numel())
+    step = w[:nx] + ca.mtimes(common.to_x, shared)
     names = [s.name for s, v in zip(model.inputs, inputs, strict=True) if v > 0]
     names += [s.name for s, v in zip(model.parameters, parameters, strict=True) if v > 0]
     names += [f"common{i + 1}" for i in range(len(common.W))]
@@ -94,9 +97,14 @@ def widened(
         f=ca.Function("f", [z, u, p], [ca.vertcat(moved, forgotten)]),
         h=ca.Function("h", [z, u, p], [seen]),
         states=(*model.states, *(Signal(name=_unused(n, model)) for n in names)),
+        # The rounding of readings is in R already.
+        outputs=tuple(dataclasses.replace(s, resolution=None) for s in model.outputs),
         dt=dt if model.continuous else model.dt,
         driven=(),  # what it adds is in Q
         unsolved=model.unsolved_at([z, u, p], felt),
+        virtual=along(
+            model.virtual, [z, u, p, w], [*felt, step / dt if model.continuous else step]
+        ),
     )
     return Widened(
         wide,
@@ -133,7 +141,8 @@ def without_noise_states(plain: Recursion, nx: int, *, raised: Status) -> Recurs
         _of_states(c, value, nx) + (int(raised) if c.name == "status" else 0)
         for c, value in zip(plain.channels, values, strict=True)
     ]
-    return dataclasses.replace(plain, step=ca.Function(plain.name, data, [carry, *cut]))
+    step = ca.Function(plain.name, data, [carry, *cut])
+    return dataclasses.replace(plain, step=step, start=None)
 
 
 def _of_states(channel: Channel, value: ca.MX, nx: int) -> ca.MX:

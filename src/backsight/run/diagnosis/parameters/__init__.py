@@ -1,0 +1,1 @@
+"""What a recording tells of parameters: bands, profiles, and estimates that make no sense."""

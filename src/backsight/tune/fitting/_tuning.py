@@ -1,0 +1,186 @@
+"""The steps of a fit: search, choose an option, judge what was found."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from backsight.errors import TuningError
+from backsight.estimators.base import AbstractEstimator
+from backsight.models.model import Model
+from backsight.tune.fitting._descent import (
+    NEAR,
+    ROUGHLY,
+    Optimum,
+    Search,
+    descend,
+    search_all,
+    spread_of,
+)
+from backsight.tune.fitting._doubts import (
+    doubts_of,
+    doubts_of_halves,
+    doubts_of_search,
+    profiles_of,
+)
+from backsight.tune.fitting._halving import Candidate, candidates_of, halve
+from backsight.tune.fitting._lanes import Data, LaneRunner, lanes_of
+from backsight.tune.fitting._objective import Objective, Runner, coordinates_of
+from backsight.tune.fitting._rebuilt import Rebuilt
+from backsight.tune.fitting.criteria import AbstractCriterion
+from backsight.tune.fitting.tuned import HeldOut, Tuned, correlation_of
+from backsight.tune.fitting.values import AbstractScale, Choice, Unknown, placed
+from backsight.types import Array
+
+SMALL, COARSE = 1e-5, 1e-3
+"""Steps of derivatives: of lanes, which share all rounding, and of runs of their own."""
+
+ENOUGH = 400
+"""Samples of a half from which on halves are compared."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Tuning:
+    """Estimator, model and data of a fit."""
+
+    estimator: AbstractEstimator
+    model: Model
+    data: tuple[Data, ...]
+    periods: tuple[float, ...]
+    criterion: AbstractCriterion
+    searching: Search
+
+    def search(
+        self, objective: Objective, *, restarts: int, seed: int
+    ) -> tuple[Optimum, list[float]]:
+        """Best values, and by how much other ends of the search are worse."""
+        start = self.searching.evaluate(objective, np.zeros(len(objective.coordinates)))
+        if not np.isfinite(start.cost):
+            raise TuningError(
+                f"{self.estimator.title} fails with the start values: its innovations are not "
+                "finite; start nearer to the truth, or with more noise"
+            )
+        near, again = (NEAR, restarts) if objective.fast else (ROUGHLY, 0)
+        return search_all(objective, self.searching, restarts=again, seed=seed, near=near)
+
+    def option(
+        self,
+        choices: Sequence[Choice],
+        unknowns: Sequence[Unknown],
+        objective: Objective,
+        place: Array,
+    ) -> tuple[Candidate, xr.Dataset]:
+        """Best option of all choices with the values found; its estimator has the start values."""
+        candidates = candidates_of(self.estimator, choices)
+        model = self.model
+        trials = candidates
+        if unknowns:
+            if any(u.per != "all" for u in unknowns):
+                raise TuningError("a Choice goes with values that all recordings share")
+            values = objective.values(place, 0)
+            pairs = [placed(c.estimator, self.model, unknowns, values) for c in candidates]
+            trials = [Candidate(c.options, p[0]) for c, p in zip(candidates, pairs, strict=True)]
+            model = pairs[0][1]
+        best, table = halve(trials, model, self.data, self.periods, self.criterion)
+        return next(c for c in candidates if c.options == best.options), table
+
+    def tuned(
+        self,
+        unknowns: Sequence[Unknown],
+        objective: Objective,
+        place: Array,
+        worse: Sequence[float],
+        *,
+        check: bool,
+    ) -> Tuned:
+        """What was found, judged."""
+        coordinates = objective.coordinates
+        best = Optimum(place, objective.at(place), True)
+        if unknowns:
+            near = NEAR if objective.fast else ROUGHLY
+            best = descend(objective, place, self.searching, near=near)
+        names = [c.name for c in coordinates]
+        covariance, ratio = spread_of(best.evaluation)
+        slopes = np.array(
+            [c.unknown.scale.slope(float(t)) for c, t in zip(coordinates, best.place, strict=True)]
+        )
+        size = np.sqrt(np.diag(covariance)) * np.abs(slopes)
+        profiles = profiles_of(objective, best, covariance) if check and names else None
+        halves = self._halves(objective, best) if check and names and objective.fast else None
+        doubts = doubts_of(objective, best, covariance, ratio, profiles)
+        doubts += doubts_of_search(best, worse, self.searching.passes)
+        doubts += doubts_of_halves(halves, len(names)) if halves else []
+        ends = [
+            placed(self.estimator, self.model, unknowns, objective.values(best.place, k))
+            for k in range(len(self.data))
+        ]
+        scales = [c.unknown.scale for c in coordinates]
+        return Tuned(
+            estimators=tuple(e for e, _ in ends),
+            models=tuple(m for _, m in ends),
+            values={
+                n: s.value(float(t)) for n, s, t in zip(names, scales, best.place, strict=True)
+            },
+            start={c.name: c.unknown.start for c in coordinates},
+            std=dict(zip(names, map(float, size), strict=True)),
+            units={c.name: c.unknown.unit for c in coordinates},
+            correlation=correlation_of(names, covariance),
+            chosen={},
+            cost=best.evaluation.data.cost,
+            before=best.evaluation.data.cost,
+            measured=int(sum((d[4] > 0).sum() for d in self.data)),
+            doubts=tuple(doubts),
+            held_out=halves,
+            profiles=profiles,
+            history=self._history(names, scales),
+            choices=None,
+            passes=self.searching.passes,
+            converged=best.converged,
+        )
+
+    def _history(self, names: list[str], scales: Sequence[AbstractScale]) -> xr.Dataset:
+        history = self.searching.history
+        values = [
+            [s.value(float(t)) for s, t in zip(scales, place, strict=True)]
+            for _, _, place in history
+        ]
+        return xr.Dataset(
+            {
+                "cost": ("evaluation", np.array([cost for _, cost, _ in history])),
+                "passes": ("evaluation", np.array([done for done, _, _ in history])),
+                "value": (
+                    ("evaluation", "name"),
+                    np.array(values).reshape(len(history), len(names)),
+                ),
+            },
+            coords={"name": names},
+        )
+
+    def _halves(self, objective: Objective, best: Optimum) -> HeldOut | None:
+        """How values of the first halves do in the second."""
+        if self.searching.exhausted or min(len(d[0]) for d in self.data) < 2 * ENOUGH:
+            return None
+        first = objective.cut(lambda n: slice(0, n // 2))
+        second = objective.cut(lambda n: slice(n // 2, None))
+        found = descend(first, best.place, self.searching, near=ROUGHLY)
+        start = np.zeros(len(best.place))
+        return HeldOut(*second.cost_at([start, found.place, best.place]))
+
+    def objective(self, unknowns: Sequence[Unknown]) -> Objective:
+        """Criterion and prior over all recordings."""
+        known: dict[float, Runner] = {}
+        for dt in self.periods:
+            if dt not in known:
+                lanes = lanes_of(self.estimator, self.model, dt, unknowns) if unknowns else None
+                known[dt] = lanes or Rebuilt(self.estimator, self.model, tuple(unknowns), dt)
+        runners = tuple(known[dt] for dt in self.periods)
+        fast = all(isinstance(r, LaneRunner) for r in runners)
+        return Objective(
+            runners,
+            self.data,
+            coordinates_of(unknowns, len(self.data)),
+            self.criterion,
+            SMALL if fast else COARSE,
+            fast,
+        )

@@ -1,0 +1,66 @@
+"""What a fit may change, as a user says it."""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from backsight.description import Description, Positive, Range, Sound
+
+
+@dataclasses.dataclass(frozen=True)
+class Free(Description):
+    r"""A value that is found, with what is known of it before.
+
+    Parameters
+    ----------
+    name : str
+        ``sigma_y``, ``sigma_w``, ``sigma_x0``, ``x0``: all standard deviations of sensors, of the
+        steps of states that walk, of the prior, or all start values; with the name of a signal
+        behind a dot (``sigma_y.q``) one of them. ``R``, ``Q``, ``Qc``, ``P0``: a factor of the
+        whole covariance; ``Q.v``, ``Qc.v``: one variance or density on its diagonal. The name of a
+        parameter of the model. The name of a setting of the estimator that is a number, such as
+        ``alpha``.
+    spread : float, optional
+        Factor by which the value given may be wrong, one standard deviation: the prior of its
+        logarithm is normal. 30 for noise and prior, 3 for parameters of the model, 10 for settings
+        if not given; infinite if nothing is known, so that the data alone decide.
+    sigma : float, optional
+        The same as a difference [unit of the value], for values that may change their sign: the
+        prior is normal. Start values have that of `Prior` if neither is given.
+    per : "all", "recording", or sequence of str
+        One value for all recordings, one for each, or one for each group of recordings: the group
+        of every recording.
+    """
+
+    name: str
+    spread: Annotated[float | None, Range("be above 1", 1.0, above=True, infinite=True)] = None
+    sigma: Positive | None = None
+    per: Literal["all", "recording"] | tuple[str, ...] = "all"
+
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("spread", "sigma") and self.spread is not None and self.sigma is not None:
+            yield f"'{self.name}': give either spread or sigma"
+        if sound("name") and not self.name:
+            yield "a free value needs a name"
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice(Description):
+    """A setting of the estimator that is one of several values, such as the horizon N.
+
+    Parameters
+    ----------
+    name : str
+        Path of the field: ``N``, ``arrival``.
+    options : tuple
+        Values of the field.
+    """
+
+    name: str
+    options: tuple[object, ...]
+
+    def conflicts(self, sound: Sound) -> Iterator[str]:
+        """See `Description.conflicts`."""
+        if sound("options") and len(self.options) < 2:
+            yield f"'{self.name}': a choice needs two options or more"

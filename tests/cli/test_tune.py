@@ -1,0 +1,120 @@
+"""The command that tunes a problem file: what it writes, keeps, and refuses."""
+
+import tomllib
+
+import pytest
+
+import backsight as bs
+import small_problem
+from backsight.problem import load
+
+GUESSED = small_problem.TEXT.replace(
+    "sigma_y = { y = 1e-4 }",
+    "sigma_y = { y = 1e-3 }   # a guess\nsigma_w = { v = 1e-3 }",
+)
+
+
+def problem(folder, text):
+    small_problem.write(folder)
+    path = folder / "problem.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_writes_the_same_file_with_other_values(backsight, tmp_path):
+    path = problem(tmp_path, "# mine\n" + GUESSED + '\n[tune]\nfree = ["sigma_y", "c"]\n')
+    out = tmp_path / "tuned.toml"
+    code, printed, told = backsight("tune", path, "--out", out)
+    assert (code, told) == (0, "")
+    assert "sigma_y.y" in printed
+    before, after = (p.read_text(encoding="utf-8").splitlines() for p in (path, out))
+    changed = [line for line in before if line not in after]
+    assert len(changed) == 2
+    assert any(line.startswith("sigma_y") and line.endswith("# a guess") for line in after)
+    found = tomllib.loads(out.read_text(encoding="utf-8"))
+    assert found["noise"]["sigma_y"]["y"] == pytest.approx(1e-4, rel=0.15)
+    assert found["tune"]["found"]["c"]["value"] == found["model"]["c"]
+    assert found["tune"]["found"]["sigma_y.y"]["before"] == 1e-3
+    # It is a problem file like any other: it runs, and can be tuned again in its place.
+    assert load(out).estimators["EKF"].noise.sigma_y == found["noise"]["sigma_y"]
+    assert backsight("tune", out, "--out", out, "--force")[0] == 0
+
+
+def test_what_unknowns_say_of_themselves_is_changed_there(backsight, tmp_path):
+    text = GUESSED.replace("sigma = 30.0 }", "sigma = 30.0, walk = 0.1 }")
+    free = '\n[tune]\nfree = ["sigma_y", "sigma_w.k", "sigma_x0.b", "x0.b"]\nestimator = "MHO"\n'
+    path, out = problem(tmp_path, text + free), tmp_path / "other" / "tuned.toml"
+    code, printed, _ = backsight("tune", path, "--out", out, "--page", tmp_path / "page.html")
+    assert code in (0, 1)
+    assert "Tuned by: Extended Kalman filter, with noise and prior of Moving" in printed
+    found = tomllib.loads(out.read_text(encoding="utf-8"))
+    assert found["estimate"]["k"]["walk"] != 0.1
+    assert found["estimate"]["b"]["start"] != 1.0
+    assert "x0" not in found["prior"]
+    assert found["recording"]["path"] == "../spring.csv"
+    assert bs.read(out.parent / found["recording"]["path"], time="t", inputs={"u": "force"},
+                   outputs={"y": "place"}).sizes["time"] == 200  # fmt: skip
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "before and after tuning" in page
+    drawn = page.split('id="tuning"')[1]
+    assert drawn.count("<polyline") == 4
+    assert 'aria-label="rise of the criterion over sigma_w.k"' in drawn
+
+
+def test_says_what_could_not_be_found(backsight, tmp_path):
+    path = problem(tmp_path, GUESSED)
+    code, printed, _ = backsight("tune", path, "--out", tmp_path / "tuned.toml")
+    assert code == 1  # the motion has no process noise
+    assert "! sigma_w.v is hardly known" in printed
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ('free = ["sigma_z"]', "tune: 'sigma_z' cannot be free"),
+        ('free = [{ name = "c", spread = 0.5 }]', "spread is 0.5; it must be above 1"),
+        ('free = ["sigma_y"]\ncriterion = { kind = "Best" }', "tune.criterion.kind: unknown kind"),
+        ('free = ["sigma_y"]\nestimator = "UKF"', "tune.estimator: there is no 'UKF'"),
+        ('free = ["sigma_y"]\nrecordings = ["none.csv"]', "there is no file"),
+        ("free = [1]", "tune.free"),
+    ],
+)
+def test_refuses_in_one_line_and_writes_nothing(backsight, tmp_path, table, message):
+    path = problem(tmp_path, f"{GUESSED}\n[tune]\n{table}\n")
+    code, printed, told = backsight("tune", path, "--out", tmp_path / "tuned.toml")
+    assert (code, printed, told.count("\n")) == (2, "", 1)
+    assert message in told
+    assert not (tmp_path / "tuned.toml").exists()
+
+
+SEVERAL = (
+    GUESSED.replace('inputs.u = { column = "force", unit = "N" }\n', "")
+    + """
+[recording.sources.force]
+path = "spring.csv"
+time = "t"
+inputs.u = { column = "force", unit = "N" }
+
+[tune]
+free = ["sigma_y"]
+"""
+)
+
+
+def test_all_files_of_a_recording_are_found_from_elsewhere(backsight, tmp_path):
+    path, out = problem(tmp_path, SEVERAL), tmp_path / "other" / "tuned.toml"
+    assert backsight("tune", path, "--out", out)[0] == 0
+    sources = tomllib.loads(out.read_text(encoding="utf-8"))["recording"]["sources"]
+    assert sources["force"]["path"] == "../spring.csv"
+    path.write_text(SEVERAL + 'recordings = ["spring.csv"]\n', encoding="utf-8")
+    code, _, told = backsight("tune", path, "--out", tmp_path / "again.toml")
+    assert code == 2
+    assert "tune.recordings: a recording of several files" in told
+
+
+def test_replaces_no_file_unless_told_to(backsight, tmp_path):
+    path = problem(tmp_path, GUESSED)
+    code, _, told = backsight("tune", path, "--out", path)
+    assert code == 2
+    assert "--force" in told
+    assert path.read_text(encoding="utf-8") == GUESSED

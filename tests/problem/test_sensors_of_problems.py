@@ -1,0 +1,75 @@
+"""What a problem file says of sensors: angles that start anew, and steps."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from backsight.cli import app
+from backsight.errors import ProblemError
+from backsight.problem import load
+
+SHAFT = """
+[recording]
+path = "shaft.csv"
+dt = 0.01
+outputs.y = { column = "angle", unit = "rad" }
+[model]
+kind = "equations"
+states = { angle = "rad", speed = "rad/s" }
+outputs = { y = "angle" }
+[model.equations]
+angle = "speed"
+speed = "0"
+[prior]
+sigma_x0 = { angle = 0.5, speed = 5.0 }
+[noise]
+sigma_y = { y = 1e-3 }
+sigma_w = { speed = 1e-3 }
+[estimators.KF]
+kind = "kf"
+"""
+
+
+def write(folder, of_output=""):
+    angle = (3.0 * 0.01 * np.arange(700) + np.pi) % (2 * np.pi) - np.pi
+    (folder / "shaft.csv").write_text("angle\n" + "\n".join(f"{a:.2f}" for a in angle) + "\n")
+    path = folder / "shaft.toml"
+    path.write_text(SHAFT.replace('unit = "rad" }', f'unit = "rad"{of_output} }}', 1))
+    return path
+
+
+def checked(path):
+    ran = CliRunner().invoke(app, ["check", str(path)])
+    return ran.exit_code, " ".join(ran.output.split())
+
+
+def test_check_says_what_readings_look_like_and_what_to_write(tmp_path):
+    code, output = checked(write(tmp_path))
+    assert code == 1
+    assert "'y' jumps by nearly a turn (6.283) 3 times" in output
+    assert 'with wrap = "2*pi" on this output' in output
+    assert "with resolution = 0.01 on this output" in output
+    code, output = checked(write(tmp_path, ', wrap = "2*pi", resolution = 0.01'))
+    assert code == 0, output
+    assert "jumps" not in output
+    assert "its resolution of 0.0100 counts as noise of 0.0029" in output
+
+
+def test_a_turn_may_be_a_number_or_text(tmp_path):
+    for given in ('"2*pi"', "6.283185307179586"):
+        (output,) = load(write(tmp_path, f", wrap = {given}")).model.outputs
+        assert output.wrap == pytest.approx(2 * np.pi, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("wrap = -1.0", "recording.outputs.y: wrap"),
+        ('wrap = "turn"', "recording.outputs.y.wrap: the number, column 1: unknown name 'turn'"),
+        ("resolution = 0.0", "recording.outputs.y: resolution"),
+        ("wraps = 360", "recording.outputs.y.wraps: unknown key"),
+    ],
+)
+def test_what_is_wrong_is_named(given, message, tmp_path):
+    with pytest.raises(ProblemError, match=message):
+        load(write(tmp_path, f", {given}"))
