@@ -56,10 +56,12 @@ def public():
 
 
 def returned(values):
-    """Names of the classes that functions return: the examples of these show them."""
+    """Names of the classes that functions return or that are inside: their examples show them."""
     functions = [inspect.unwrap(v) for v in values if not inspect.isclass(v)]
     texts = [str(inspect.signature(f).return_annotation) for f in functions]
-    return set(re.findall(r"\w+", " ".join(texts)))
+    names = set(re.findall(r"\w+", " ".join(texts)))
+    inside = [str(vars(v).get("__annotations__", "")) for v in values if v.__name__ in names]
+    return names | set(re.findall(r"\w+", " ".join(inside)))
 
 
 def test_every_public_name_has_an_example():

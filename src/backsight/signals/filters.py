@@ -139,6 +139,15 @@ def high_pass(recording: xr.Dataset, cutoff: Positive) -> xr.Dataset:
     ------
     DataError
         If the cut-off is not below half the sampling rate, or a sample is missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> recording = bs.data.from_arrays(
+    ...     y=5.0 + np.zeros((9, 1)), inputs={}, outputs={"a": "m/s2"}, dt=0.01
+    ... )
+    >>> abs(float(bs.signals.high_pass(recording, 0.5).y[-1, 0])) < 1e-9  # the mean is gone
+    True
     """
     dt = float(recording.attrs["dt"])
     if cutoff >= 0.5 / dt:
