@@ -88,7 +88,7 @@ def _section(title: str, table: Schema, schema: Schema, *, level: str = "##") ->
         default = "must be given" if name in needed else _default(entry)
         said = _escaped(entry.get("description", ""))
         rows.append(f"| `{name}` | {_escaped(_kind_of(entry, schema))} | {default} | {said} |")
-    head = "| key | is | default | |\n|---|---|---|---|\n"
+    head = "| key | is | default | meaning |\n|---|---|---|---|\n"
     return f"{level} {title}\n\n{about}\n\n{head}" + "\n".join(rows) + "\n"
 
 
