@@ -118,6 +118,7 @@ def struck(d: Array, *, sigma: float = 0.0, seed: int = 0) -> xr.Dataset:
         u=np.zeros((len(d), 0)),
         x=x,
         y=x @ C.T,
+        z=np.zeros((len(d), 0)),
         parameters=d,
         sigma=np.full(len(SENSORS), sigma),
         seed=seed,

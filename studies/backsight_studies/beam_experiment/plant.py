@@ -77,6 +77,7 @@ def struck(frequencies: tuple[float, ...], *, sigma: float, seed: int) -> xr.Dat
         u=np.zeros((SAMPLES, 0)),
         x=kept["x_true"].values,
         y=kept["y"].values,
+        z=np.zeros((SAMPLES, 0)),
         parameters=reference(),
         sigma=np.full(len(SENSORS), sigma),
         seed=seed,
