@@ -37,3 +37,31 @@ print(header[-1800:])
 
 done = subprocess.run(["make", "test"], cwd=folder, capture_output=True, text=True, check=True)
 print(done.stdout[-400:])
+
+# %%
+# Tuned on the target
+# -------------------
+# Noise and damping are settings with the exported values as defaults: another sensor needs no new export.
+
+tuned = bs.export.export_c(
+    ekf, model, recording, folder.with_name("tuned"), tunable=["sigma_y", "sigma_w", "b"]
+)
+header = (tuned / "estimator.h").read_text()
+print(header[header.index("/* What may be changed") : header.index("/* Process one sample")])
+
+# %%
+# What a step costs at most
+# -------------------------
+
+print(
+    *(line for line in (tuned / "README.md").read_text().splitlines() if "at most" in line),
+    sep="\n",
+)
+
+# %%
+# Into a system simulation
+# ------------------------
+# The same code as an FMU (FMI 3.0): one communication step is one sample.
+
+fmu = bs.export.export_fmu(ekf, model, recording, folder.with_name("controller.fmu"))
+print(fmu.name, f"{fmu.stat().st_size / 1000:.0f} kB")

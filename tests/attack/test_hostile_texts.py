@@ -13,7 +13,7 @@ import backsight as bs
 import small_problem
 from attack.payloads import CONTROLS, PAYLOADS
 from backsight.cli import app
-from backsight.engine.c99.source import _comment
+from backsight.engine.c99._interface import comment
 from backsight.errors import ModelError, ProblemError
 from backsight.export import export_c
 from backsight.models import lti
@@ -133,8 +133,8 @@ def test_exported_code_compiles_and_says_only_what_it_should(tmp_path):
 
 @pytest.mark.parametrize("text", [*PAYLOADS.values(), *CONTROLS.values(), "*\\", "a\\\t \n/"])
 def test_a_comment_ends_where_it_should(text):
-    comment = _comment(f"for '{text}', every second")
-    inside = comment.removeprefix("/* ").removesuffix(" */")
+    written = comment(f"for '{text}', every second")
+    inside = written.removeprefix("/* ").removesuffix(" */")
     joined = inside.replace("??/", "\\").replace("\\\n", "")
     assert "*/" not in joined
     assert "/*" not in joined

@@ -19,7 +19,10 @@ from backsight.models.views.virtual import with_virtual
 from backsight.solvers.box import GaussNewton
 from backsight.testing import CASES, TrialProblem
 
-STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1"]
+STRICT = [
+    "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Wdouble-promotion",
+    "-Wvla", "-Werror", "-O1",
+]  # fmt: skip
 COMPILER = shutil.which("cc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="needs a C compiler called cc")
 

@@ -4,23 +4,20 @@ Commands import what they need when they run, so that help and version come at o
 """
 
 import io
-import re
 import sys
 import textwrap
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import Annotated
 
 import typer
 
 from backsight.cli import _recordings, _workbench
+from backsight.cli._choosing import estimator_of
 from backsight.cli._console import bar, say, tell, told, warn, width
+from backsight.cli._exporting import export
 from backsight.cli._options import Force, Outside
 from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
-
-if TYPE_CHECKING:
-    from backsight.estimators.base import AbstractEstimator
 
 SHORT = {"help_option_names": ["-h", "--help"]}
 # Markup would take the brackets of "[from the estimator's name]" for a style.
@@ -131,7 +128,7 @@ def check(
         from backsight.run.diagnosis import certify as certified
 
         read = load(problem)
-        chosen = None if certify is None else _estimator(certify, read.estimators)
+        chosen = None if certify is None else estimator_of(certify, read.estimators)
         data = recording_of(read, outside=outside or ())
         found = seeing.examine(read, data)
         timing = aligned(read.estimators, read.model, data)
@@ -162,38 +159,7 @@ def check(
 
 
 app.command()(tune)
-
-
-@app.command()
-def export(
-    problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
-    estimator: Annotated[str, typer.Option("--estimator", "-e", help="Its name in the file.")],
-    out: Out,
-    name: Annotated[
-        str | None, typer.Option(help="Prefix in C [from the estimator's name].")
-    ] = None,
-    precision: Annotated[str, typer.Option(help="double or float.")] = "double",
-    force: Force = False,
-    outside: Outside = None,
-) -> None:
-    """Write an estimator as C99 for a controller, with a self-test from the recording."""
-    with told():
-        from backsight.export import export_c
-        from backsight.problem import load
-        from backsight.problem.recorded import recording_of
-
-        read = load(problem)
-        export_c(
-            _estimator(estimator, read.estimators),
-            read.model,
-            recording_of(read, outside=outside or ()),
-            out,
-            name=name or _prefix(estimator),
-            # Which words there are is the function's to say.
-            precision=cast(Literal["double", "float"], precision),
-            force=force,
-        )
-        say(f"Code: {out}\nTest: make -C {out} test")
+app.command()(export)
 
 
 @app.command("report")
@@ -286,14 +252,3 @@ def study_run(
                 force=force,
             )
         say(f"{findings}\n\nPage: {findings.page}")
-
-
-def _estimator(name: str, known: Mapping[str, "AbstractEstimator"]) -> "AbstractEstimator":
-    if name not in known:
-        raise ProblemError(f"estimators: there is no '{name}', {nearest(name, known)}")
-    return known[name]
-
-
-def _prefix(estimator: str) -> str:
-    """Name in C for an estimator's name in a problem file: "CS-MHE" becomes "cs_mhe"."""
-    return re.sub(r"[^a-z0-9]+", "_", estimator.lower()).strip("_")

@@ -7,8 +7,11 @@ import numpy as np
 from backsight.engine.c99 import Precision
 from backsight.types import Array
 
-COUNTS = ("status", "iterations")
+COUNTS = ("status", "iterations", "passes", "steps", "nonzeros", "infeasible")
 """Outputs that are whole numbers."""
+
+RESIDUALS = ("kkt",)
+"""Outputs that are zero but for rounding: in single precision they are as large as that rounds."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,12 +27,17 @@ class Vectors:
     outputs: dict[str, Array]
 
 
-def selftest(vectors: Vectors, name: str, kind: Precision, tolerance: float) -> str:
+def selftest(
+    vectors: Vectors, name: str, kind: Precision, tolerance: float, *, settings: bool
+) -> str:
     """Write a program that runs the vectors and returns 0 if all outputs agree.
 
-    The deviation of a number is measured in units of the largest value that it takes. Counts are
-    compared in double precision only: in single precision the
-    optimiser may take another number of passes to the same result.
+    The deviation of a number is measured in units of the largest value that it takes; in single
+    precision that of an estimate in units of its smallest standard deviation. Counts and residuals
+    are compared in double precision only: in single precision the optimiser may take another number
+    of passes to the same result.
+
+    With `settings` the step takes a struct of them, at its defaults here.
     """
     n = len(next(iter(vectors.outputs.values())))
     real = f"{name}_real"
@@ -38,13 +46,21 @@ def selftest(vectors: Vectors, name: str, kind: Precision, tolerance: float) -> 
     arguments = ", ".join(
         [f"in_{k} + k * {v.shape[1]}" for k, v in vectors.inputs.items()] + list(vectors.outputs)
     )
+    given = "&memory, &work" + ", &settings" * settings
     compared = {
-        k: v for k, v in vectors.outputs.items() if kind.name == "double" or k not in COUNTS
+        k: v
+        for k, v in vectors.outputs.items()
+        if kind.name == "double" or k not in (*COUNTS, *RESIDUALS)
     }
     for k, v in compared.items():
         tables.append(_table(f"out_{k}", v, "double", Precision("double")))
-        tables.append(_table(f"size_{k}", _sizes(v), "double", Precision("double")))
-    checks = [f'    failed |= report("{k}", worst[{j}]);' for j, k in enumerate(compared)]
+        tables.append(_table(f"size_{k}", _sizes(k, vectors, kind), "double", Precision("double")))
+    banded = _banded(vectors, kind)
+    measures = ["smallest band" if k in banded else "largest value" for k in compared]
+    checks = [
+        f'    failed |= report("{k}", worst[{j}], "{measure}");'
+        for j, (k, measure) in enumerate(zip(compared, measures, strict=True))
+    ]
     compares = [
         f"        compare({k}, out_{k} + k * {v.shape[1]}, size_{k}, {v.shape[1]}, worst + {j});"
         for j, (k, v) in enumerate(compared.items())
@@ -69,10 +85,10 @@ def selftest(vectors: Vectors, name: str, kind: Precision, tolerance: float) -> 
         "    }",
         "}",
         "",
-        "static int report(const char *what, double deviation)",
+        "static int report(const char *what, double deviation, const char *measure)",
         "{",
         f"    const int failed = !(deviation <= {tolerance!r});",
-        '    printf("%-12s deviation %.2e of its largest value%s\\n", what, deviation,',
+        '    printf("%-12s deviation %.2e of its %s%s\\n", what, deviation, measure,',
         '           failed ? "  FAILED" : "");',
         "    return failed;",
         "}",
@@ -81,12 +97,14 @@ def selftest(vectors: Vectors, name: str, kind: Precision, tolerance: float) -> 
         "{",
         f"    static {name}_memory memory;",
         f"    static {name}_workspace work;",
+        *([f"    {name}_settings settings;"] if settings else []),
         *local,
         f"    double worst[{len(compared)}] = {{0.0}};",
         "    int k, failed = 0;",
         f"    {name}_init(&memory);",
+        *([f"    {name}_defaults(&settings);"] if settings else []),
         f"    for (k = 0; k < {n}; ++k) {{",
-        f"        {name}_step(&memory, &work, {arguments});",
+        f"        {name}_step({given}, {arguments});",
         *compares,
         "    }",
         *checks,
@@ -98,10 +116,21 @@ def selftest(vectors: Vectors, name: str, kind: Precision, tolerance: float) -> 
     return "\n".join(lines)
 
 
-def _sizes(values: Array) -> Array:
-    """Largest value of every column, 1 where it is zero throughout."""
-    largest = np.max(np.abs(values), axis=0)
-    return np.where(largest > 0, largest, 1.0)
+def _sizes(name: str, vectors: Vectors, kind: Precision) -> Array:
+    """What deviations are measured by, for every column, see `selftest`; 1 where that is zero."""
+    sizes = np.max(np.abs(vectors.outputs[name]), axis=0)
+    if name in _banded(vectors, kind):
+        n = vectors.outputs[name].shape[1]
+        diagonal = [i * n - i * (i - 1) // 2 for i in range(n)]
+        band = np.sqrt(np.maximum(vectors.outputs["P"][:, diagonal], 0.0).min(axis=0))
+        # A state that is known exactly has no band.
+        sizes = np.where(band > 0, band, sizes)
+    return np.where(sizes > 0, sizes, 1.0)
+
+
+def _banded(vectors: Vectors, kind: Precision) -> tuple[str, ...]:
+    """Outputs whose deviation is measured by their standard deviation."""
+    return ("x_hat",) if kind.name == "float" and {"x_hat", "P"} <= set(vectors.outputs) else ()
 
 
 def _table(name: str, values: Array, real: str, kind: Precision) -> str:

@@ -118,6 +118,40 @@ def conversion(given: str, wanted: str) -> Conversion:
     return Conversion(float(one - zero), float(zero))
 
 
+class BaseUnits(NamedTuple):
+    """A unit by those of the SI: a value in base units is ``factor * value + offset``."""
+
+    powers: dict[str, int]
+    factor: float
+    offset: float
+
+
+_SYMBOLS = {
+    "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
+    "candela": "cd", "radian": "rad",
+}  # fmt: skip
+
+
+def base_units(unit: str) -> BaseUnits | None:
+    """Express a unit by powers of kg, m, s, A, K, mol, cd and rad.
+
+    None if it is no unit that is known, has broken powers, or may mean several (g).
+    """
+    if unit.strip().strip("[]") == "g":
+        return None
+    try:
+        old = _parsed(unit)
+    except UnitError:
+        return None
+    zero, one = (_registry().Quantity(v, old).to_base_units() for v in (0.0, 1.0))
+    powers = dict(one.unit_items())
+    if any(name not in _SYMBOLS or power != int(power) for name, power in powers.items()):
+        return None
+    offset = float(zero.magnitude)
+    named = {_SYMBOLS[name]: int(power) for name, power in powers.items()}
+    return BaseUnits(named, float(one.magnitude) - offset, offset)
+
+
 def _alike(old: Any, new: Any) -> bool:
     """Whether both count turns in the same way: pint takes Hz, rad/s and 1/s for one."""
     names = [{str(name) for name in unit._units} for unit in (old, new)]

@@ -33,6 +33,7 @@ class Writer:
     def __init__(self, place: dict[Buffer, str], real: str) -> None:
         self._place = place
         self._real = real
+        self._searches = 0
 
     def lines(self, statements: Iterable[Statement], depth: int) -> list[str]:
         """Write statements, indented by `depth` steps."""
@@ -59,13 +60,14 @@ class Writer:
                     f"{indent}}}",
                 ]
             case While(flag, limit, body, update):
-                test = f"{self._at(flag)}[0] != 0"
-                return [
-                    f"{indent}for (int pass = 0; pass < {limit} && {test}; ++pass) {{",
-                    *self.lines(body, depth + 1),
-                    *self.copies(update, depth + 1),
-                    f"{indent}}}",
-                ]
+                test, count = f"{self._at(flag)}[0] != 0", self._searches
+                # A search within a search counts by itself.
+                counter = f"pass_{count + 1}" if count else "pass"
+                self._searches += 1
+                inside = [*self.lines(body, depth + 1), *self.copies(update, depth + 1)]
+                self._searches -= 1
+                head = f"for (int {counter} = 0; {counter} < {limit} && {test}; ++{counter}) {{"
+                return [f"{indent}{head}", *inside, f"{indent}}}"]
 
     def _foreign(self, call: Foreign, depth: int) -> list[str]:
         indent, sizes = "    " * depth, call.kernel.sizes or (0,)

@@ -79,7 +79,9 @@ def write_c99_leaf(leaf: Leaf, real: str, kind: Precision) -> str:
 def _expression(operation: Operation, inputs: list[str], values: list[str], kind: Precision) -> str:
     what = operation.kind
     if what == "const":
-        return kind.number(operation.value)
+        # INFINITY and NAN are floats.
+        wide = kind.name == "double" and not math.isfinite(operation.value)
+        return f"(double){kind.number(operation.value)}" if wide else kind.number(operation.value)
     if what == "input":
         argument, number = operation.arguments
         return f"{inputs[argument]}[{number}]"

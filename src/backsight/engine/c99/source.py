@@ -4,10 +4,16 @@ import dataclasses
 import re
 from collections.abc import Sequence
 
+from backsight.engine.c99._interface import (
+    Interface,
+    SettingsField,
+    comment,
+    settings_setter,
+    settings_struct,
+)
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
 from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
 from backsight.engine.program import Buffer, Program
-from backsight.errors import printable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +51,7 @@ def write_c99(
     results: Sequence[str],
     precision: Precision,
     about: str,
+    settings: Sequence[SettingsField] = (),
 ) -> Source:
     """Write a program as C99.
 
@@ -60,13 +67,16 @@ def write_c99(
     precision : Precision
     about : str
         Comment at the top of both files.
+    settings : sequence of SettingsField
+        Inputs that become a struct with defaults.
     """
+    interface = Interface(name, precision, tuple(results), tuple(settings), about)
     working = [b for b in program.buffers if b.values is None]
     reals, ints = program.space
     size = sum(max(b.size, 1) for b in working) + reals
     return Source(
-        header=_header(program, working, name=name, results=results, kind=precision, about=about),
-        code=_code(program, name=name, start=start, results=results, kind=precision, about=about),
+        header=_header(program, working, interface),
+        code=_code(program, interface, start),
         memory=program.carry.size,
         workspace=size,
         ints=ints,
@@ -79,23 +89,8 @@ def write_c99(
     )
 
 
-def _signature(program: Program, name: str, results: Sequence[str]) -> str:
-    lines = [f"{name}_memory *memory", f"{name}_workspace *work"]
-    lines += [f"const {name}_real *{b.name}" for b in program.inputs]
-    lines += [f"{name}_real *{r}" for r in results]
-    joint = ",\n    ".join(lines)
-    return f"void {name}_step(\n    {joint})"
-
-
-def _header(
-    program: Program,
-    working: Sequence[Buffer],
-    *,
-    name: str,
-    results: Sequence[str],
-    kind: Precision,
-    about: str,
-) -> str:
+def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
+    name, kind = to.name, to.kind
     guard = f"{name.upper()}_H"
     reals, ints = program.space
     fields = [f"    {name}_real {identifier(b.name)}[{max(b.size, 1)}];" for b in working]
@@ -104,13 +99,13 @@ def _header(
     sizes = [
         f"   {label:<8} [{b.size}]"
         for label, b in (
-            *((b.name, b) for b in program.inputs),
-            *zip(results, program.outputs, strict=True),
+            *((b.name, b) for b in to.data(program)),
+            *zip(to.results, program.outputs, strict=True),
         )
     ]
     return "\n".join(
         [
-            _comment(about),
+            comment(to.about),
             f"#ifndef {guard}",
             f"#define {guard}",
             "",
@@ -127,12 +122,13 @@ def _header(
             f"}} {name}_workspace;",
             "",
             "/* Set the memory to its state before the first sample. */",
-            f"void {name}_init({name}_memory *memory);",
+            f"{to.init};",
             "",
+            *settings_struct(to),
             "/* Process one sample. Sizes of the arguments:",
             *sizes,
             "   Symmetric matrices are lower triangles, column by column. */",
-            f"{_signature(program, name, results)};",
+            f"{to.step(program)};",
             "",
             "#endif",
             "",
@@ -140,19 +136,14 @@ def _header(
     )
 
 
-def _code(
-    program: Program,
-    *,
-    name: str,
-    start: Sequence[float],
-    results: Sequence[str],
-    kind: Precision,
-    about: str,
-) -> str:
+def _code(program: Program, to: Interface, start: Sequence[float]) -> str:
+    name, kind = to.name, to.kind
     place = {b: f"work->{identifier(b.name)}" for b in program.buffers if b.values is None}
     place |= {b: identifier(b.name) for b in program.buffers if b.values is not None}
     place |= {b: b.name for b in program.inputs}
-    place |= dict(zip(program.outputs, results, strict=True))
+    kept = {f.name for f in to.settings}
+    place |= {b: f"settings->{b.name}" for b in program.inputs if b.name in kept}
+    place |= dict(zip(program.outputs, to.results, strict=True))
     place[program.carry] = "memory->carry"
     writer = Writer(place, f"{name}_real")
     constants = [
@@ -167,21 +158,21 @@ def _code(
     ]
     body = [*writer.lines(program.body, 1), *writer.copies(program.update, 1)]
     text = "\n".join(body)
-    kept = [c for c in (*constants, *tables) if _declared(c) in text]
+    declared = [c for c in (*constants, *tables) if _declared(c) in text]
     unused = [
         f"    (void){p};"
-        for p in (*(b.name for b in program.inputs), "work")
+        for p in (*(b.name for b in to.data(program)), "work", *(["settings"] if kept else []))
         if not _mentions(text, p)
     ]
     values = listed(kind.number(v) for v in start)
     return "\n\n".join(
         [
-            f'{_comment(about)}\n#include <math.h>\n\n#include "{name}.h"',
+            f'{comment(to.about)}\n#include <math.h>\n\n#include "{name}.h"',
             *_includes(program.kernels, kind),
             *(write_c99_leaf(leaf, f"{name}_real", kind) for leaf in program.leaves),
             "\n".join(
                 [
-                    f"void {name}_init({name}_memory *memory)",
+                    to.init,
                     "{",
                     f"    static const {name}_real start[{len(start)}] = {{{values}}};",
                     "    int i;",
@@ -190,7 +181,8 @@ def _code(
                     "}",
                 ]
             ),
-            "\n".join([_signature(program, name, results), "{", *kept, *unused, *body, "}", ""]),
+            *settings_setter(to),
+            "\n".join([to.step(program), "{", *declared, *unused, *body, "}", ""]),
         ]
     )
 
@@ -203,19 +195,6 @@ def _includes(kernels: Sequence[str], kind: Precision) -> list[str]:
     included = ["kernels.h", *(f"{kernel}.c" for kernel in kernels)]
     lines = [*(f"#define {d}" for d in defined), *(f'#include "{i}"' for i in included)]
     return ["\n".join(lines)]
-
-
-def _comment(text: str) -> str:
-    """A comment that ends where it should, whatever is in the text.
-
-    Beside the marks of comments themselves, trigraphs and a backslash at the end of a line could
-    join and end it, and writing that turns its direction could show other code than there is.
-    """
-    lines = []
-    for line in text.splitlines():
-        plain = re.sub(r"\?(?=\?)", "? ", printable(line))
-        lines.append(plain.replace("*/", "* /").replace("/*", "/ *").rstrip(" \t\\"))
-    return "/* " + "\n   ".join(lines) + " */"
 
 
 def _declared(line: str) -> str:

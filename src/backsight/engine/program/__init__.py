@@ -1,6 +1,8 @@
 """A recursion as a program of loops and straight-line leaves."""
 
 from backsight.engine.program._walk import walk as walk
+from backsight.engine.program.effort import Effort as Effort
+from backsight.engine.program.effort import effort as effort
 from backsight.engine.program.leaf import Leaf as Leaf
 from backsight.engine.program.leaf import Operation as Operation
 from backsight.engine.program.program import Buffer as Buffer

@@ -1,0 +1,94 @@
+"""FMUs at work: run by FMPy over recordings, and beside Python."""
+
+import contextlib
+import shutil
+import tempfile
+
+import fmpy
+import numpy as np
+from fmpy.fmi3 import FMU3Slave
+
+from backsight.analysis.consistency import nis
+from backsight.run.estimation import estimate
+
+
+def inputs_of(recording):
+    """Inputs of a recording as FMPy takes them, the first sample twice held at the end."""
+    columns = {"time": recording["time"].values - float(recording["time"][0])}
+    columns |= {f"u.{n}": recording["u"].sel(input=n).values for n in recording["input"].values}
+    columns |= {f"y.{n}": recording["y"].sel(output=n).values for n in recording["output"].values}
+    table = np.empty(len(columns["time"]), dtype=[(n, np.float64) for n in columns])
+    for name, values in columns.items():
+        table[name] = values
+    return table
+
+
+def simulated(file, recording, outputs):
+    """Outputs (n, m) of an FMU about every sample of a recording, by FMPy's own simulation."""
+    dt, given = float(recording.attrs["dt"]), inputs_of(recording)
+    # What comes out after a step is about the sample at its beginning.
+    given["time"] = np.arange(len(given)) * dt
+    rows = fmpy.simulate_fmu(
+        str(file),
+        stop_time=len(given) * dt,
+        output_interval=dt,
+        step_size=dt,
+        input=given,
+        output=list(outputs),
+    )
+    return np.array([rows[n] for n in outputs], float).T[1:]
+
+
+def expected(estimator, model, recording):
+    """The same by Python: variables of an FMU by their names, (n,) each."""
+    found = estimate(estimator, model, recording, engine="vm")
+    columns = {"nis": nis(found).values, "status": found["status"].values}
+    for group, dim in (
+        ("x_hat", "state"),
+        ("x_std", "state"),
+        ("y_hat", "output"),
+        ("e", "output"),
+    ):
+        for name in found[dim].values:
+            columns[f"{group}.{name}"] = found[group].sel({dim: name}).values
+    for name in found["state"].values:
+        x, sd = columns[f"x_hat.{name}"], columns[f"x_std.{name}"]
+        columns[f"x_lower.{name}"] = x - 1.959963984540054 * sd
+        columns[f"x_upper.{name}"] = x + 1.959963984540054 * sd
+    if "d_hat" in found:
+        for name in found["force"].values:
+            columns[f"d_hat.{name}"] = found["d_hat"].sel(force=name).values
+    return columns
+
+
+def agrees(file, estimator, model, recording):
+    """Compare all that Python knows, too."""
+    wanted = expected(estimator, model, recording)
+    found = simulated(file, recording, list(wanted))[estimator.delay :]
+    wanted = {name: column[: len(found)] for name, column in wanted.items()}
+    for name, column in zip(wanted, found.T, strict=True):
+        size = np.nanmax(np.abs(wanted[name]), initial=0.0) or 1.0
+        np.testing.assert_allclose(column, wanted[name], rtol=0, atol=1e-10 * size, err_msg=name)
+
+
+@contextlib.contextmanager
+def instance(file):
+    """An FMU in step mode, with its variables by name."""
+    described = fmpy.read_model_description(str(file))
+    folder = tempfile.mkdtemp()
+    fmpy.extract(str(file), unzipdir=folder)
+    fmu = FMU3Slave(
+        guid=described.guid,
+        unzipDirectory=folder,
+        modelIdentifier=described.coSimulation.modelIdentifier,
+        instanceName="test",
+    )
+    fmu.instantiate()
+    fmu.enterInitializationMode(startTime=0.0)
+    fmu.exitInitializationMode()
+    try:
+        yield fmu, {v.name: v.valueReference for v in described.modelVariables}
+        fmu.terminate()
+    finally:
+        fmu.freeInstance()
+        shutil.rmtree(folder, ignore_errors=True)
