@@ -40,6 +40,8 @@ html_title = "Backsight"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
+html_theme_options = {"top_of_page_buttons": []}  # the sources are not there to be viewed
 
 sphinx_gallery_conf = {
     "examples_dirs": "tutorials",

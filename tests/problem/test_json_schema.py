@@ -1,5 +1,6 @@
 """The JSON schema takes what is read, and refuses what is refused for its form."""
 
+import importlib.util
 import json
 import tomllib
 from pathlib import Path
@@ -99,3 +100,30 @@ def test_the_command_prints_it(capsys):
     result = CliRunner().invoke(app, ["schema"], catch_exceptions=False)
     assert result.exit_code == 0
     assert json.loads(result.stdout) == json_schema()
+
+
+def test_every_key_is_explained():
+    """In the tables of the file, of models and of estimators."""
+    schema = json_schema()
+    tables = [schema["properties"]["model"], schema["properties"]["estimators"]]
+    own = [b["then"] for t in (tables[0], tables[1]["additionalProperties"]) for b in t["allOf"]]
+    keys = [
+        (name, entry)
+        for table in [schema, *own, *schema["definitions"].values()]
+        for name, entry in table.get("properties", {}).items()
+        if "const" not in entry
+    ]
+    assert len(keys) > 250
+    inner = {"SensorTable", "MatrixTable", "ParameterTable"}
+    assert inner <= set(schema["definitions"])
+    small = {n for name in inner for n in schema["definitions"][name].get("properties", {})}
+    assert not [n for n, entry in keys if not entry.get("description") and n not in small]
+
+
+def test_the_page_of_all_keys_is_that_of_the_schema():
+    found = importlib.util.spec_from_file_location("keys", ROOT / "docs" / "keys.py")
+    assert found is not None
+    assert found.loader is not None
+    keys = importlib.util.module_from_spec(found)
+    found.loader.exec_module(keys)
+    assert keys.PAGE.read_text(encoding="utf-8") == keys.page(), "run docs/keys.py"

@@ -79,7 +79,18 @@ def weighed(result: xr.Dataset) -> bool:
 
 
 def outliers(result: xr.Dataset) -> tuple[Outliers, ...]:
-    """Per output; empty if the estimator had no rule for outliers."""
+    """Per output; empty if the estimator had no rule for outliers.
+
+    Examples
+    --------
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> recording.y[30] += 1.0
+    >>> noise = bs.Noise(sigma_y=1e-3, sigma_w=1e-6, outliers=bs.settings.Gate())
+    >>> kf = bs.KalmanFilter(noise, bs.Prior(sigma_x0=0.1))
+    >>> result = bs.estimate(kf, bs.sdof(k=40.0, b=0.8), recording, engine="vm")
+    >>> [(o.output, o.count) for o in bs.check.outliers(result)]
+    [('y', 1)]
+    """
     if WEIGHT not in result:
         return ()
     weight, y, e = (result[k].values for k in (WEIGHT, "y", "e"))

@@ -39,6 +39,14 @@ def merge(*recordings: xr.Dataset) -> xr.Dataset:
     DataError
         If a name occurs twice, the recordings do not overlap, or two samples of one fall on the
         same time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> one = bs.data.from_arrays(inputs={}, y=np.zeros((5, 1)), dt=0.1, outputs={"roof": "mm"})
+    >>> two = bs.data.from_arrays(inputs={}, y=np.ones((5, 1)), dt=0.1, outputs={"floor": "mm"})
+    >>> bs.merge(one, two).output.values.tolist()
+    ['roof', 'floor']
     """
     if not recordings:
         raise DataError("merge: give at least one recording")

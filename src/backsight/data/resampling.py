@@ -52,6 +52,15 @@ def resample(recording: xr.Dataset, dt: float) -> xr.Dataset:
     DataError
         If `dt` is not positive, the recording is shorter than one period, or the new one would not
         fit into memory.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> recording = bs.data.from_arrays(
+    ...     inputs={}, y=np.arange(11.0)[:, None], dt=0.1, outputs={"y": "m"}
+    ... )
+    >>> bs.resample(recording, 0.25).y.values.ravel()
+    array([ 0. ,  2.5,  5. ,  7.5, 10. ])
     """
     check_period(dt, "the sampling period", "resample")
     old = recording.time.to_numpy()

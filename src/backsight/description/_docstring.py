@@ -2,6 +2,7 @@
 
 import inspect
 import re
+from collections.abc import Callable
 
 _ENTRY = re.compile(r"(?P<names>[\w, ]+?) *:(?P<kind>.*)|(?P<alone>\w+)")
 _MARKS = (
@@ -12,16 +13,16 @@ _MARKS = (
 )
 
 
-def meanings_of(kind: type) -> dict[str, str]:
-    """Return the text of every entry under Parameters of a class, in one line each.
+def meanings_of(kind: type | Callable[..., object]) -> dict[str, str]:
+    """Return the text of every entry under Parameters of a class or function, in one line each.
 
     Parameters
     ----------
-    kind : type
+    kind : type or function
         Its docstring, and those of the classes that it derives from, are in numpydoc.
     """
     found: dict[str, str] = {}
-    for owner in reversed(kind.__mro__):
+    for owner in reversed(kind.__mro__) if isinstance(kind, type) else (kind,):
         found |= _entries(inspect.cleandoc(owner.__doc__ or ""))
     return found
 

@@ -128,6 +128,13 @@ class Integrator(Description):
     TuningError
         If the scheme or hold is unknown or `substeps` is neither a positive whole number nor
         "auto".
+
+    Examples
+    --------
+    >>> bs.Integrator()  # chooses scheme and steps by the modes of the model
+    Integrator(scheme='auto', substeps='auto', hold='zoh')
+    >>> bs.Integrator("rk4", substeps=4).substeps
+    4
     """
 
     scheme: Scheme = "auto"

@@ -71,6 +71,11 @@ class Gate(AbstractOutlierRule):
     ----------
     Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001,
     doi:10.1002/0471221279, section 5.4.
+
+    Examples
+    --------
+    >>> bs.Noise(sigma_y=1e-3, outliers=bs.settings.Gate(probability=0.99)).outliers.patience
+    20
     """
 
     probability: Likely = 0.999
@@ -108,6 +113,11 @@ class StudentT(AbstractOutlierRule):
     ----------
     Lange, Little, Taylor, "Robust statistical modeling using the t distribution", 1989, Journal
     of the American Statistical Association 84, doi:10.1080/01621459.1989.10478852.
+
+    Examples
+    --------
+    >>> bs.Noise(sigma_y=1e-3, outliers=bs.settings.StudentT(nu=3.0)).outliers.nu
+    3.0
     """
 
     nu: Positive = 4.0
@@ -137,6 +147,11 @@ class Huber(AbstractOutlierRule):
     ----------
     Huber, "Robust estimation of a location parameter", 1964, doi:10.1214/aoms/1177703732.
     Karlgaard, Schaub, "Huber-based divided difference filtering", 2007, doi:10.2514/1.27968.
+
+    Examples
+    --------
+    >>> bs.Noise(sigma_y=1e-3, outliers=bs.settings.Huber()).outliers.k
+    1.345
     """
 
     k: Positive = 1.345

@@ -50,6 +50,11 @@ class Noise(Description):
     ------
     TuningError
         If not exactly one of ``sigma_y, R`` is given or more than one of ``sigma_w, Q, Qc``.
+
+    Examples
+    --------
+    >>> bs.Noise(sigma_y={"y": 1e-3}, sigma_w={"q": 0.0, "v": 1e-2}).sigma_w
+    {'q': 0.0, 'v': 0.01}
     """
 
     sigma_y: Annotated[ByName | None, Range("be positive", 0.0, above=True)] = None
@@ -155,6 +160,11 @@ class Prior(Description):
     x0 : dict, sequence or number, optional
         Mean; states that a dict leaves out take the value in the model (0 for a state, the value
         of the parameter for a parameter).
+
+    Examples
+    --------
+    >>> bs.Prior(sigma_x0={"q": 1.0, "v": 10.0}, x0={"q": 0.5}).mean(bs.sdof(k=40.0, b=0.8))
+    array([0.5, 0. ])
     """
 
     sigma_x0: Annotated[ByName | None, Range("not be negative", 0.0)] = None

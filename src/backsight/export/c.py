@@ -81,6 +81,15 @@ def export_c(
     OutputError
         If the folder cannot be written, or holds files of the same names that are not from an
         earlier export.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 20, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-5), bs.Prior(sigma_x0=1.0))
+    >>> folder = bs.export.export_c(kf, spring, recording, "code", name="kf")
+    >>> sorted(path.name for path in folder.glob("*.[ch]"))
+    ['kf.c', 'kf.h', 'kf_selftest.c']
     """
     code = code_of(
         estimator,

@@ -61,6 +61,16 @@ def augment(
     ------
     ModelError
         If a name is unknown or used twice.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> print(bs.augment(spring, parameters=["k"], disturbances={"w": "v"}))
+    sdof (continuous)
+    ├── states      q [m], v [m/s], k [1/s2], w [m/s2]
+    ├── inputs      u [N]
+    ├── outputs     y [m]
+    └── parameters  b = 0.8, c = 1
     """
     disturbances, forces = disturbances or {}, forces or {}
     known = {s.name: s for s in model.parameters}

@@ -53,6 +53,15 @@ def sdof(
     -----
     Source: Polóni, Eielsen, Rohaľ-Ilkiv, Johansen (2012), "Moving horizon observer for vibration
     dynamics with plant uncertainties in nanopositioning system estimation", ACC 2012.
+
+    Examples
+    --------
+    >>> print(bs.sdof(k=40.0, b=0.8))
+    sdof (continuous)
+    ├── states      q [m], v [m/s]
+    ├── inputs      u [N]
+    ├── outputs     y [m]
+    └── parameters  k = 40, b = 0.8, c = 1
     """
     return Model(
         f=lambda x, u, p: [x.v, -p.k * x.q - p.b * x.v + p.c * u.u],
@@ -110,6 +119,11 @@ def duffing(
     The equation is that of the Silverbox circuit; source: Wigren and Schoukens (2013), "Three free
     data sets for development and benchmarking in nonlinear system identification", ECC 2013,
     doi:10.23919/ECC.2013.6669201.
+
+    Examples
+    --------
+    >>> [s.name for s in bs.duffing(k1=40.0, d=0.8, k3=5.0).parameters]
+    ['k1', 'd', 'k3', 'b']
     """
     return Model(
         f=lambda x, u, p: [x.v, -p.k1 * x.q - p.d * x.v - p.k3 * x.q**3 + p.b * u.u],
@@ -168,6 +182,11 @@ def friction_drive(
     -----
     Source: Janot, Gautier, Brunot (2019), "Data set and reference models of EMPS", Workshop on
     Nonlinear System Identification Benchmarks.
+
+    Examples
+    --------
+    >>> [str(s.unit) for s in bs.friction_drive(M=95.0, Fv=200.0, Fc=20.0).states]
+    ['m', 'm/s']
     """
     return Model(
         f=lambda x, u, p: [

@@ -63,6 +63,20 @@ def lti(
     ------
     ModelError
         If a matrix has the wrong size or an entry that is not a finite number.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> fall = bs.lti(
+    ...     [[0, 1], [0, 0]],
+    ...     [[0], [1]],
+    ...     [[1, 0]],
+    ...     states={"q": "m", "v": "m/s"},
+    ...     inputs={"a": "m/s2"},
+    ...     outputs={"y": "m"},
+    ... )
+    >>> [s.name for s in fall.states]
+    ['q', 'v']
     """
     x, u, y = signals(states, "state"), signals(inputs, "input"), signals(outputs, "output")
     nx, nu, ny = len(x), len(u), len(y)

@@ -26,6 +26,10 @@ def check_sampling(model: Model, dt: float) -> None:
     model : Model
     dt : float
         Sampling period [s].
+
+    Examples
+    --------
+    >>> bs.check.check_sampling(bs.sdof(k=40.0, b=0.8), 0.05)  # says nothing: one period fits
     """
     if not model.continuous:
         return

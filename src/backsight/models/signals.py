@@ -44,6 +44,11 @@ class Signal(Description):
         variance ``resolution**2 / 12`` beside that of the estimator.
     name : str
         Set by the model.
+
+    Examples
+    --------
+    >>> bs.sdof(k=bs.Signal(value=40.0, lower=10.0, upper=90.0), b=0.8).parameters[0].upper
+    90.0
     """
 
     refusal: ClassVar[type[BacksightError]] = ModelError

@@ -4,8 +4,6 @@ It is derived from what reads them: the tables of the file and the fields of the
 """
 
 import copy
-import inspect
-import re
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
@@ -13,13 +11,24 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from backsight.description import Range, plain
+from backsight.description import Range, first_sentence, meanings_of, plain, without_marks
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import PluginError
 from backsight.estimators import ALL_ESTIMATORS
-from backsight.problem.reading.kinds import ALL_KINDS
+from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.forces.moving_load import moving_load
+from backsight.models.lti import lti
+from backsight.models.text.equations import from_equations
+from backsight.problem.reading.kinds import ALL_KINDS, EquationsTable, LtiTable
 from backsight.problem.reading.settings import dataclasses_in, fields_of, required
-from backsight.problem.reading.tables import EstimatorTable, ProblemTable, StrictTable
+from backsight.problem.reading.tables import (
+    EstimatorTable,
+    MovingTable,
+    NoiseTable,
+    PriorTable,
+    ProblemTable,
+    StrictTable,
+)
 from backsight.problem.reading.uncertain import RULES
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
@@ -28,6 +37,15 @@ DRAFT = "http://json-schema.org/draft-07/schema#"
 _REFERENCE = "#/definitions/{model}"
 _SHARED = ("noise", "prior")
 """Fields of estimators that are tables with names of their own."""
+
+_EXPLAINED: Mapping[type[StrictTable], Any] = {
+    NoiseTable: Noise,
+    PriorTable: Prior,
+    MovingTable: moving_load,
+    EquationsTable: from_equations,
+    LtiTable: lti,
+}
+"""Table to the class or function whose arguments it holds."""
 
 _SINGLE: dict[Any, dict[str, Any]] = {
     bool: {"type": "boolean"},
@@ -58,10 +76,15 @@ def json_schema(*, tell: Callable[[str], None] = lambda _: None) -> Schema:
     properties["model"] = _by_kind(kinds)
     properties["integrator"] = _object(Integrator, ())
     definitions["NoiseTable"]["properties"]["outliers"] = _one_of(RULES)
+    _explain(definitions["EstimatorTable"], EstimatorTable)
     common = definitions.pop("EstimatorTable")["properties"]
     own = {name: common[name] for name in EstimatorTable.model_fields if name != "kind"}
     settings = {key: _estimator(kind, own) for key, kind in _working(ALL_ESTIMATORS, tell).items()}
     properties["estimators"]["additionalProperties"] = _by_kind(settings)
+    for table in _tables(StrictTable):
+        if table.__name__ in definitions:
+            _explain(definitions[table.__name__], table)
+    _explain(schema, ProblemTable)
     titled = {"$schema": DRAFT, "title": "Problem file of Backsight"}
     return _without_titles({**titled, **schema, "definitions": definitions})
 
@@ -79,8 +102,27 @@ def _working(known: Mapping[str, Any], tell: Callable[[str], None]) -> dict[str,
 def _table(table: type[StrictTable], definitions: Schema) -> Schema:
     schema = table.model_json_schema(ref_template=_REFERENCE)
     definitions |= schema.pop("$defs", {})
+    _explain(schema, table)
     # A parameter that is estimated need not be here, and None is "not given" in every table.
     return schema | {"required": [n for n in schema.get("required", ()) if n != "kind"]}
+
+
+def _tables(table: type[StrictTable]) -> list[type[StrictTable]]:
+    """Every kind of table that is derived from one."""
+    found = table.__subclasses__()
+    return found + [inner for t in found for inner in _tables(t)]
+
+
+def _explain(schema: Schema, table: type[StrictTable]) -> None:
+    """Put in what the docstring of a table, or of what it describes, says of its keys."""
+    of = getattr(table, "function", None) or _EXPLAINED.get(table)
+    said = (meanings_of(of) if of else {}) | meanings_of(table)
+    for short in schema.get("anyOf", [schema]):  # a table may be given by one value alone
+        if "properties" in short:
+            short["description"] = without_marks(first_sentence(table))
+            for name, entry in short["properties"].items():
+                if said.get(name):
+                    entry["description"] = without_marks(said[name])
 
 
 def _estimator(kind: type, common: Schema) -> Schema:
@@ -111,13 +153,15 @@ def _object(kind: type, left_out: Sequence[str]) -> Schema:
     """Table of the fields of a dataclass, with what its docstring says of them."""
     fields = [f for f in fields_of(kind) if f.init and f.name not in left_out]
     hints = typing.get_type_hints(kind, include_extras=True)
-    said = _parameters(kind)
+    said = meanings_of(kind)
     properties = {}
     for field in fields:
         schema = _schema(hints[field.name])
         properties[field.name] = schema | (
-            {"description": d} if (d := said.get(field.name)) else {}
+            {"description": without_marks(d)} if (d := said.get(field.name)) else {}
         )
+        if isinstance(field.default, bool | int | float | str):
+            properties[field.name]["default"] = field.default
     return {
         "type": "object",
         "properties": properties,
@@ -172,20 +216,6 @@ def _ranged(schema: Schema, within: Range | None) -> Schema:
     if np.isfinite(within.upper):
         bounds["maximum"] = within.upper
     return schema | bounds
-
-
-def _parameters(kind: type) -> dict[str, str]:
-    """First paragraph on each parameter in a docstring of numpydoc."""
-    text = inspect.getdoc(kind) or ""
-    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", text, re.S | re.M)
-    entries = re.findall(
-        r"^(\w[\w, ]*?) :[^\n]*\n((?:[ ]+[^\n]*\n?)+)", section[1] if section else "", re.M
-    )
-    return {
-        name: " ".join(words.split())
-        for names, words in entries
-        for name in re.split(r",\s*", names)
-    }
 
 
 def _without_titles(node: Any) -> Any:

@@ -1,6 +1,5 @@
 """Write a problem file to start from, for a recording that was looked at."""
 
-import json
 import math
 import os
 import re
@@ -11,14 +10,13 @@ from pathlib import Path
 from backsight.algebra.expressions import CONSTANTS, FUNCTIONS
 from backsight.data.listing import FileColumn, FileColumns
 from backsight.errors import DataError, OutputError
+from backsight.problem.spelling import as_key, as_table, as_value, in_quotes
 
 MOST = 4
 """Signals that are outputs at once; the others are in comments."""
 
 LEAST = 1e-4
 """Standard deviation of the noise of a signal that shows none, by its range."""
-
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def write_start(
@@ -67,7 +65,7 @@ def write_start(
 
 
 def _text(found: FileColumns, place: str, path: Path, given: Mapping[str, str | int | None]) -> str:
-    names = _names([column.name for column in found.signals])
+    names = names_of([column.name for column in found.signals])
     whole = [c for c in found.signals if _fault(c, found) == ""]
     chosen = whole[:MOST]
     if not chosen:
@@ -80,15 +78,15 @@ def _text(found: FileColumns, place: str, path: Path, given: Mapping[str, str | 
         f"#   backsight run {shlex.quote(path.name)} --out out",
         "# The model below smooths the signals; put that of your system in its place.",
         "",
-        f"title = {_quoted(found.path.stem)}",
+        f"title = {in_quotes(found.path.stem)}",
         "",
         "[recording]",
-        f"path = {_quoted(place)}",
-        *(f"{key} = {_value(value)}" for key, value in given.items() if value is not None),
+        f"path = {in_quotes(place)}",
+        *(f"{key} = {as_value(value)}" for key, value in given.items() if value is not None),
         *([f"missing = {list(found.codes)}"] if found.codes else []),
-        *_clock(found),
+        *clock_lines(found),
         "# What drives the model (forces, voltages, motions of the ground) is an input:",
-        f'# inputs.F = {{ column = {_quoted((others or chosen)[0].name)}, unit = "N" }}',
+        f'# inputs.F = {{ column = {in_quotes((others or chosen)[0].name)}, unit = "N" }}',
         *(_output(c, names[c.name]) for c in chosen),
     ]
     for column in others:
@@ -97,13 +95,14 @@ def _text(found: FileColumns, place: str, path: Path, given: Mapping[str, str | 
     return "\n".join([*head, "", *_model(chosen, names, found)]) + "\n"
 
 
-def _clock(found: FileColumns) -> list[str]:
+def clock_lines(found: FileColumns) -> list[str]:
+    """Lines of ``[recording]`` that say what its time is, or that nobody knows."""
     remarks = [f"# {remark}" for remark in found.remarks]
     if found.clock is None or not (found.sure or found.clock):
         return ["# dt = ...  # no column looks like time: fill in the sampling period [s]"]
     if found.clock == "":
         return ["# The file knows the times of its samples.", *remarks]
-    column = _quoted(found.clock)
+    column = in_quotes(found.clock)
     if found.factor != 1.0:
         column = f"{{ column = {column}, factor = {found.factor!r} }}"
     lines = [*remarks, f"time = {column}"]
@@ -130,8 +129,8 @@ def _fault(column: FileColumn, found: FileColumns) -> str:
 
 
 def _output(column: FileColumn, name: str) -> str:
-    unit = f", unit = {_quoted(column.unit)}" if column.unit else ""
-    return f"outputs.{_key(name)} = {{ column = {_quoted(column.name)}{unit} }}"
+    unit = f", unit = {in_quotes(column.unit)}" if column.unit else ""
+    return f"outputs.{as_key(name)} = {{ column = {in_quotes(column.name)}{unit} }}"
 
 
 def _model(
@@ -139,7 +138,7 @@ def _model(
 ) -> list[str]:
     dt = found.dt if found.sure and found.dt > 0 else 1.0
     signals = {names[c.name]: c for c in columns}
-    noise = {name: _noise(c) for name, c in signals.items()}
+    noise = {name: noise_shown(c) for name, c in signals.items()}
     walk = {f"{name}_rate": _walk(c, dt) for name, c in signals.items()}
     states = {name: c.unit for name, c in signals.items()}
     states |= {f"{name}_rate": f"{c.unit or '1'}/s" for name, c in signals.items()}
@@ -148,21 +147,21 @@ def _model(
     return [
         "[model]",
         'kind = "equations"',
-        f"states = {_table(states)}",
-        f"outputs = {_table({name: name for name in signals})}",
+        f"states = {as_table(states)}",
+        f"outputs = {as_table({name: name for name in signals})}",
         "",
         "[model.equations]",
-        *(f'{_key(name)} = "{name}_rate"' for name in signals),
-        *(f'{_key(f"{name}_rate")} = "0"' for name in signals),
+        *(f'{as_key(name)} = "{name}_rate"' for name in signals),
+        *(f'{as_key(f"{name}_rate")} = "0"' for name in signals),
         "",
         "[noise]",
         "# Of the measurement, as the samples show it; better from the sensor's data sheet.",
-        f"sigma_y = {_table(noise)}",
+        f"sigma_y = {as_table(noise)}",
         "# By how much rates change from sample to sample: less smooths more, more follows faster.",
-        f"sigma_w = {_table(walk)}",
+        f"sigma_w = {as_table(walk)}",
         "",
         "[prior]",
-        f"sigma_x0 = {_table(start)}",
+        f"sigma_x0 = {as_table(start)}",
         "",
         "[estimators.smoothed]",
         'kind = "kf"',
@@ -170,21 +169,22 @@ def _model(
     ]
 
 
-def _noise(column: FileColumn) -> float:
+def noise_shown(column: FileColumn) -> float:
+    """Standard deviation of the noise, as the samples show it [unit of the column]."""
     least = LEAST * (column.high - column.low)
     return _rounded(least if math.isnan(column.noise) else max(column.noise, least))
 
 
 def _walk(column: FileColumn, dt: float) -> float:
     """Change of the rate per sample; something, lest what is still now can never move."""
-    return _rounded(max(column.walk, 0.01 * _noise(column)) / dt)
+    return _rounded(max(column.walk, 0.01 * noise_shown(column)) / dt)
 
 
 def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def _names(columns: Iterable[str]) -> dict[str, str]:
+def names_of(columns: Iterable[str]) -> dict[str, str]:
     """Names of signals for columns: those that a formula can have, all different."""
     names: dict[str, str] = {}
     taken = {*FUNCTIONS, *CONSTANTS}
@@ -198,21 +198,3 @@ def _names(columns: Iterable[str]) -> dict[str, str]:
         taken |= {name, f"{name}_rate"}
         names[column] = name
     return names
-
-
-def _table(entries: Mapping[str, str | float]) -> str:
-    listed = (f"{_key(name)} = {_value(value)}" for name, value in entries.items())
-    return f"{{ {', '.join(listed)} }}"
-
-
-def _key(name: str) -> str:
-    return name if _BARE.fullmatch(name) else _quoted(name)
-
-
-def _value(value: str | float) -> str:
-    return _quoted(value) if isinstance(value, str) else repr(value)
-
-
-def _quoted(text: str) -> str:
-    """A string of TOML, whose escapes are those of JSON."""
-    return json.dumps(text, ensure_ascii=False)

@@ -56,6 +56,14 @@ def report(
     -----
     Long recordings are thinned for display to the smallest and largest value of every interval, so
     that every peak is there; the tables use all samples.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 20, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-5), bs.Prior(sigma_x0=1.0))
+    >>> bs.report({"KF": bs.estimate(kf, spring, recording, engine="vm")}, "report.html").name
+    'report.html'
     """
     from backsight.report.page import write_page
 

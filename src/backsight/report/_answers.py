@@ -67,7 +67,9 @@ def answers(rows: Sequence[Row], every: Sequence[Series], reference: Mapping[str
         cards.insert(0, hits)
     more = max(len(names) - MOST, 0) + len(virtual) - len(shown)
     note = f"<p>{more} more below.</p>" if more > 0 else ""
-    return f'<div class="answers">{"".join(cards)}</div>{note}' if cards else ""
+    if not cards:
+        return ""
+    return f'<h2 class="unseen">Answers</h2><div class="answers">{"".join(cards)}</div>{note}'
 
 
 def asked(every: Sequence[Series]) -> list[str]:

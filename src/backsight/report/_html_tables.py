@@ -12,7 +12,7 @@ from backsight.schema import STATUS_TEXT, Status
 
 def comparison(rows: Sequence[Row], every: Sequence[Series], outputs: Mapping[str, str]) -> str:
     """One line per estimator, best first."""
-    head = ["", "estimator", "log-likelihood<small>per sample</small>"]
+    head = ["rank", "estimator", "log-likelihood<small>per sample</small>"]
     head += [f"mean NIS<small>{_expected(rows[0])}</small>"]
     head += [
         f"RMS innovation<small>{escape(quantity(name, unit))}</small>"

@@ -138,7 +138,7 @@ def _contents(sections: Sequence[Section]) -> str:
 def _place(plot: Plot) -> str:
     kind = "wide" if plot.wide else "first" if plot.first else ""
     label, style = escape(plot.label), f"height: {plot.height}px"
-    return f'<figure class="{kind}" role="img" aria-label="{label}" style="{style}"></figure>'
+    return f'<figure class="{kind}" role="group" aria-label="{label}" style="{style}"></figure>'
 
 
 def _problem(problem: str | Mapping[str, object] | None) -> str:

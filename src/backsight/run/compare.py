@@ -103,6 +103,15 @@ def compare(
     Comparison
         A mapping from name to result. The results also say whether outputs and inputs are aligned
         and by how much the noise is off, see `backsight.run.diagnosis.audit`.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-5), bs.Prior(sigma_x0=1.0)
+    >>> filters = {"KF": bs.KalmanFilter(noise, prior), "EKF": bs.EKF(noise, prior)}
+    >>> list(bs.compare(filters, spring, recording, engine="vm"))
+    ['KF', 'EKF']
     """
     if not estimators:
         raise TuningError("there is no estimator to compare")

@@ -31,6 +31,11 @@ def central_difference(y: ArrayLike, *, dt: float) -> Array:
     ----------
     Polóni, Eielsen, Rohaľ-Ilkiv, Johansen (2012), "Moving horizon observer for vibration dynamics
     with plant uncertainties in nanopositioning system estimation", ACC 2012, eq. 39.
+
+    Examples
+    --------
+    >>> bs.signals.central_difference([0.0, 1.0, 4.0, 9.0], dt=1.0)
+    array([nan,  2.,  4., nan])
     """
     y = np.asarray(y, float)
     speed = np.full(y.shape, np.nan)

@@ -55,6 +55,12 @@ def bandpass(
     ------
     BacksightError
         If an argument is not positive or a frequency is not below half the sampling rate.
+
+    Examples
+    --------
+    >>> b, a = bs.signals.bandpass(1e-4)
+    >>> b.shape, a.shape
+    ((4,), (4,))
     """
     if not all(value > 0 for value in (dt, cutoff, frequency, damping)):
         raise BacksightError("bandpass: dt, cutoff, frequency and damping must be positive")
@@ -88,6 +94,13 @@ def filtered(values: ArrayLike, *, b: Array, a: Array) -> Array:
     ------
     DataError
         If a value is NaN or infinite: from there on, everything would be.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> b, a = bs.signals.bandpass(1e-4)
+    >>> bs.signals.filtered(np.zeros(5), b=b, a=a)
+    array([0., 0., 0., 0., 0.])
     """
     values = np.asarray(values, float)
     wrong = ~np.isfinite(values).reshape(len(values), -1).all(axis=1)
@@ -126,6 +139,15 @@ def high_pass(recording: xr.Dataset, cutoff: Positive) -> xr.Dataset:
     ------
     DataError
         If the cut-off is not below half the sampling rate, or a sample is missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> recording = bs.data.from_arrays(
+    ...     y=5.0 + np.zeros((9, 1)), inputs={}, outputs={"a": "m/s2"}, dt=0.01
+    ... )
+    >>> abs(float(bs.signals.high_pass(recording, 0.5).y[-1, 0])) < 1e-9  # the mean is gone
+    True
     """
     dt = float(recording.attrs["dt"])
     if cutoff >= 0.5 / dt:

@@ -13,7 +13,14 @@ from backsight.types import Array
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """Position, velocity and acceleration at some times, arrays of one shape."""
+    """Position, velocity and acceleration at some times, arrays of one shape.
+
+    Examples
+    --------
+    >>> half = bs.signals.quintic(0.0, 0.1, duration=2.0).at([0.0, 1.0])
+    >>> half.position.round(3), half.velocity.round(3)
+    (array([0.  , 0.05]), array([0.   , 0.094]))
+    """
 
     position: Array
     velocity: Array
@@ -80,6 +87,11 @@ def quintic(start: float, end: float, *, duration: float) -> Profile:
     ------
     BacksightError
         If an argument is not finite or the duration is not positive.
+
+    Examples
+    --------
+    >>> bs.signals.quintic(0.0, 0.1, duration=2.0).duration
+    2.0
     """
     _positive(duration=duration)
     _finite(start=start, end=end)
@@ -112,6 +124,12 @@ def jerk_limited(
     ----------
     Lambrechts, Boerlage, Steinbuch, "Trajectory planning and feedforward design for
     electromechanical motion systems", Control Engineering Practice 13 (2005), 145-157.
+
+    Examples
+    --------
+    >>> stroke = bs.signals.jerk_limited(0.0, 0.1, speed=0.5, acceleration=5.0, jerk=200.0)
+    >>> print(f"{stroke.duration:.3f} s")
+    0.325 s
     """
     _positive(speed=speed, acceleration=acceleration, jerk=jerk)
     _finite(start=start, end=end)
@@ -132,7 +150,13 @@ def jerk_limited(
 
 
 def rest(position: float, *, duration: float) -> Profile:
-    """Stand still."""
+    """Stand still.
+
+    Examples
+    --------
+    >>> bs.signals.rest(0.1, duration=2.0).duration
+    2.0
+    """
     _positive(duration=duration)
     _finite(position=position)
     return Profile(PPoly(np.array([[position]]), np.array([0.0, duration])))
@@ -152,6 +176,15 @@ def sequence(profiles: Sequence[Profile], *, repeats: bool = False) -> Profile:
     ------
     BacksightError
         If there is no profile or a position jumps.
+
+    Examples
+    --------
+    >>> there, back = (
+    ...     bs.signals.quintic(0.0, 0.1, duration=2.0),
+    ...     bs.signals.quintic(0.1, 0.0, duration=1.0),
+    ... )
+    >>> bs.signals.sequence([there, back]).duration
+    3.0
     """
     if not profiles:
         raise BacksightError("a sequence needs at least one profile")
@@ -174,6 +207,11 @@ def punch_strokes() -> Profile:
 
     Up and down again by 4 mm in 38 ms each, with a rest of 2 ms (12.5 Hz, up to 197 mm/s), then
     two cycles of 1 mm at 50 Hz (up to 188 mm/s); the period is 120 ms.
+
+    Examples
+    --------
+    >>> print(f"{bs.signals.punch_strokes().duration:.3f} s")
+    0.120 s
     """
     low, high, small = -2e-3, 2e-3, -1e-3
     full = [

@@ -42,6 +42,11 @@ class L1(AbstractSelection):
     ----------
     refit : bool
         Fit the chosen atoms once more without the l1 norm, which makes all of them too small.
+
+    Examples
+    --------
+    >>> bs.forces.L1().refit
+    True
     """
 
     refit: bool = True
@@ -77,6 +82,11 @@ class Reweighted(AbstractSelection):
     ----------
     Candès, Wakin, Boyd, "Enhancing sparsity by reweighted l1 minimization", 2008, Journal of
     Fourier Analysis and Applications 14, doi:10.1007/s00041-008-9045-x.
+
+    Examples
+    --------
+    >>> bs.forces.Reweighted(iterations=2).iterations
+    2
     """
 
     iterations: Count = 3
@@ -115,6 +125,11 @@ class Greedy(AbstractSelection):
     ----------
     Foster, George, "The risk inflation criterion for multiple regression", 1994, Annals of
     Statistics 22, doi:10.1214/aos/1176325766.
+
+    Examples
+    --------
+    >>> bs.forces.Greedy(penalty=3.0).penalty
+    3.0
     """
 
     penalty: Positive | None = None
@@ -146,6 +161,12 @@ class Given(AbstractSelection):
     ----------
     forces : (time, force) array
         Not zero where a force has acted, such as the ``d_hat`` of an estimator.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> bs.forces.Given(np.zeros((8, 1))).forces.shape
+    (8, 1)
     """
 
     forces: Annotated[ArrayLike, Range("be finite", missing=True)]

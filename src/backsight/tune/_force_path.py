@@ -51,6 +51,18 @@ def trace_force_path(
     ------
     TuningError, ModelError, DataError
         As `find_sparse_forces`; if `least` is not between 0 and 1; or if the recording is at rest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> sensors, forces = {"tip": ("displacement", [1.0])}, {"hit": [1.0]}
+    >>> rod = bs.modal([9.0], damping=[0.03], sensors=sensors, forces=forces)
+    >>> y = 1e-5 * np.random.default_rng(0).standard_normal((30, 1))
+    >>> recording = bs.data.from_arrays(y=y, inputs={}, outputs={"tip": "m"}, dt=0.01)
+    >>> noise, prior = bs.Noise(sigma_y=1e-5, sigma_w=1e-7), bs.Prior(sigma_x0=1e-5)
+    >>> finder = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=15.0, N=8)
+    >>> sorted(bs.tune.trace_force_path(finder, rod, recording, least=0.5).data_vars)
+    ['alpha', 'chi2', 'nonzeros']
     """
     search = unweighted(estimator, model, recording)
     path = whole_path(search, least)

@@ -38,6 +38,11 @@ class Hits(Description):
         Found forces smaller than this are not counted; a third of the smallest size if not given.
     steps, places : int
         How far off a hit may be found, see `compare_forces`.
+
+    Examples
+    --------
+    >>> bs.tune.Hits(samples=100, number=2).number
+    2
     """
 
     samples: Count
@@ -135,6 +140,17 @@ def rate_sensors(
     ----------
     Wilson, "Probable inference, the law of succession, and statistical inference", 1927,
     doi:10.1080/01621459.1927.10502953.
+
+    Examples
+    --------
+    >>> sensors, forces = {"tip": ("displacement", [1.0])}, {"hit": [1.0]}
+    >>> rod = bs.modal([9.0], damping=[0.03], sensors=sensors, forces=forces)
+    >>> noise, prior = bs.Noise(sigma_y=1e-5, sigma_w=1e-7), bs.Prior(sigma_x0=1e-5)
+    >>> finder = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=15.0, N=8)
+    >>> hits = bs.tune.Hits(samples=30, number=1, spacing=10)
+    >>> found = bs.tune.rate_sensors(finder, rod, hits, dt=0.01, runs=2)
+    >>> sorted(found.data_vars)
+    ['exact', 'f1', 'false_alarms', 'magnitude', 'missed']
     """
     system = estimator.forced(model if truth is None else truth, dt)
     rng = np.random.default_rng(seed)

@@ -144,6 +144,27 @@ def calibrate(
     ----------
     Golub, Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares problems
     whose variables separate", 1973, SIAM Journal on Numerical Analysis 10, doi:10.1137/0710036.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> sensors, places = {"tip": ("displacement", [1.0])}, {"hit": [1.0]}
+    >>> rod = lambda v: bs.modal([v["f"]], damping=[0.03], sensors=sensors, forces=places)
+    >>> forces = np.zeros((60, 1))
+    >>> forces[20] = 50.0
+    >>> struck = bs.simulate(
+    ...     bs.forces.forces_as_inputs(rod({"f": 9.0}), ["hit"]),
+    ...     forces,
+    ...     dt=0.01,
+    ...     sigma_y=1e-5,
+    ...     seed=0,
+    ... )
+    >>> recording = bs.data.from_arrays(y=struck.y, inputs={}, outputs={"tip": "m"}, dt=0.01)
+    >>> noise, prior = bs.Noise(sigma_y=1e-5, sigma_w=1e-7), bs.Prior(sigma_x0=1e-5)
+    >>> finder = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=15.0, N=8)
+    >>> found = bs.tune.calibrate(finder, rod, recording, {"f": 8.5}, points=3)
+    >>> print(f"{found.values['f']:.1f} Hz")
+    9.0 Hz
     """
     if not start or not all(np.isfinite(v) and v > 0 for v in start.values()):
         raise TuningError(f"start is {dict(start)}; give positive values by name")

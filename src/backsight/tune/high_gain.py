@@ -80,6 +80,13 @@ def propose_gamma(
         If the motion does not excite a parameter, or lambda or the rate is not positive.
     DataError
         If the motion lacks a signal or is too short.
+
+    Examples
+    --------
+    >>> joint = bs.augment(bs.sdof(k=40.0, b=0.8), parameters=["k"])
+    >>> motion = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> bs.tune.propose_gamma(joint, motion, gain=20.0).shape
+    (1, 1)
     """
     model, _ = moving_first(model)
     form = observer_form(model)
@@ -118,6 +125,12 @@ def propose_gain(model: Model, motion: xr.Dataset, *, factor: float = 2.5) -> fl
         As in `propose_gamma`.
     TuningError
         If the motion is at rest.
+
+    Examples
+    --------
+    >>> motion = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> print(f"{bs.tune.propose_gain(bs.sdof(k=40.0, b=0.8), motion):.1f} 1/s")
+    16.2 1/s
     """
     model, _ = moving_first(model)
     form = observer_form(model)

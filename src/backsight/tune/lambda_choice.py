@@ -80,6 +80,17 @@ def lambda_from_noise(
     ------
     TuningError, ModelError, DataError
         As `find_sparse_forces`, or if `false_alarm` is not a probability.
+
+    Examples
+    --------
+    >>> sensors, forces = {"tip": ("displacement", [1.0])}, {"hit": [1.0]}
+    >>> rod = bs.modal([9.0], damping=[0.03], sensors=sensors, forces=forces)
+    >>> y = 1e-5 * np.random.default_rng(0).standard_normal((30, 1))
+    >>> recording = bs.data.from_arrays(y=y, inputs={}, outputs={"tip": "m"}, dt=0.01)
+    >>> noise, prior = bs.Noise(sigma_y=1e-5, sigma_w=1e-7), bs.Prior(sigma_x0=1e-5)
+    >>> finder = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=15.0, N=8)
+    >>> bs.tune.lambda_from_noise(finder, rod, recording, draws=20).lam > 0
+    True
     """
     if not (0 < false_alarm < 1 and draws >= 1 / false_alarm):
         raise TuningError(
@@ -134,6 +145,17 @@ def lambda_from_whiteness(
     ------
     TuningError, ModelError, DataError
         As `find_sparse_forces`.
+
+    Examples
+    --------
+    >>> sensors, forces = {"tip": ("displacement", [1.0])}, {"hit": [1.0]}
+    >>> rod = bs.modal([9.0], damping=[0.03], sensors=sensors, forces=forces)
+    >>> y = 1e-5 * np.random.default_rng(0).standard_normal((30, 1))
+    >>> recording = bs.data.from_arrays(y=y, inputs={}, outputs={"tip": "m"}, dt=0.01)
+    >>> noise, prior = bs.Noise(sigma_y=1e-5, sigma_w=1e-7), bs.Prior(sigma_x0=1e-5)
+    >>> finder = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=15.0, N=8)
+    >>> bs.tune.lambda_from_whiteness(finder, rod, recording).lam > 0
+    True
     """
     search = unweighted(estimator, model, recording)
     path = whole_path(search, LEAST)
@@ -220,6 +242,17 @@ def lambda_from_sensors(
         As `find_sparse_forces`.
     DataError
         As `find_sparse_forces`, or if there is only one sensor.
+
+    Examples
+    --------
+    >>> sensors = {"tip": ("displacement", [1.0]), "mid": ("displacement", [0.6])}
+    >>> rod = bs.modal([9.0], damping=[0.03], sensors=sensors, forces={"hit": [1.0]})
+    >>> y = 1e-5 * np.random.default_rng(0).standard_normal((30, 2))
+    >>> recording = bs.data.from_arrays(y=y, inputs={}, outputs={"tip": "m", "mid": "m"}, dt=0.01)
+    >>> noise, prior = bs.Noise(sigma_y=1e-5, sigma_w=1e-7), bs.Prior(sigma_x0=1e-5)
+    >>> finder = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=15.0, N=8)
+    >>> bs.tune.lambda_from_sensors(finder, rod, recording, points=3).lam > 0
+    True
     """
     outputs = [s.name for s in model.outputs]
     if len(outputs) < 2:

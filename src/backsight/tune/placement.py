@@ -66,6 +66,16 @@ def place_sensors(
     ------
     TuningError
         If there are not so many candidates, or no set sees all forces.
+
+    Examples
+    --------
+    >>> sensors, forces = {"tip": ("displacement", [1.0])}, {"hit": [1.0]}
+    >>> rod = bs.modal([9.0], damping=[0.03], sensors=sensors, forces=forces)
+    >>> noise, prior = bs.Noise(sigma_y=1e-5, sigma_w=1e-7), bs.Prior(sigma_x0=1e-5)
+    >>> finder = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=15.0, N=8)
+    >>> hits = bs.tune.Hits(samples=30, number=1, spacing=10)
+    >>> sorted(bs.tune.place_sensors(finder, rod, hits, dt=0.01, count=1, runs=2).coords)
+    []
     """
     names = [s.name for s in model.outputs]
     if not 1 <= count <= len(names):

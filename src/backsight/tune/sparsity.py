@@ -34,6 +34,20 @@ def lambda_max(estimator: AbstractForceEstimator, model: Model, recording: xr.Da
     ------
     TuningError, ModelError, DataError
         As `estimate`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> sensors, forces = {"tip": ("displacement", [1.0])}, {"hit": [1.0]}
+    >>> rod = bs.modal([9.0], damping=[0.03], sensors=sensors, forces=forces)
+    >>> y = 1e-5 * np.random.default_rng(0).standard_normal((30, 1))
+    >>> recording = bs.data.from_arrays(y=y, inputs={}, outputs={"tip": "m"}, dt=0.01)
+    >>> noise, prior = bs.Noise(sigma_y=1e-5, sigma_w=1e-7), bs.Prior(sigma_x0=1e-5)
+    >>> finder = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=15.0, N=8)
+    >>> bs.tune.lambda_max(
+    ...     finder, rod, recording
+    ... ) > 15.0  # so that with lam = 15 something is found
+    True
     """
     without = estimator.weighted(math.inf)
     return float(estimate(without, model, recording)["lam_max"].max())

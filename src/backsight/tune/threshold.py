@@ -59,6 +59,22 @@ def propose_threshold(
         If the window, the quantile or the margin is not possible.
     EstimationError
         If the observer fails on the recording.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> joint = bs.augment(bs.sdof(k=40.0, b=0.8), parameters=["k"])
+    >>> recording = bs.simulate(
+    ...     bs.sdof(k=40.0, b=0.8), [[1.0]] * 200, dt=0.01, sigma_y=1e-4, seed=1
+    ... )
+    >>> ahg = bs.AHG(
+    ...     bs.Noise(sigma_y=1e-4),
+    ...     bs.Prior(sigma_x0=1.0, x0={"k": 40.0}),
+    ...     gain=20.0,
+    ...     Gamma=np.eye(1),
+    ... )
+    >>> bs.tune.propose_threshold(ahg, joint, recording) > 0
+    True
     """
     if not (window > 0 and 0 < quantile < 1 and margin > 0):
         raise TuningError(

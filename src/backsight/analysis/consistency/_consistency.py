@@ -161,6 +161,15 @@ def check_consistency(result: xr.Dataset) -> Consistency:
     ------
     DataError
         If the dataset is not a result, or has no sample.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=0.1))
+    >>> found = bs.check.check_consistency(bs.estimate(kf, spring, recording, engine="vm"))
+    >>> found.nis_band[0] < found.mean_nis < found.nis_band[1]
+    True
     """
     check_estimates(result, "the dataset")
     if result.sizes["time"] == 0:

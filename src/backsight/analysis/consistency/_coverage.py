@@ -79,6 +79,14 @@ def coverage(result: xr.Dataset) -> xr.DataArray:
     -------
     xarray.DataArray
         (deviations, state), 0 to 1; NaN where no truth is known. `NORMAL` is what it should be.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=0.1))
+    >>> bs.check.coverage(bs.estimate(kf, spring, recording, engine="vm")).dims
+    ('deviations', 'state')
     """
     if "x_true" not in result:
         error = np.full(result["x_hat"].shape, np.nan)

@@ -41,6 +41,13 @@ def nis(result: xr.Dataset) -> xr.DataArray:
     -------
     xarray.DataArray
         ``NaN`` where nothing was measured, or where `S` is not finite and positive definite.
+
+    Examples
+    --------
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=0.1))
+    >>> bs.check.nis(bs.estimate(kf, bs.sdof(k=40.0, b=0.8), recording, engine="vm")).sizes["time"]
+    80
     """
     squares, _ = _whitened(result)
     return _over_time(result, squares, "nis")
@@ -52,6 +59,14 @@ def log_likelihood(result: xr.Dataset) -> xr.DataArray:
     :math:`-\tfrac12 (e^T S^{-1} e + \ln\det S + m \ln 2\pi)` over the `m` measured channels;
     ``NaN`` in the same places as `nis`. It depends on the units of the outputs: compare estimators
     on one recording, not recordings with each other.
+
+    Examples
+    --------
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=0.1))
+    >>> result = bs.estimate(kf, bs.sdof(k=40.0, b=0.8), recording, engine="vm")
+    >>> float(bs.check.log_likelihood(result).mean()) > 4.0
+    True
     """
     squares, log_det = _whitened(result)
     channels = measured_channels(result).values
@@ -60,7 +75,16 @@ def log_likelihood(result: xr.Dataset) -> xr.DataArray:
 
 
 def mean_nis(result: xr.Dataset) -> float:
-    """Mean of `nis`; its expectation is the (mean) number of measured channels."""
+    """Mean of `nis`; its expectation is the (mean) number of measured channels.
+
+    Examples
+    --------
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=0.1))
+    >>> result = bs.estimate(kf, bs.sdof(k=40.0, b=0.8), recording, engine="vm")
+    >>> 0.6 < bs.check.mean_nis(result) < 1.4
+    True
+    """
     return float(nis(result).mean("time"))
 
 
@@ -71,6 +95,14 @@ def nis_band(result: xr.Dataset, level: float = 0.95) -> tuple[float, float]:
     channels as degrees of freedom. Of innovations that are not white by nature (see
     `schema.Innovations`) only as many samples count as are independent. ``(NaN, NaN)`` if no sample
     has a NIS.
+
+    Examples
+    --------
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=0.1))
+    >>> result = bs.estimate(kf, bs.sdof(k=40.0, b=0.8), recording, engine="vm")
+    >>> [round(end, 2) for end in bs.check.nis_band(result)]
+    [0.71, 1.33]
     """
     values = nis(result).values
     valid = np.isfinite(values)
@@ -100,6 +132,14 @@ def windowed_nis(result: xr.Dataset, window: int, *, level: float = 0.95) -> xr.
     xarray.Dataset
         ``nis``, ``lower``, ``upper``, each (time,), at the middle of every window; ``NaN`` in
         windows without measurements.
+
+    Examples
+    --------
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=0.1))
+    >>> result = bs.estimate(kf, bs.sdof(k=40.0, b=0.8), recording, engine="vm")
+    >>> list(bs.check.windowed_nis(result, 20).data_vars)
+    ['nis', 'lower', 'upper']
     """
     if window < 1:
         raise DataError(f"the window has {window} samples; it needs at least one")

@@ -135,6 +135,15 @@ def noise_factors(path: FilterPath) -> NoiseFactors:
     """Find the factors that explain the autocovariance of the innovations best.
 
     All are NaN if the innovations are so long that their products are no numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from backsight.analysis.consistency import FilterPath
+    >>> e, one = 2.0 * np.random.default_rng(0).standard_normal((2000, 1)), np.ones((2000, 1, 1))
+    >>> path = FilterPath(F=one, H=one, P=0 * one, e=e, S=one, Q=0 * one, R=np.eye(1))
+    >>> round(bs.check.noise_factors(path).R)  # innovations twice as large as assumed
+    4
     """
     products, by_Q, counted = _moments(path.measured())
     settled = slice(len(products) // SETTLE, None)

@@ -124,6 +124,15 @@ def autocorrelation(result: xr.Dataset, lags: int = LAGS, *, level: float = 0.95
         ``correlation`` and ``bound``, each (lag, output), for lag 1 ... `lags`: a white sequence
         stays between -bound and bound with probability `level`, lag by lag. NaN if there are no
         pairs.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=0.1))
+    >>> found = bs.check.autocorrelation(bs.estimate(kf, spring, recording, engine="vm"), lags=3)
+    >>> found.sizes["lag"]
+    3
     """
     r = normalised(result)
     found = [_products(_cut(r[:, i]), lags) for i in range(r.shape[1])]

@@ -82,6 +82,13 @@ def compare_forces(
     ------
     DataError
         If the shapes differ, or a number is negative.
+
+    Examples
+    --------
+    >>> true, found = [[0.0], [5.0], [0.0], [0.0]], [[0.0], [0.0], [4.5], [0.0]]
+    >>> errors = bs.forces.compare_forces(found, true)
+    >>> errors.hits, errors.missed, errors.false_alarms
+    (0, 1, 1)
     """
     d, truth = np.nan_to_num(np.asarray(found, float)), np.asarray(true, float)
     if d.ndim != 2 or d.shape != truth.shape:

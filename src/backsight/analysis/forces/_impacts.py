@@ -65,6 +65,18 @@ def find_impacts(result: xr.Dataset, *, gap: int = 1, ghost: float = 0.0) -> lis
     ------
     DataError
         If the result has no forces, or `gap` or `ghost` is out of range.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> forces = xr.Dataset(
+    ...     {"d_hat": (("time", "force"), [[0.0], [2.0], [2.0], [0.0]])},
+    ...     {"time": [0.0, 0.1, 0.2, 0.3], "force": ["hit"]},
+    ...     {"dt": 0.1},
+    ... )
+    >>> (hit,) = bs.forces.find_impacts(forces)
+    >>> print(f"{hit.place}: {hit.impulse:.1f} N s at {hit.time:.2f} s")
+    hit: 0.4 N s at 0.20 s
     """
     if "d_hat" not in result:
         raise DataError(

@@ -9,13 +9,13 @@ from backsight.analysis.observability._force_locations import force_zeros as for
 from backsight.analysis.observability._identifiability import STEP as STEP
 from backsight.analysis.observability._identifiability import ExpectedBand as ExpectedBand
 from backsight.analysis.observability._identifiability import Identifiability as Identifiability
-from backsight.analysis.observability._observability import Observability as Observability
 from backsight.analysis.observability._observability import (
     check_observability as check_observability,
 )
 from backsight.analysis.observability._observability import (
     check_observability_along as check_observability_along,
 )
+from backsight.analysis.observability._seen import Observability as Observability
 from backsight.analysis.observability._walk_dependence import REJECTED as REJECTED
 from backsight.analysis.observability._walk_dependence import Trial as Trial
 from backsight.analysis.observability._walk_dependence import WalkDependence as WalkDependence

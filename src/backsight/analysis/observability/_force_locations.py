@@ -67,6 +67,21 @@ def check_force_locations(
     ------
     ModelError
         If the model is not linear or a name is unknown.
+
+    Examples
+    --------
+    >>> beam = bs.models.beam(
+    ...     length=1.0,
+    ...     width=0.02,
+    ...     thickness=5e-3,
+    ...     youngs_modulus=7e10,
+    ...     density=2700.0,
+    ...     modes=2,
+    ...     sensors={"tip": ("displacement", 1.0), "mid": ("displacement", 0.5)},
+    ...     forces={"hit": 0.7},
+    ... )
+    >>> list(bs.check.check_force_locations(beam, 1e-3).data_vars)
+    ['rank', 'pbh', 'weakest', 'next', 'states', 'observable']
     """
     names = [s.name for s in model.parameters] if forces is None else list(forces)
     A, E, C, F = _sampled(model, names, dt)

@@ -49,6 +49,11 @@ def transmission_zeros(
     :math:`A - E H^+ G` with the output equation :math:`G x + H d`; those that keep the other
     outputs zero, too, are the zeros. The m eigenvalues that the step ahead adds are taken out by
     restricting x to the motions with :math:`H^+ C x = 0`.
+
+    Examples
+    --------
+    >>> bs.check.transmission_zeros([[0, 1], [-4, -1]], [[0], [1]], [[1, 1]], [[0]])
+    array([-1.+0.j])
     """
     a, e, c, f = (np.atleast_2d(np.asarray(k, float)) for k in (A, E, C, F))
     _, (size, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)

@@ -33,6 +33,11 @@ class NoArrival(AbstractArrival):
     width : float
         Also the size of what the covariance says of directions that are not determined. Less is
         taken of a prior that is wide by itself.
+
+    Examples
+    --------
+    >>> bs.settings.NoArrival(width=100.0).width
+    100.0
     """
 
     width: Annotated[Positive, Called("the width of the prior")] = 1e3
@@ -66,6 +71,12 @@ class ConstantArrival(AbstractArrival):
     ----------
     P : (nx, nx) array, optional
         Covariance of the first sample, physical units; by default the estimator's prior.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> bs.settings.ConstantArrival(P=np.diag([1e-6, 1e-2])).P.shape
+    (2, 2)
     """
 
     P: Array | None = None
@@ -99,7 +110,13 @@ class ConstantArrival(AbstractArrival):
 
 @dataclasses.dataclass(frozen=True)
 class EKFArrival(AbstractArrival):
-    """An extended Kalman filter that runs N samples behind the present."""
+    """An extended Kalman filter that runs N samples behind the present.
+
+    Examples
+    --------
+    >>> bs.settings.EKFArrival()
+    EKFArrival()
+    """
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
@@ -114,6 +131,11 @@ class UKFArrival(AbstractArrival):
     ----------
     alpha, beta, kappa : float
         See `UKF`.
+
+    Examples
+    --------
+    >>> bs.settings.UKFArrival().alpha
+    1.0
     """
 
     alpha: Positive = 1.0
@@ -141,6 +163,11 @@ class SmoothedArrival(AbstractArrival):
     naive : bool
         Take mean and covariance of the next sample given the whole window: its data then count
         again and again, and the covariance becomes too small.
+
+    Examples
+    --------
+    >>> bs.settings.SmoothedArrival().naive
+    False
     """
 
     naive: bool = False

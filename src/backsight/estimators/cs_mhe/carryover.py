@@ -32,6 +32,11 @@ class Carryover(Description):
         same and leaves the l1 norm out.
     age : int
         A force is carried over once it was seen in so many samples.
+
+    Examples
+    --------
+    >>> bs.forces.Carryover(drift=(1e-3, 1e-2)).reading
+    'separate'
     """
 
     drift: tuple[Positive, Positive]

@@ -152,6 +152,13 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     estimation", 2018, Mechanical Systems and Signal Processing 101.
     Lee, Battle, Raina, Ng, "Efficient sparse coding algorithms", 2007, Advances in Neural
     Information Processing Systems 19.
+
+    Examples
+    --------
+    >>> noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=1e-3)
+    >>> estimator = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=20.0, N=8)
+    >>> estimator.forces, estimator.lam
+    (('hit',), 20.0)
     """
 
     key: ClassVar[str] = "csmhe"

@@ -20,6 +20,12 @@ class Atoms(AbstractDictionary):
     ----------
     matrix : (forces, atoms) or (forces, steps, atoms) array
         One column per atom: how large each force is, over one step or over several.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> bs.forces.Atoms(np.eye(4)).matrix.shape
+    (4, 4)
     """
 
     matrix: Annotated[Array, Called("the dictionary")]

@@ -89,6 +89,13 @@ class JointInput(AbstractEstimator):
     Gillijns, De Moor, "Unbiased minimum-variance input and state estimation for linear
     discrete-time systems", 2007, Automatica 43(1), 111-116, doi:10.1016/j.automatica.2006.08.002;
     the same with direct feedthrough: 43(5), 934-937, doi:10.1016/j.automatica.2006.11.016.
+
+    Examples
+    --------
+    >>> noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=1e-3)
+    >>> estimator = bs.JointInput(noise, prior, forces=("load",), hold="foh")
+    >>> estimator.forces, estimator.hold
+    (('load',), 'foh')
     """
 
     key: ClassVar[str] = "joint_input"

@@ -77,6 +77,17 @@ class EKF(AbstractEstimator):
     Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter estimation: a
     comparison to extended and unscented Kalman filter".
     Simon, "Optimal State Estimation", 2006, doi:10.1002/0470045345, section 13.2.
+
+    Examples
+    --------
+    >>> spring = bs.augment(bs.sdof(k=35.0, b=0.8), parameters=["k"])
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> ekf = bs.EKF(
+    ...     bs.Noise(sigma_y=1e-4),
+    ...     bs.Prior(sigma_x0={"q": 0.1, "v": 0.1, "k": 10.0}, x0={"k": 35.0}),
+    ... )
+    >>> print(f"{float(bs.estimate(ekf, spring, recording, engine='vm').x_hat[-1, 2]):.0f} 1/s2")
+    40 1/s2
     """
 
     key: ClassVar[str] = "ekf"

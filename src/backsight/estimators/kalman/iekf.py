@@ -78,6 +78,13 @@ class IEKF(AbstractEstimator):
     ----------
     Bell, Cathey, "The iterated Kalman filter update as a Gauss-Newton method", IEEE Transactions
     on Automatic Control 38 (1993) 294-297, doi:10.1109/9.250476.
+
+    Examples
+    --------
+    >>> noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=1.0)
+    >>> iekf = bs.IEKF(noise, prior, max_iterations=5)
+    >>> iekf.key, iekf.tolerance
+    ('iekf', 1e-06)
     """
 
     key: ClassVar[str] = "iekf"

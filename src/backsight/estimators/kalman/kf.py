@@ -65,6 +65,14 @@ class KalmanFilter(AbstractEstimator):
     Kalman, "A new approach to linear filtering and prediction problems", 1960,
     doi:10.1115/1.3662552.
     Simon, "Optimal State Estimation", 2006, doi:10.1002/0470045345, chapters 5 and 7.
+
+    Examples
+    --------
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-4, sigma_w=1e-5), bs.Prior(sigma_x0=1.0))
+    >>> result = bs.estimate(kf, bs.sdof(k=40.0, b=0.8), recording, engine="vm")
+    >>> result.x_hat.dims, result.state.values.tolist()
+    (('time', 'state'), ['q', 'v'])
     """
 
     key: ClassVar[str] = "kf"

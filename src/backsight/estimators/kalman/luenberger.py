@@ -90,6 +90,7 @@ class Luenberger(AbstractEstimator):
         :math:`e^{s\,dt}`): inside the unit circle, complex ones in conjugate pairs, none more often
         than there are outputs.
     form : {"filtering", "prediction"}
+        Whether an estimate knows the measurement of its own sample.
     hold : {"zoh", "foh"}
         Input between the samples of a continuous model: held, or interpolated.
 
@@ -98,6 +99,14 @@ class Luenberger(AbstractEstimator):
     Luenberger, "An introduction to observers", 1971, doi:10.1109/TAC.1971.1099826.
     Tits, Yang, "Globally convergent algorithms for robust pole assignment by state feedback", 1996,
     doi:10.1109/9.539425: the gain, if there are several outputs.
+
+    Examples
+    --------
+    >>> observer = bs.Luenberger(bs.Noise(sigma_y=1e-3), bs.Prior(sigma_x0=1.0), poles=(0.8, 0.7))
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> result = bs.estimate(observer, bs.sdof(k=40.0, b=0.8), recording, engine="vm")
+    >>> abs(float(result.e[-1, 0])) < 1e-3
+    True
     """
 
     key: ClassVar[str] = "luenberger"

@@ -77,6 +77,12 @@ class UKF(AbstractEstimator):
     ----------
     van der Merwe and Wan, "The square-root unscented Kalman filter for state and
     parameter-estimation", 2001, doi:10.1109/ICASSP.2001.940586.
+
+    Examples
+    --------
+    >>> ukf = bs.UKF(bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=1.0))
+    >>> ukf.alpha, ukf.outside
+    (1.0, 'moved')
     """
 
     key: ClassVar[str] = "ukf"

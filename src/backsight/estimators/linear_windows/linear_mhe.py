@@ -87,6 +87,12 @@ class LinearMHE(AbstractEstimator):
     Control, 1999.
     Rao, Rawlings, Lee, "Constrained linear state estimation: a moving horizon approach", 2001,
     Automatica 37(10).
+
+    Examples
+    --------
+    >>> noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=1.0)
+    >>> bs.LinearMHE(noise, prior, N=10).arrival_weight
+    0.0
     """
 
     key: ClassVar[str] = "lmhe"

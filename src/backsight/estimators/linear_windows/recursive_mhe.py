@@ -72,6 +72,12 @@ class RecursiveMHE(AbstractEstimator):
     Control, 1999.
     Ling, Wu, Lim, "State observers for single rate and multirate controllers", 1996,
     doi:10.1016/S1474-6670(17)57849-0.
+
+    Examples
+    --------
+    >>> noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=1.0)
+    >>> bs.RecursiveMHE(noise, prior, N=10).N
+    10
     """
 
     key: ClassVar[str] = "rmhe"

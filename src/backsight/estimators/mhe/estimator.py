@@ -100,6 +100,13 @@ class MHE(AbstractEstimator):
     Rao, Rawlings, Mayne, "Constrained state estimation for nonlinear discrete-time systems:
     stability and moving horizon approximations", 2003, doi:10.1109/TAC.2002.808470.
     Bell, "The iterated Kalman smoother as a Gauss-Newton method", 1994, doi:10.1137/0804035.
+
+    Examples
+    --------
+    >>> noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=1.0)
+    >>> mhe = bs.MHE(noise, prior, N=10, arrival=bs.settings.EKFArrival())
+    >>> mhe.N, mhe.arrival
+    (10, EKFArrival())
     """
 
     key: ClassVar[str] = "mhe"

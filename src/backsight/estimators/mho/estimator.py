@@ -63,6 +63,7 @@ class MHO(AbstractEstimator):
     alpha : float
         Weight of the measurements in the window.
     integrator : Integrator
+        For continuous-time models.
     covariance : {"transition", "ode", "discrete"}
         See `EKF`.
     optimiser : GaussNewton
@@ -83,6 +84,13 @@ class MHO(AbstractEstimator):
     ----------
     Polóni, Eielsen, Rohaľ-Ilkiv, Johansen, "Moving horizon observer for vibration dynamics with
     plant uncertainties in nanopositioning system estimation", ACC 2012, section IV.
+
+    Examples
+    --------
+    >>> noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=1.0)
+    >>> mho = bs.MHO(noise, prior, N=10, alpha=1e-3)
+    >>> mho.N, mho.alpha
+    (10, 0.001)
     """
 
     key: ClassVar[str] = "mho"

@@ -55,6 +55,11 @@ class AdaptiveGain(Description):
         K_up and K_down [1/s].
     switch : {"smooth", "hard"}
         S of eq. 19, or the abrupt one of eq. 18, which has no beta.
+
+    Examples
+    --------
+    >>> bs.settings.AdaptiveGain(lower=10.0, gamma=5.0).lower
+    10.0
     """
 
     called: ClassVar[str] = "adaptive gain"

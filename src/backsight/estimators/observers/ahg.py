@@ -57,6 +57,7 @@ class AHG(AbstractHighGain, AbstractAdaptiveObserver):
         The printed eq. 10 has a surplus lambda at Upsilon Gamma Upsilon', which makes adaptation
         slower by one to two orders of magnitude.
     adaptive : AdaptiveGain, optional
+        Of a gain that comes down from `gain` while the innovation is small.
     excitation : Excitation
         Window in which the excitation of the parameters is watched.
     integrator : Integrator
@@ -76,6 +77,14 @@ class AHG(AbstractHighGain, AbstractAdaptiveObserver):
     Riva, Dagen, Ortmaier, "Adaptive high-gain observer for joint state and parameter estimation: a
     comparison to extended and unscented Kalman filter". Besançon (ed.), "Nonlinear Observers and
     Applications", Springer 2007.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> noise, prior = bs.Noise(sigma_y=1e-3), bs.Prior(sigma_x0=1.0)
+    >>> ahg = bs.AHG(noise, prior, gain=50.0, Gamma=np.diag([1e3, 1.0]))
+    >>> ahg.gain, ahg.form
+    (50.0, 'consistent')
     """
 
     key: ClassVar[str] = "ahg"

@@ -62,6 +62,16 @@ class HGO(AbstractHighGain):
     ----------
     Gauthier, Hammouri, Othman (1992), doi:10.1109/9.256352. Riva, Dagen, Ortmaier, "Adaptive
     high-gain observer for joint state and parameter estimation", eq. 1-5.
+
+    Examples
+    --------
+    >>> noise, prior = bs.Noise(sigma_y=1e-3), bs.Prior(sigma_x0=1.0)
+    >>> recording = bs.simulate(bs.sdof(k=40.0, b=0.8), [[1.0]] * 80, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> result = bs.estimate(
+    ...     bs.HGO(noise, prior, gain=5.0), bs.sdof(k=40.0, b=0.8), recording, engine="vm"
+    ... )
+    >>> abs(float(result.e[-1, 0])) < 1e-3
+    True
     """
 
     key: ClassVar[str] = "hgo"

@@ -35,6 +35,11 @@ class Limit(Description):
     of : {"state", "residual", "noise"}
         What is summed: states x, residuals v = y - C x - D u of the measured outputs, or the
         process noise w = x_next - A x - B u of the states.
+
+    Examples
+    --------
+    >>> bs.settings.Limit("stop", {"q": 1.0}, lower=-0.01, upper=0.01).upper
+    0.01
     """
 
     name: str

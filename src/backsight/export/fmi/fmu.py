@@ -89,6 +89,14 @@ def export_fmu(
         If the recording does not fit the model.
     OutputError
         If the file cannot be written, or would replace one that is not from here.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 20, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-5), bs.Prior(sigma_x0=1.0))
+    >>> bs.export.export_fmu(kf, spring, recording, "kf.fmu", platforms=()).name  # sources only
+    'kf.fmu'
     """
     target = Path(out)
     _check_place(target, force=force)

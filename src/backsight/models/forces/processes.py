@@ -116,6 +116,11 @@ class Matern(Process):
         Scale of time l [s].
     smoothness : {"1/2", "3/2", "5/2"}
         :math:`\nu`; 1/2 is the process of Gauss and Markov, see `GaussMarkov`.
+
+    Examples
+    --------
+    >>> bs.forces.Matern(sigma=5.0, length=0.2).smoothness
+    '3/2'
     """
 
     sigma: Positive
@@ -188,6 +193,11 @@ def GaussMarkov(sigma: float, time: float) -> Matern:
         Standard deviation of the force [its unit].
     time : float
         Time constant T in which it forgets [s].
+
+    Examples
+    --------
+    >>> bs.forces.GaussMarkov(sigma=5.0, time=0.1)
+    Matern(sigma=5.0, length=0.1, smoothness='1/2')
     """
     return Matern(sigma, time, "1/2")
 
@@ -212,6 +222,11 @@ class Periodic(Process):
         Multiples of the frequency.
     memory : float
         Time T in which amplitudes and phases are forgotten [s]; infinity for those that stay.
+
+    Examples
+    --------
+    >>> bs.forces.Periodic(sigma=2.0, frequency=25.0, orders=(1.0, 2.0)).orders
+    (1.0, 2.0)
     """
 
     sigma: Positive

@@ -29,6 +29,26 @@ def forces_as_inputs(model: Model, forces: Sequence[str]) -> Model:
     ------
     ModelError
         If no force is named, one is named twice, or the model has no such parameter.
+
+    Examples
+    --------
+    >>> [
+    ...     s.name
+    ...     for s in bs.forces.forces_as_inputs(
+    ...         bs.models.beam(
+    ...             length=1.0,
+    ...             width=0.02,
+    ...             thickness=5e-3,
+    ...             youngs_modulus=7e10,
+    ...             density=2700.0,
+    ...             modes=1,
+    ...             sensors={"tip": ("displacement", 1.0)},
+    ...             forces={"hit": 0.7},
+    ...         ),
+    ...         ["hit"],
+    ...     ).inputs
+    ... ]
+    ['hit']
     """
     known = {s.name: s for s in model.parameters}
     if not forces:

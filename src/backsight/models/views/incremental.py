@@ -46,6 +46,25 @@ def incremental(model: Model) -> Model:
     -----
     Source: Ling, Wu, Lim (1996), "State observers for single rate and multirate controllers",
     doi:10.1016/S1474-6670(17)57849-0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> [
+    ...     s.name
+    ...     for s in bs.models.incremental(
+    ...         bs.lti(
+    ...             [[0.5]],
+    ...             [[1.0]],
+    ...             [[1.0]],
+    ...             states={"x": ""},
+    ...             inputs={"u": ""},
+    ...             outputs={"y": ""},
+    ...             dt=0.1,
+    ...         )
+    ...     ).states
+    ... ]
+    ['d_x', 'y']
     """
     if model.continuous:
         raise ModelError(

@@ -23,6 +23,11 @@ def scale(model: Model) -> Model:
     Values and bounds are scaled too; units become "1" where a scale was applied.
 
     Source: Polóni et al., ACC 2012, eq. 37.
+
+    Examples
+    --------
+    >>> bs.models.scale(bs.duffing(k1=4e6, d=70.0, k3=5.0)).states[0].name
+    'q'
     """
     sx, su, sy = (
         np.array([s.scale or 1.0 for s in group])

@@ -35,6 +35,7 @@ class SensorTable(StrictTable):
 class SecondOrderTable(ModelTable):
     """Mass, damping and stiffness matrices of numbers and formulas."""
 
+    function = staticmethod(second_order)
     has_places: ClassVar[bool] = True
 
     mass: Any
@@ -50,7 +51,7 @@ class SecondOrderTable(ModelTable):
         """See `ModelTable.build`."""
         # Which kinds there are is the model's own to say.
         outputs: dict[str, Any] = {name: (s.kind, s.at) for name, s in self.outputs.items()}
-        return second_order(
+        return type(self).function(
             self.mass,
             self.damping,
             self.stiffness,

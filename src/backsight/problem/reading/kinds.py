@@ -49,7 +49,17 @@ class BuiltinTable(ModelTable):
 
 
 class EquationsTable(ModelTable):
-    """Equations as text: the rate of every state, and the outputs."""
+    """Equations as text: the rate of every state, and the outputs.
+
+    Parameters
+    ----------
+    states : dict
+        Name to unit.
+    outputs : dict
+        Name to the formula; units are those of the columns.
+    parameters : dict
+        Name to value, or ``{ value = 1.0, unit = "kg" }``.
+    """
 
     states: dict[str, str]
     equations: dict[str, str]

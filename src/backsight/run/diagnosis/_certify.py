@@ -98,6 +98,14 @@ def certify(
         If estimator and model do not fit, or the estimator has no noise and prior.
     DataError
         If recording and model do not fit.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 30, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> ekf = bs.EKF(bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=0.1))
+    >>> bs.check.certify(ekf, spring, recording).holds
+    True
     """
     noise, prior = estimator.assumed
     dt = float(recording.attrs["dt"])

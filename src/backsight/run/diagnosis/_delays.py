@@ -76,6 +76,15 @@ def check_alignment(
         If recording and model do not fit.
     TuningError, ModelError
         If estimator and model do not fit, or `reach` is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> spring, u = bs.sdof(k=40.0, b=0.8), np.random.default_rng(0).standard_normal((200, 1))
+    >>> recording = bs.simulate(spring, u, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> ekf = bs.EKF(bs.Noise(sigma_y=1e-4, sigma_w=1e-5), bs.Prior(sigma_x0=0.1))
+    >>> bs.check.check_alignment(ekf, spring, recording).sound
+    True
     """
     predicting = yardstick(estimator, model)
     data = [part[:MOST] for part in match(model, recording, estimator=predicting)]

@@ -81,6 +81,15 @@ def estimate(
         If recording and model do not fit, or the result would not fit into memory.
     EstimationError
         If the estimate became non-finite; the exception carries the results.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 200, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-4, sigma_w=1e-6), bs.Prior(sigma_x0=1.0))
+    >>> result = bs.estimate(kf, spring, recording, engine="vm")
+    >>> print(f"{float(result.x_hat.sel(state='q')[-1]):.3f} m")  # u / k, at rest
+    0.025 m
     """
     kept = as_outputs(outputs)
     task = ready(estimator, model, recording, outputs=kept, restart=restart)

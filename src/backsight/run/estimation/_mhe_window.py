@@ -48,6 +48,14 @@ def solve_window(
         If the estimator has no such window.
     DataError
         If the recording has no such sample, or does not fit the model.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 20, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> mhe = bs.MHE(bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=1.0), N=5)
+    >>> bs.solve_window(mhe, spring, recording, at=12).sizes["time"]
+    6
     """
     u, y, mask = match(model, recording, estimator=estimator)
     k = at + len(u) if at < 0 else at

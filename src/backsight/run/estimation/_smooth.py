@@ -82,6 +82,17 @@ def smooth(
     The two-filter smoother of Fraser and Potter (1969), doi:10.1109/TAC.1969.1099196, in
     square-root form: no covariance is inverted or subtracted from, so that process noise and prior
     may be singular. See `backsight.estimators.smoothing.two_filter` and the page on smoothing.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 80, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=1.0))
+    >>> before, after = (
+    ...     find(kf, spring, recording, engine="vm") for find in (bs.estimate, bs.smooth)
+    ... )
+    >>> bool(after.P[0, 1, 1] < before.P[0, 1, 1])  # the later samples know the velocity
+    True
     """
     task = ready_to_smooth(estimator, model, recording, covariance=covariance)
     check_memory([task.numbers], task.samples)

@@ -181,5 +181,14 @@ def stream(
     engine: Engine = "native",
     restart: bool = False,
 ) -> Stream:
-    """Start an estimator on a live stream with sampling period dt [s]; see `Stream`."""
+    """Start an estimator on a live stream with sampling period dt [s]; see `Stream`.
+
+    Examples
+    --------
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-4), bs.Prior(sigma_x0=1.0))
+    >>> live = bs.stream(kf, bs.sdof(k=40.0, b=0.8), 0.05, engine="vm")
+    >>> step = live.step([1.0], [0.02])
+    >>> print(f"{step['x_hat'][0]:.3f} m")
+    0.020 m
+    """
     return Stream(estimator, model, dt, engine=engine, restart=restart)

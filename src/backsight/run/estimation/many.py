@@ -73,6 +73,16 @@ def estimate_many(
         If a recording does not fit the model, or the sampling periods differ; names the recording.
     EstimationError
         If the estimate of a recording became non-finite; carries the results of all.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> several = [
+    ...     bs.simulate(spring, [[1.0]] * 9, dt=0.05, sigma_y=1e-3, seed=s) for s in range(3)
+    ... ]
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3, sigma_w=1e-5), bs.Prior(sigma_x0=1.0))
+    >>> [result.sizes["time"] for result in bs.estimate_many(kf, spring, several)]
+    [9, 9, 9]
     """
     from backsight.engine.lanes import run_many  # brings the compiler along
 

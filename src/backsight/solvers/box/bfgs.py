@@ -29,6 +29,11 @@ class QuasiNewton(Description):
     cost_tolerance, step_tolerance : float
         The iterations end when :math:`|J_i - J_{i+1}| < \delta_J (1 + |J_i|)` or
         :math:`\|x_i - x_{i+1}\| < \delta_x (1 + \|x_i\|)`, with J and x scaled as there.
+
+    Examples
+    --------
+    >>> bs.settings.QuasiNewton(max_iterations=50).max_iterations
+    50
     """
 
     max_iterations: Count = 100

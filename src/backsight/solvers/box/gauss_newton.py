@@ -32,6 +32,11 @@ class GaussNewton(Description):
         :math:`|x_i - x_{i+1}| < \delta_x (1 + |x_i|)`, with J and x scaled as in
         Polóni et al. (2012), section VI.D. J is then of the order of 1e-6, so that the rule is an
         absolute tolerance and nearly always ends after one step.
+
+    Examples
+    --------
+    >>> bs.settings.GaussNewton(max_iterations=1).tolerance  # one iteration: real time
+    1e-06
     """
 
     max_iterations: Count = 20

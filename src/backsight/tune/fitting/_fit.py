@@ -95,6 +95,15 @@ def fit(
     Gupta, Mehra, "Computational aspects of maximum likelihood estimation and reduction in
     sensitivity function calculations", IEEE Transactions on Automatic Control 19 (1974) 774-783,
     doi:10.1109/TAC.1974.1100714.
+
+    Examples
+    --------
+    >>> spring = bs.sdof(k=40.0, b=0.8)
+    >>> recording = bs.simulate(spring, [[1.0]] * 300, dt=0.05, sigma_y=1e-3, seed=1)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-2, sigma_w=1e-6), bs.Prior(sigma_x0=0.1))
+    >>> tuned = bs.tune.fit(kf, spring, recording, free=["sigma_y"], check=False, restarts=0)
+    >>> print(f"{tuned.values['sigma_y.y']:.4f}")
+    0.0009
     """
     given = [recordings] if isinstance(recordings, xr.Dataset) else list(recordings)
     if not given:

@@ -81,6 +81,15 @@ class AbstractCriterion(Description, abc.ABC):
     Those of one's own are made by deriving a frozen dataclass with a method `residuals`. A residual
     should have standard deviation one with the true settings: the standard deviations of the tuned
     values follow from that.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> class Size(bs.tune.AbstractCriterion):
+    ...     def residuals(self, z):
+    ...         return np.array([np.nanmean(z**2) - 1.0])
+    >>> Size().independent
+    True
     """
 
     independent: ClassVar[bool] = True
@@ -140,6 +149,11 @@ class Likelihood(AbstractCriterion):
     ----------
     Schweppe, "Evaluation of likelihood functions for Gaussian signals", 1965,
     doi:10.1109/TIT.1965.1053737.
+
+    Examples
+    --------
+    >>> bs.tune.Likelihood().outliers
+    0.0
     """
 
     outliers: Share = 0.0
@@ -198,6 +212,11 @@ class Prediction(Likelihood):
         Samples of a block.
     every : int, optional
         Samples from block to block; three blocks if not given.
+
+    Examples
+    --------
+    >>> bs.tune.Prediction().outliers
+    0.0
     """
 
     independent: ClassVar[bool] = False
@@ -231,6 +250,11 @@ class Whiteness(AbstractCriterion):
     ----------
     lags : int
         Samples up to which innovations must not be correlated.
+
+    Examples
+    --------
+    >>> bs.tune.Whiteness(lags=5).lags
+    5
     """
 
     lags: Count = 20

@@ -47,7 +47,7 @@ class Tuned(Printed):
     units : dict
         Unit of every value.
     correlation : xarray.DataArray
-        Of the errors, (value, value_).
+        Of the errors, ``(value, value_)``.
     chosen : dict
         Options that were chosen.
     cost, before : float

@@ -91,8 +91,10 @@ def reduced(
         "feedthrough" adds it to displacements and strains at once, and no states.
     coordinates : sequence of str, optional
         Names of the coordinates, if the matrices have none.
-    length_unit, force_unit, name
-        As in `modal`.
+    length_unit, force_unit : str
+        For labels. Any consistent set of units will do.
+    name : str
+        Shown in results.
 
     Returns
     -------

@@ -51,6 +51,19 @@ def check_identifiability(
         If recording and model do not fit.
     TuningError, ModelError
         If estimator and model do not fit, or the motion does not stay finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> spring, u = bs.sdof(k=40.0, b=0.8), np.random.default_rng(0).standard_normal((100, 1))
+    >>> joint = bs.augment(spring, parameters=["k"])
+    >>> recording = bs.simulate(spring, u, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> ekf = bs.EKF(
+    ...     bs.Noise(sigma_y=1e-4, sigma_w={"q": 1e-6, "v": 1e-6}),
+    ...     bs.Prior(sigma_x0={"q": 0.1, "v": 0.1, "k": 5.0}),
+    ... )
+    >>> [band.name for band in bs.check.check_identifiability(ekf, joint, recording).parameters]
+    ['k']
     """
     judge = yardstick(estimator, model)
     noise, prior = judge.assumed

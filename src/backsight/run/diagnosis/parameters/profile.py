@@ -60,6 +60,19 @@ def profile(
     ----------
     Raue et al., "Structural and practical identifiability analysis of partially observed dynamical
     models by exploiting the profile likelihood", 2009, doi:10.1093/bioinformatics/btp358.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> spring, u = bs.sdof(k=40.0, b=0.8), np.random.default_rng(0).standard_normal((60, 1))
+    >>> joint = bs.augment(spring, parameters=["k"])
+    >>> recording = bs.simulate(spring, u, dt=0.05, sigma_y=1e-4, seed=1)
+    >>> ekf = bs.EKF(
+    ...     bs.Noise(sigma_y=1e-4, sigma_w=1e-6), bs.Prior(sigma_x0={"q": 0.1, "v": 0.1, "k": 5.0})
+    ... )
+    >>> found = bs.check.profile(ekf, joint, recording, "k", [35.0, 40.0, 45.0])
+    >>> found.log_likelihood.idxmax().item()
+    40.0
     """
     i, judge = model.index(name), yardstick(estimator, model)
     noise, prior = judge.assumed

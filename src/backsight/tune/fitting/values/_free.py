@@ -30,6 +30,11 @@ class Free(Description):
     per : "all", "recording", or sequence of str
         One value for all recordings, one for each, or one for each group of recordings: the group
         of every recording.
+
+    Examples
+    --------
+    >>> bs.tune.Free("sigma_w.v", spread=10.0).per
+    'all'
     """
 
     name: str
@@ -55,6 +60,11 @@ class Choice(Description):
         Path of the field: ``N``, ``arrival``.
     options : tuple
         Values of the field.
+
+    Examples
+    --------
+    >>> bs.tune.Choice("N", (5, 10, 20)).options
+    (5, 10, 20)
     """
 
     name: str
