@@ -81,8 +81,25 @@ def locate_hits(
 
     Examples
     --------
-    >>> line = bs.forces.ForceLine(places=(0.125, 0.165, 0.205), supports=(0.0,))  # doctest: +SKIP
-    >>> bs.forces.locate_hits(method, beam, recording, found, line=line)  # doctest: +SKIP
+    >>> import numpy as np
+    >>> places = {"a": 0.2, "b": 0.3, "c": 0.4}
+    >>> beam = bs.beam(
+    ...     0.405, width=0.025, thickness=0.003, youngs_modulus=65.9e9, density=7502.0, modes=2,
+    ...     damping=0.03, forces=places,
+    ...     sensors={"s": ("displacement", 0.25), "t": ("displacement", 0.4)},
+    ... )
+    >>> hit = np.zeros((60, 3))
+    >>> hit[20, 1] = 5.0
+    >>> struck = bs.forces.forces_as_inputs(beam, list(places))
+    >>> recording = bs.simulate(struck, hit, dt=1 / 400, sigma_y=1e-6, seed=1)
+    >>> method = bs.CompressiveSensingMHE(
+    ...     bs.Noise(sigma_y=1e-6), bs.Prior(sigma_x0=1e-4), forces=("a", "b", "c"), lam=5.0
+    ... )
+    >>> found = bs.forces.find_sparse_forces(method, beam, recording)
+    >>> line = bs.forces.ForceLine(tuple(places.values()), supports=(0.0,))
+    >>> hits = bs.forces.locate_hits(method, beam, recording, found, line=line)
+    >>> round(float(hits["place"][0]), 3)  # [m]
+    0.3
     """
     if not model.continuous:
         raise TuningError(

@@ -71,7 +71,7 @@ class Load:
 
 
 @dataclasses.dataclass(frozen=True)
-class State:
+class MachineState:
     """A state of a machine.
 
     Parameters
@@ -97,7 +97,7 @@ class Machine:
     title, about : str
         Its name, and a sentence.
     states : dict
-        Name to `State`.
+        Name to `MachineState`.
     inputs, outputs : tuple of Slot
         An input that is not measured is zero.
     constants : tuple of Constant
@@ -106,7 +106,7 @@ class Machine:
 
     title: str
     about: str
-    states: Mapping[str, State]
+    states: Mapping[str, MachineState]
     inputs: tuple[Slot, ...]
     outputs: tuple[Slot, ...]
     constants: tuple[Constant, ...]
@@ -126,8 +126,8 @@ GALLERY: dict[str, Machine] = {
         "Mass on a spring",
         "One mass, a spring and a damper; a force drives it, measured or not.",
         {
-            "q": State("m", "v", motion=False),
-            "v": State("m/s", "(F + w - c*v - k*q) / m"),
+            "q": MachineState("m", "v", motion=False),
+            "v": MachineState("m/s", "(F + w - c*v - k*q) / m"),
         },
         inputs=(Slot("F", "N", "driving force", _FORCE),),
         outputs=(
@@ -152,8 +152,8 @@ GALLERY: dict[str, Machine] = {
         "Drive with friction",
         "A slide or an axis: mass, viscous and Coulomb friction, and a force of the drive.",
         {
-            "q": State("m", "v", motion=False),
-            "v": State("m/s", "(F - Fv*v - Fc*tanh(v/vs) - load) / M"),
+            "q": MachineState("m", "v", motion=False),
+            "v": MachineState("m/s", "(F - Fv*v - Fc*tanh(v/vs) - load) / M"),
         },
         inputs=(Slot("F", "N", "force of the drive", _FORCE),),
         outputs=(
@@ -172,8 +172,8 @@ GALLERY: dict[str, Machine] = {
         "Motor with a load",
         "A motor turns something: inertia, viscous friction, and a load that nobody measures.",
         {
-            "phi": State("rad", "w", motion=False),
-            "w": State("rad/s", "(kt*i - b*w - load) / J"),
+            "phi": MachineState("rad", "w", motion=False),
+            "w": MachineState("rad/s", "(kt*i - b*w - load) / J"),
         },
         inputs=(Slot("i", "A", "current of the motor", _CURRENT),),
         outputs=(
@@ -191,9 +191,9 @@ GALLERY: dict[str, Machine] = {
         "Two masses on a shaft",
         "A motor drives a load through an elastic shaft: two inertias, stiffness and damping.",
         {
-            "twist": State("rad", "w1 - w2", motion=False),
-            "w1": State("rad/s", "(T - d*(w1 - w2) - c*twist - b*w1) / J1"),
-            "w2": State("rad/s", "(d*(w1 - w2) + c*twist - load) / J2"),
+            "twist": MachineState("rad", "w1 - w2", motion=False),
+            "w1": MachineState("rad/s", "(T - d*(w1 - w2) - c*twist - b*w1) / J1"),
+            "w2": MachineState("rad/s", "(d*(w1 - w2) + c*twist - load) / J2"),
         },
         inputs=(Slot("T", "Nm", "torque of the motor", _TORQUE),),
         outputs=(

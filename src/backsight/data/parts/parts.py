@@ -149,6 +149,17 @@ def read_parts(
     ------
     DataError
         If there is no such file, a column is missing, or the file cannot be read in parts.
+
+    Examples
+    --------
+    >>> import h5py, numpy as np
+    >>> with h5py.File("long.h5", "w") as file:
+    ...     file["u"], file["y"] = np.zeros(60), np.zeros(60)
+    >>> parts = bs.large.read_parts(
+    ...     "long.h5", inputs={"u": "u"}, outputs={"y": "y"}, dt=0.01, samples=20
+    ... )
+    >>> type(parts).__name__
+    'RecordingParts'
     """
     signals = columns(inputs, "input"), columns(outputs, "output")
     clock = None if time is None else column(time, "time")

@@ -26,16 +26,7 @@ from backsight.estimators.cs_mhe._step import cs_recursion
 from backsight.estimators.cs_mhe._tables import check_forces, check_unbounded, tables
 from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
-from backsight.estimators.dictionaries import (
-    Atoms,
-    Decays,
-    HalfSines,
-    Haversines,
-    Impulses,
-    MovingLoads,
-    Splines,
-    SteadyLoads,
-)
+from backsight.estimators.dictionaries import Dictionary, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.parts.linear import Linear, at_mean, linear
@@ -51,11 +42,6 @@ from backsight.types import Array, ByName
 
 Correction: TypeAlias = Literal["none", "amplitude", "energy"]
 CORRECTIONS = get_args(Correction)
-
-Dictionary: TypeAlias = (
-    Impulses | HalfSines | Haversines | Splines | Decays | SteadyLoads | MovingLoads | Atoms
-)
-"""Of which atoms a force may be made."""
 
 STEPS_PER_ATOM = 4
 """The active set may take so many steps for every atom that can be active, and some more."""
@@ -92,7 +78,6 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         Standard deviation per sample, as white noise, of the part of the forces that is not looked
         for: :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
     dictionary : Impulses, HalfSines, Haversines, Splines, Decays, SteadyLoads, MovingLoads or Atoms
-        Of which pulses the forces are made.
     nonnegative, nonpositive : tuple of str
         Forces with a known sign.
     arrival : SmoothedArrival, ConstantArrival or NoArrival

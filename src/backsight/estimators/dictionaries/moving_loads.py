@@ -32,6 +32,12 @@ class ForceLine(Description):
     supports : tuple of float
         Positions at which the structure does not move, such as the ends of a bridge.
 
+    Examples
+    --------
+    >>> line = bs.forces.ForceLine((0.25, 0.5, 0.75), supports=(0.0, 1.0))
+    >>> line.places
+    (0.25, 0.5, 0.75)
+
     References
     ----------
     Kirchner, Croes, Cosco, Desmet, "Exploiting input sparsity for joint state/input moving horizon
@@ -87,6 +93,12 @@ class MovingLoads(AbstractDictionary):
     crossings : tuple of int
         Sampling periods from the first position of the line to its last, supports included;
         negative from the last to the first. Loads of all these speeds are offered.
+
+    Examples
+    --------
+    >>> line = bs.forces.ForceLine((0.25, 0.5, 0.75), supports=(0.0, 1.0))
+    >>> bs.forces.MovingLoads(line, crossings=(20, -20)).crossings
+    (20, -20)
     """
 
     line: ForceLine

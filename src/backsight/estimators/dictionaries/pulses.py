@@ -88,6 +88,11 @@ class HalfSines(AbstractWidths):
     ----------
     widths : tuple of int
         Durations in sampling periods; pulses of all of them are offered.
+
+    Examples
+    --------
+    >>> bs.forces.HalfSines(widths=(2, 4)).widths
+    (2, 4)
     """
 
     def course(self, s: Array) -> Array:
@@ -108,6 +113,11 @@ class Haversines(AbstractWidths):
     ----------
     widths : tuple of int
         Durations in sampling periods; pulses of all of them are offered.
+
+    Examples
+    --------
+    >>> bs.forces.Haversines(widths=(2, 4)).widths
+    (2, 4)
     """
 
     def course(self, s: Array) -> Array:
@@ -128,6 +138,11 @@ class Splines(AbstractWidths):
     ----------
     widths : tuple of int
         Lengths of the splines in sampling periods, four times the distance of their knots.
+
+    Examples
+    --------
+    >>> bs.forces.Splines(widths=(2, 4)).widths
+    (2, 4)
     """
 
     def course(self, s: Array) -> Array:
@@ -154,6 +169,11 @@ class Decays(AbstractWidths):
     ----------
     widths : tuple of int
         Time constants in sampling periods; after six of them a force is over.
+
+    Examples
+    --------
+    >>> bs.forces.Decays(widths=(2, 4)).widths
+    (2, 4)
     """
 
     @property
@@ -180,6 +200,11 @@ class SteadyLoads(AbstractPulses):
     length : int
         For how many samples a force stays. In a whole recording the length of the recording stands
         for a load that never goes; a window must be as long.
+
+    Examples
+    --------
+    >>> bs.forces.SteadyLoads(length=3).shapes(1).shape  # one force, on for three samples
+    (1, 3, 1)
     """
 
     length: Count
@@ -201,7 +226,13 @@ class SteadyLoads(AbstractPulses):
 @final
 @dataclasses.dataclass(frozen=True)
 class Impulses(AbstractPulses):
-    """Every force at every step by itself: short hits, the identity as dictionary."""
+    """Every force at every step by itself: short hits, the identity as dictionary.
+
+    Examples
+    --------
+    >>> bs.forces.Impulses()
+    Impulses()
+    """
 
     @property
     def lengths(self) -> tuple[int, ...]:

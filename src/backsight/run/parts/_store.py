@@ -167,6 +167,20 @@ def read_store(
     ------
     DataError
         If there are no such results.
+
+    Examples
+    --------
+    >>> import h5py, numpy as np
+    >>> with h5py.File("long.h5", "w") as file:
+    ...     file["u"], file["y"] = np.zeros(60), np.zeros(60)
+    >>> parts = bs.large.read_parts(
+    ...     "long.h5", inputs={"u": "u"}, outputs={"y": "y"}, dt=0.01, samples=20
+    ... )
+    >>> model = bs.sdof(k=40.0, b=0.8)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3), bs.Prior(sigma_x0=0.1))
+    >>> told = bs.large.estimate_parts(kf, model, parts, "store", outputs=["x_std"])
+    >>> bs.large.read_store("store", start=0.2, stop=0.4).sizes["time"]
+    20
     """
     found: list[xr.Dataset] = []
     for path in sorted(Path(store).glob("part-*.nc")):

@@ -71,6 +71,16 @@ def estimate_summaries(
     See Also
     --------
     estimate_many : The results themselves.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> model = bs.sdof(k=40.0, b=0.8)
+    >>> kf = bs.KalmanFilter(bs.Noise(sigma_y=1e-3), bs.Prior(sigma_x0=0.1))
+    >>> rest = np.zeros((50, 1))
+    >>> recordings = [bs.simulate(model, rest, dt=0.01, sigma_y=1e-3, seed=s) for s in range(2)]
+    >>> bs.large.estimate_summaries(kf, model, recordings).sizes["recording"]
+    2
     """
     from backsight.engine.lanes import run_many  # brings the compiler along
 

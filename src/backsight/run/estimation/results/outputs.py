@@ -45,6 +45,11 @@ class Outputs(Description):
     Notes
     -----
     The verdict, `backsight.check.check_consistency` and the report need all variables but ``P``.
+
+    Examples
+    --------
+    >>> bs.large.Outputs(("x_std",), every=10).every
+    10
     """
 
     variables: Annotated[tuple[str, ...], Distinct()] | None = None
