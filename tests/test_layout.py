@@ -185,3 +185,9 @@ def test_every_estimator_has_a_page():
 def test_every_exported_name_exists():
     for name in getattr(backsight, "__all__", []):
         assert hasattr(backsight, name), name
+
+
+def test_no_two_test_files_have_one_name():
+    """Tests are no packages: pytest would take the second for the first."""
+    names = [file.name for file in (ROOT / "tests").rglob("test_*.py")]
+    assert len(names) == len(set(names))

@@ -115,11 +115,12 @@ def test_exported_code_tells_too(tmp_path, restart):
         '#include <stdio.h>\n#include "ukf.h"\n'
         f"static const double rows[][3] = {{{body}}};\n"
         "int main(void) {\n"
-        "  static ukf_memory m; static ukf_workspace w;\n"
+        "  static ukf_memory m; static ukf_workspace w; static ukf_settings s;\n"
         "  double x[2], P[3], y, e, S, status;\n  ukf_init(&m);\n"
+        "  ukf_defaults(&s);\n"
         f"  for (int k = 0; k < {len(rows)}; k++) {{\n"
         "    const double *d = rows[k];\n"
-        "    ukf_step(&m, &w, &d[0], &d[1], &d[2], x, P, &y, &e, &S, &status);\n"
+        "    ukf_step(&m, &w, &s, &d[0], &d[1], &d[2], x, P, &y, &e, &S, &status);\n"
         '    printf("%.17g %.17g\\n", x[0], status);\n  }\n  return 0;\n}\n'
     )
     subprocess.run(

@@ -62,7 +62,7 @@ class Compilable(Description, abc.ABC):
         """
         noise, prior = getattr(self, "noise", None), getattr(self, "prior", None)
         if not (isinstance(noise, Noise) and isinstance(prior, Prior)):
-            raise TuningError(f"'{self.key}' has no noise and prior")
+            raise TuningError(f"{self.title} has no noise and prior")
         return noise, prior
 
     @property

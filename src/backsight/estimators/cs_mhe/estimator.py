@@ -78,6 +78,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         Standard deviation per sample, as white noise, of the part of the forces that is not looked
         for: :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
     dictionary : Impulses, HalfSines, Haversines, Splines, Decays, SteadyLoads, MovingLoads or Atoms
+        Of which pulses the forces are made.
     nonnegative, nonpositive : tuple of str
         Forces with a known sign.
     arrival : SmoothedArrival, ConstantArrival or NoArrival

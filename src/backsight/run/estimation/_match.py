@@ -135,7 +135,7 @@ def _columns(recording: xr.Dataset, variable: str, dim: str, *, of: tuple[Signal
         raise DataError(f"the recording has no variable '{variable}'; make it with `bs.read`")
     # Variables, not arrays with coordinates: making one takes as long as a hundred samples.
     known = recording.variables
-    names = [str(n) for n in known[dim].values]
+    names = [str(n) for n in (known[dim].values if dim in known else range(recording.sizes[dim]))]
     for s in of:
         if s.name not in names:
             raise DataError(f"the recording has no {dim} '{s.name}': {nearest(s.name, names)}")
