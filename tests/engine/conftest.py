@@ -1,5 +1,7 @@
 import pytest
 
+from backsight.engine import _cache
+
 
 @pytest.fixture(autouse=True, scope="session")
 def cache_of_the_tests(tmp_path_factory):
@@ -7,4 +9,6 @@ def cache_of_the_tests(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BACKSIGHT_CACHE", str(tmp_path_factory.mktemp("cache")))
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        _cache._key.cache_clear()  # tests of other folders may have read that of the user
         yield
+        _cache._key.cache_clear()
