@@ -16,7 +16,7 @@ from backsight.output import write_whole
 from backsight.report.palette import ON_LIGHT
 from backsight.types import Array
 
-_INK, _MUTED, _GRID = "#1d2126", "#656d76", "#e8eaeb"
+INK, MUTED, GRID = "#1d2126", "#656d76", "#e8eaeb"
 
 
 class Drawing(Figure):
@@ -58,9 +58,9 @@ def label(axes: Axes, quantity: str, unit: str = "", *, x: str | None = None) ->
         Label of the horizontal axis, with its unit; nothing if not given.
     """
     text = f"{quantity} [{unit}]" if unit else quantity
-    axes.set_title(text, loc="left", fontsize=9, color=_INK)
+    axes.set_title(text, loc="left", fontsize=9, color=INK)
     if x is not None:
-        axes.set_xlabel(x, fontsize=8, color=_MUTED)
+        axes.set_xlabel(x, fontsize=8, color=MUTED)
 
 
 def line(axes: Axes, time: Array, values: Array, *, name: str, series: int) -> None:
@@ -111,12 +111,12 @@ def band(
 
 def truth(axes: Axes, time: Array, values: Array, *, name: str = "truth") -> None:
     """Draw what is known to be true, dashed in black."""
-    axes.plot(time, values, color=_INK, linewidth=1.0, linestyle=(0, (4, 2)), label=name)
+    axes.plot(time, values, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), label=name)
 
 
 def legend(axes: Axes) -> None:
     """Add a legend without a box."""
-    axes.legend(frameon=False, fontsize=8, ncols=4, loc="best", labelcolor=_INK)
+    axes.legend(frameon=False, fontsize=8, ncols=4, loc="best", labelcolor=INK)
 
 
 def save(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 160) -> Path:
@@ -137,9 +137,9 @@ def colour(series: int) -> str:
 
 def _calm(axes: Axes) -> None:
     axes.set_axisbelow(True)
-    axes.grid(axis="y", color=_GRID, linewidth=0.8)
+    axes.grid(axis="y", color=GRID, linewidth=0.8)
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.spines["bottom"].set_color("#c9cdd1")
-    axes.tick_params(axis="both", labelsize=8, labelcolor=_MUTED, color="#c9cdd1", length=3)
+    axes.tick_params(axis="both", labelsize=8, labelcolor=MUTED, color="#c9cdd1", length=3)
     axes.tick_params(axis="y", length=0)
     axes.margins(x=0)

@@ -10,7 +10,7 @@ from backsight.analysis.forces import forces, hits, where
 from backsight.description import checked
 from backsight.errors import DataError
 from backsight.plot._choice import TIME, Results, results_by_name
-from backsight.plot._figures import figure, label
+from backsight.plot._figures import INK, figure, label
 from backsight.report.palette import BLUE, VERMILLION
 from backsight.report.thin import peaks
 
@@ -62,7 +62,7 @@ def force_map(axes: Axes, result: xr.Dataset, *, name: str, circles: int = 12) -
         size = np.abs([hit.force for hit in shown]) / max(abs(hit.force) for hit in shown)
         area = _AREA[0] + (_AREA[1] - _AREA[0]) * size
         times = [hit.impact.time for hit in shown]
-        axes.scatter(times, rows, s=area, facecolors="none", edgecolors="#1d2126", linewidths=1.0)
+        axes.scatter(times, rows, s=area, facecolors="none", edgecolors=INK, linewidths=1.0)
     axes.set_yticks(range(len(places)), places)
     axes.set_ylim(-0.6, len(places) - 0.4)
     axis = "place (position [m])" if "force_position" in held.coords else "place"

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from backsight.plot._figures import figure, label, legend
+from backsight.plot._figures import INK, figure, label, legend
 from backsight.report.palette import ON_LIGHT
 
 NAMED = 6
@@ -55,5 +55,5 @@ def force_path_figure(path: xr.Dataset, *, lam: float | None = None, unit: str =
         axes.set_xscale("log")
         axes.set_xlim(weights[0], weights[-1])
         if lam is not None:
-            axes.axvline(lam, color="#1d2126", linewidth=1.0, linestyle=(0, (4, 2)))
+            axes.axvline(lam, color=INK, linewidth=1.0, linestyle=(0, (4, 2)))
     return made

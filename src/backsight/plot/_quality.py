@@ -17,7 +17,7 @@ from backsight.plot._choice import (
     names_with_units,
     results_by_name,
 )
-from backsight.plot._figures import colour, figure, label, legend, line
+from backsight.plot._figures import GRID, INK, colour, figure, label, legend, line
 
 _NIS_WINDOWS = 60
 _SEGMENTS = 16  # of a recording, for its spectrum
@@ -47,7 +47,7 @@ def draw_nis(results: Results) -> Figure:
         means = windowed_nis(result, window)
         if not i:
             low, high = means["lower"].values, means["upper"].values
-            grey = {"color": "#1d2126", "alpha": 0.1, "linewidth": 0}
+            grey = {"color": INK, "alpha": 0.1, "linewidth": 0}
             axes.fill_between(means["time"].values, low, high, label="95 % band", **grey)
         line(axes, means["time"].values, means["nis"].values, name=who, series=i)
     axes.set_yscale("log")
@@ -88,7 +88,7 @@ def draw_spectrum(results: Results, names: Sequence[str] = ()) -> Figure:
             f, density = scipy.signal.welch(r, rate, nperseg=min(segment, len(r)))
             # One-sided: white noise of variance 1 has 2 / rate.
             line(axes, f[1:-1], density[1:-1] * rate / 2.0, name=who, series=i)
-        axes.axhline(1.0, color="#1d2126", linewidth=1.0, linestyle=":", label="white")
+        axes.axhline(1.0, color=INK, linewidth=1.0, linestyle=":", label="white")
         axes.set_yscale("log")
         label(axes, f"density of the normalised innovations of {name}", "1")
     made.axes[-1].set_xlabel("frequency [Hz]", fontsize=8)
@@ -115,7 +115,7 @@ def draw_comparison(results: Results) -> Figure:
     rows = range(len(every))
     for row, result in zip(rows, every.values(), strict=True):
         low, high = nis_band(result)
-        grey = {"color": "#1d2126", "alpha": 0.15, "linewidth": 6, "solid_capstyle": "butt"}
+        grey = {"color": INK, "alpha": 0.15, "linewidth": 6, "solid_capstyle": "butt"}
         left.plot([low, high], [row, row], **grey)
         left.plot([mean_nis(result)], [row], "o", color=colour(row))
         right.plot([float(result.attrs["us_per_sample"])], [row], "o", color=colour(row))
@@ -127,7 +127,7 @@ def draw_comparison(results: Results) -> Figure:
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.margins(x=0.1)
-        axes.grid(axis="x", color="#e8eaeb", linewidth=0.8)
+        axes.grid(axis="x", color=GRID, linewidth=0.8)
     label(left, "mean NIS and its 95 % band", "1")
     label(right, "time per sample", "us")
     return made

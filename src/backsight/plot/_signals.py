@@ -22,7 +22,7 @@ from backsight.plot._choice import (
     thin_line,
     time_of,
 )
-from backsight.plot._figures import band, figure, label, truth
+from backsight.plot._figures import INK, band, figure, label, truth
 from backsight.report.ranges import view
 from backsight.schema import VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE
 
@@ -117,7 +117,7 @@ def _estimated(
                 truth(axes, time_of(result), x)
                 ranged.append(x)
         if name in reference:
-            axes.axhline(reference[name], color="#1d2126", linewidth=1.0, linestyle=":")
+            axes.axhline(reference[name], color=INK, linewidth=1.0, linestyle=":")
             ranged.append(np.array([reference[name]]))
         set_range(axes, view(ranged, edges))
         label(axes, name, known[name])
@@ -191,7 +191,7 @@ def draw_innovations(results: Results, names: Sequence[str] = ()) -> Figure:
         e = signal_of(result, "e", "output", name)
         thin_line(axes, result, e, name=who, series=i, width=0.8)
         for side in (-bound, bound):
-            axes.plot(time_of(result), side, color="#1d2126", linewidth=0.8)
+            axes.plot(time_of(result), side, color=INK, linewidth=0.8)
         set_range(axes, view([e], [-bound, bound]))
         label(axes, f"{who}: innovation of {name}", known[name])
     made.axes[-1].set_xlabel(TIME, fontsize=8)
