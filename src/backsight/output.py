@@ -19,6 +19,9 @@ from backsight.errors import OutputError
 MARKER = ".backsight.json"
 """Names of the files in a folder that may be replaced."""
 
+LOCK = ".lock"
+"""File in a folder to which one process at a time writes."""
+
 _LARGEST_MARKER = 1_000_000  # bytes
 
 
@@ -112,6 +115,26 @@ def writing(target: Path) -> Iterator[None]:
         raise OutputError(
             f"cannot write to the folder '{target}': {reason}; choose another one"
         ) from error
+
+
+@contextlib.contextmanager
+def only_writer(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder; it goes with the process, however that ends."""
+    if os.name == "nt":
+        yield
+        return
+    import fcntl
+
+    with writing(folder):
+        number = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(f"another process writes to '{folder}'; wait for it") from None
+        yield
+    finally:
+        os.close(number)
 
 
 def _publish(part: Path, target: Path, *, force: bool) -> None:

@@ -23,6 +23,7 @@ from backsight.data.formats._arrays import (
 from backsight.data.formats._lvm import list_lvm, read_lvm
 from backsight.data.formats._openfast import list_outb, read_outb
 from backsight.data.formats._tables import (
+    frames_in,
     list_frames,
     list_xlsx,
     read_feather,
@@ -136,7 +137,7 @@ def list_contents(path: Path, request: Request, wish: str | None) -> list[Listed
 
 def _kind(path: Path, request: Request, wish: str | None) -> str:
     _check_file(path, READERS)
-    kind = kind_of(path, wish, READERS)
+    kind = ".parquet" if path.is_dir() else kind_of(path, wish, READERS)
     if request.text != TextForm(missing=request.text.missing) and kind not in TEXT:
         option = next(
             f.name
@@ -173,8 +174,9 @@ def _check_file(path: Path, known: Collection[str]) -> None:
         if not path.exists():
             raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
         if path.is_dir():
-            raise DataError(f"'{path}' is a folder; give a file")
-        if not path.is_file():
+            if not frames_in(path):
+                raise DataError(f"'{path}' is a folder; give a file, or a folder of Parquet parts")
+        elif not path.is_file():
             raise DataError(f"'{path}' is a device or a pipe; give a file")
     except OSError as error:
         raise DataError(f"cannot read '{path}': {error.strerror or error}") from None

@@ -5,6 +5,7 @@ import re
 import stat
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ProblemError, nearest
@@ -38,7 +39,16 @@ def load(path: str | os.PathLike[str]) -> Problem:
         If the file cannot be read or is not TOML (with the line), or a key is missing, unknown or
         of the wrong kind, or its value does not fit the others (with the key).
     """
-    file = Path(path)
+    given, text = toml_of(Path(path))
+    if "recording" not in given and "source" in given:
+        raise ProblemError(
+            "recording: is missing; this file names sources: start it with `backsight live`"
+        )
+    return problem_of(given, Path(path), text)
+
+
+def toml_of(file: Path) -> tuple[dict[str, Any], str]:
+    """Read the tables of a problem file, and its text; errors as of `load`."""
     text = _text(file)
     check_keys(text)
     try:
@@ -52,6 +62,11 @@ def load(path: str | os.PathLike[str]) -> Problem:
     except RecursionError:
         raise ProblemError(f"{file}: tables and lists are more than {DEEPEST} deep") from None
     check_tree(given)
+    return given, text
+
+
+def problem_of(given: dict[str, Any], file: Path, text: str) -> Problem:
+    """Make a problem of the tables of a file; errors as of `load`."""
     listed = put_places(given, file.parent)
     table = validated(ProblemTable, given)
     built(Integrator, table.integrator, where="integrator", fixed={})
