@@ -12,8 +12,8 @@ import pytest
 from tests.live.conftest import COLUMNS, N, fed, message, written
 
 from backsight.errors import BacksightError, OutputError, ProblemError
+from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
-from backsight.live._session import opened_session
 from backsight.live.sources._cutting import Cutter
 from backsight.live.sources._decoding import decoder
 from backsight.problem.reading.tables import MessageTable
