@@ -94,7 +94,7 @@ def freezable(
     )
 
 
-class Excitation:
+class Freezer:
     """Which parameters are seen, told from how their variances change.
 
     Parameters

@@ -13,7 +13,7 @@ from backsight.description import digest
 from backsight.engine.dense import UNROLL
 from backsight.engine.execute import Engine
 from backsight.errors import ProblemError
-from backsight.live._freezing import SEEN, Excitation, Freezable, freezable
+from backsight.live._freezing import SEEN, Freezable, Freezer, freezable
 from backsight.live._lanes import Lane
 from backsight.live._problem import LiveProblem
 from backsight.live._session import LiveSession
@@ -87,7 +87,7 @@ def opened_session(
         session.alarms = alarms
         if varied is not None:
             window = max(1, round((live.settings.freeze or 0.0) / dt))
-            session.excitation = Excitation(estimation, varied.walks, window=window, tell=tell)
+            session.freezer = Freezer(estimation, varied.walks, window=window, tell=tell)
         for lane in lanes:
             lane.source.start()
             stack.callback(lane.source.stop)

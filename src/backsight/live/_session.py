@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from backsight.live._freezing import Excitation
+from backsight.live._freezing import Freezer
 from backsight.live._lanes import Lane
 from backsight.live._nis import with_nis
 from backsight.live._problem import LiveProblem
@@ -50,7 +50,7 @@ class LiveSession:
         self.newest: LiveRows | None = None
         """Samples of the last round in which there were any."""
         self.alarms: Alarms | None = None
-        self.excitation: Excitation | None = None
+        self.freezer: Freezer | None = None
         self.listeners: list[Callable[[LiveRows], None]] = []
         """Told the newest samples of every round."""
         self.sensors = sum(s.dummy is None for s in live.model.outputs)
@@ -116,8 +116,8 @@ class LiveSession:
         rows = estimation.newest(self._shown)
         if len(rows):
             self.newest, self._shown = with_nis(rows), rows.start + len(rows)
-            if self.excitation is not None:
-                self.excitation.look(self.newest)
+            if self.freezer is not None:
+                self.freezer.look(self.newest)
             if self.alarms is not None:
                 self.alarms.see(self.newest, lambda slot: float(self.grid.time(slot)))
             for listener in self.listeners:

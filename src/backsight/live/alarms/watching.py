@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from backsight.live.alarms._outlets import Outlets
 from backsight.live.alarms.conditions import Condition, Seen
-from backsight.live.alarms.outlets import Outlets
 from backsight.live.engine import LiveRows
 from backsight.problem.reading.tables import AlarmTable
 
