@@ -112,7 +112,8 @@ def test_what_is_not_there_is_said(results, draw, message):
 def test_a_map_of_recovery_has_the_ratios_of_every_place():
     sensors, places = {"tip": ("displacement", [1.0])}, {"hit": [1.0]}
     rod = bs.modal([9.0], damping=[0.03], sensors=sensors, forces=places)
-    finder = bs.CompressiveSensingMHE(NOISE, PRIOR, forces=("hit",), lam=15.0, N=4)
+    noise = bs.Noise(sigma_y=1e-3)
+    finder = bs.CompressiveSensingMHE(noise, PRIOR, forces=("hit",), lam=15.0, N=4)
     certified = bs.check.check_recovery(finder, rod, dt=0.01)
     made = plot.draw_recovery(certified)
     drawn = made.axes[0].get_images()[0].get_array()

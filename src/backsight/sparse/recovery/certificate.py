@@ -41,8 +41,8 @@ def check_recovery(
 
     A certificate is about readings without noise, an exact model, and a first state of which
     nothing is known. An estimator with `lam` and an arrival cost finds what is certified as noise
-    and `lam` become small. What noise does is `error`; how often hits are found that are not certified for
-    all sizes and signs, or under noise, is counted by `backsight.tune.rate_sensors`.
+    and `lam` become small. What noise does is `error`; how often hits are found under noise, or
+    those that are not certified, is counted by `backsight.tune.rate_sensors`.
 
     Parameters
     ----------
@@ -77,9 +77,9 @@ def check_recovery(
         Attributes: ``number``, the largest that is certified for all atoms at all moments;
         ``coherence``, the largest cosine between what two atoms show, and
         ``number_by_coherence``, what follows from it alone, (1 + 1/coherence)/2: sufficient, and
-        far too careful for neighbouring places; ``isometry``, the constant of restricted isometry of
-        second order, which for columns of length one is the coherence: below 0.707 one force is
-        found. ``verdict`` in words.
+        far too careful for neighbouring places; ``isometry``, the constant of restricted isometry
+        of second order, which for columns of length one is the coherence: below 0.707 one force
+        is found. ``verdict`` in words.
 
     Raises
     ------
