@@ -55,21 +55,22 @@ def read(
     ----------
     path : path
         Text (first line or last comment names the columns; also packed), MATLAB, HDF5, NetCDF,
-        NumPy, LVM, WAV, OpenFAST, with ``pip install 'backsight[formats]'`` TDMS, UFF 58, Parquet,
-        Feather and XLSX, and what an installed extension reads. What is in the file decides; the
-        suffix is a hint.
+        NumPy, LVM, WAV, OpenFAST, HAWC2, with ``pip install 'backsight[formats]'`` TDMS, MDF, UFF,
+        Parquet, Feather, XLSX, MCAP, bags of ROS (a folder, too) and tables of MATLAB, and what an
+        installed extension reads. What is in the file decides; the suffix is a hint.
     inputs, outputs : dict
         Name of the signal in the model to the column: its name, a `Column` with unit and factor,
         or a mapping with the fields of one. ``group/name`` reads from a structure or group, or a
-        column of a table; ``acc[2]`` is the third channel of a matrix. An empty cell or ``NaN`` in
+        column of a table; ``acc[2]`` is the third channel of a matrix, ``/imu.rate.x`` a field of
+        the messages on a topic. An empty cell or ``NaN`` in
         an output is "not measured". A unit that the file says is used where none is given.
     time : column, optional
         Time stamps [s], ``Column("t_ms", factor=1e-3)`` for milliseconds unless the file says
         that unit of the column (``t [ms]``); or dates, which count
         from the first sample (its date is the attribute ``begin``), or clock times.
     dt : float, optional
-        Sampling period [s]; needed if there is no `time`, nor a time of the file's own (LVM, TDMS,
-        UFF, WAV, OpenFAST).
+        Sampling period [s]; needed if there is no `time`, nor a time of the file's own (of
+        recorders, simulators, robots, timetables).
     truth : dict, optional
         Reference values of states, as `outputs`; they become ``x_true (time, state)``.
     start, stop : float, optional
