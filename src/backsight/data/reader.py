@@ -15,7 +15,7 @@ from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.derived import columns_in, evaluated, remove_delays
 from backsight.data.formats.loading import list_contents, read_contents
 from backsight.data.recording import Group, as_recording, time_axis
-from backsight.data.times.clock import seconds
+from backsight.data.times.clock import counted, seconds
 from backsight.description import Whole, checked
 from backsight.errors import DataError, nearest
 from backsight.schema import SIGMA_FACTOR
@@ -184,11 +184,13 @@ def read(
     raw |= evaluated(made, meant, raw)
     given, begin = contents.time, contents.begin
     if clock:
-        marks = contents.columns[clock.name]
-        given, begin = seconds(marks, time_format=time_format, where=where)
+        marks, own = contents.columns[clock.name], contents.units.get(clock.name, "")
+        plain = clock.factor is None and not clock.unit and not own
+        form = counted(marks) if time_format is None and plain else time_format
+        given, begin = seconds(marks, time_format=form, where=where)
         raw[clock.name] = given
-        if time_format is None and marks.dtype.kind in "fiub":
-            given = _in_seconds(clock, contents.units.get(clock.name, "")).physical(given)
+        if form is None and marks.dtype.kind in "fiub":
+            given = _in_seconds(clock, own).physical(given)
         else:
             given = clock.physical(given)
     lengths = {name: len(values) for name, values in raw.items()}
@@ -196,6 +198,8 @@ def read(
         lengths["the file's own time"] = len(given)
     n = checks.check_lengths(lengths, where)
     understood = contents.understood
+    if clock and form != time_format:
+        understood = "; ".join(filter(None, (understood, f"time_format '{form}'")))
     timed = slice(0, n) if given is None else _with_time(given, raw.values())
     if timed != slice(0, n):
         raw = {name: values[timed] for name, values in raw.items()}

@@ -63,20 +63,27 @@ def list_mat(path: Path, request: Request) -> list[Listed]:
 
 
 def _picked(found: Objects, request: Request) -> Contents:
-    arrays = dict(found.leaves)
-    for name in request.wanted:  # as MATLAB calls it: ch(2).values, c{1}; counted from 1
-        if name not in arrays and (own := _from_matlab(name)) in arrays:
-            arrays[name] = arrays[own]
+    arrays = found.leaves
+    ours = {name: _ours(name, arrays) for name in request.wanted}
+    for name in ours.values():
         _check_foreign(arrays, name)
-    clock = request.clock
-    dates = clock if clock in arrays and _is_date(arrays[clock]) else None
-    numbers = [name for name in request.wanted if name != dates]
-    columns = pick(arrays, numbers, axis=request.axis, column_major=found.column_major)
-    if dates is not None:
-        columns[dates] = np.ravel(arrays[dates])
-    units = {n: found.units[n] for n in request.wanted if n in found.units}
+    clock = ours.get(request.clock or "")
+    dates = [clock] if clock in arrays and _is_date(arrays[clock]) else []
+    numbers = [name for name in dict.fromkeys(ours.values()) if name not in dates]
+    taken = pick(arrays, numbers, axis=request.axis, column_major=found.column_major)
+    taken |= {name: np.ravel(arrays[name]) for name in dates}
+    columns = {name: taken[own] for name, own in ours.items()}
+    units = {name: found.units[own] for name, own in ours.items() if own in found.units}
     time, begin = _own_time(found, request)
     return Contents(columns, units, time=time, begin=begin)
+
+
+def _ours(name: str, arrays: Mapping[str, Any]) -> str:
+    """The name by which an array is known that may be called as MATLAB does, counted from 1."""
+    if next(wanted_names([name], arrays)) in arrays:
+        return name
+    own = _from_matlab(name)
+    return own if next(wanted_names([own], arrays)) in arrays else name
 
 
 def _own_time(found: Objects, request: Request) -> tuple[Array | None, str]:
@@ -175,8 +182,8 @@ def _check_foreign(arrays: Mapping[str, Any], name: str) -> None:
 
 
 def _from_matlab(name: str) -> str:
-    """Our path to what MATLAB calls so: ``ch[1]/values`` for ``ch(2).values``."""
-    counted = re.sub(r"[({](\d+)[)}]", lambda m: f"[{int(m[1]) - 1}]", name)
+    """Our path to what MATLAB calls so: ``ch[1]/values`` for ``ch(2).values``, ``(:,1)`` is [0]."""
+    counted = re.sub(r"[({](?::,\s*)?(\d+)[)}]", lambda m: f"[{int(m[1]) - 1}]", name)
     return counted.replace(".", "/")
 
 
