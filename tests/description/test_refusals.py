@@ -161,9 +161,7 @@ def test_covariances_are_judged_before_there_is_a_model():
         bs.Prior(P0=-np.eye(2))
     with pytest.raises(TuningError, match="P is not positive semidefinite"):
         bs.settings.ConstantArrival(-np.eye(2))
-    with pytest.raises(
-        TuningError, match=r"must not be negative and be finite for b \(-1\)"
-    ):
+    with pytest.raises(TuningError, match=r"must not be negative and be finite for b \(-1\)"):
         bs.Noise(sigma_y={"a": 1.0, "b": -1.0})
 
 
