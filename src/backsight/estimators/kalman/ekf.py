@@ -96,6 +96,7 @@ class EKF(AbstractEstimator):
     title: ClassVar[str] = "Extended Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    looks_back: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
 
     noise: Noise

@@ -85,6 +85,7 @@ class UKF(AbstractEstimator):
     title: ClassVar[str] = "Unscented Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    looks_back: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
 
     noise: Noise
