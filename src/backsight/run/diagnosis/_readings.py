@@ -118,7 +118,7 @@ def _deviations(estimator: AbstractEstimator, model: Model) -> dict[str, float]:
     noise = getattr(estimator, "noise", None)
     if not isinstance(noise, Noise):
         return {}
-    sigma = np.sqrt(np.diag(noise.measurement(model)))
+    sigma = np.sqrt(np.diag(noise.measurement(model, singular=True)))
     return dict(zip([s.name for s in model.outputs], map(float, sigma), strict=True))
 
 
