@@ -135,8 +135,7 @@ class Compilable(Description, abc.ABC):
     def compile(self, model: Model, dt: float) -> Recursion:
         """Turn the description into a recursion: what `build` makes, with what surrounds it.
 
-        Virtual outputs, sensors at the end of their range, angles that start anew after a turn,
-        and the rule for outliers.
+        Virtual outputs, ends of sensors' ranges, turns of angles, and the rule for outliers.
 
         Parameters, result and errors are those of `build`; the recursion has the channel
         ``weight`` if the noise has a rule for outliers, see `backsight.estimators.outliers`.
