@@ -17,6 +17,7 @@ from backsight.errors import BacksightError, TuningError
 from backsight.estimators.around.noise_states import linear_in_noise, widened, without_noise_states
 from backsight.estimators.around.positive import in_their_units, logarithmic
 from backsight.estimators.around.robust import robust
+from backsight.estimators.around.saturation import within_range
 from backsight.estimators.around.turns import on_circle
 from backsight.estimators.around.virtual import (
     smoothed_with_virtual_outputs,
@@ -134,7 +135,8 @@ class Compilable(Description, abc.ABC):
     def compile(self, model: Model, dt: float) -> Recursion:
         """Turn the description into a recursion: what `build` makes, with what surrounds it.
 
-        Virtual outputs, angles that start anew after a turn, and the rule for outliers.
+        Virtual outputs, sensors at the end of their range, angles that start anew after a turn,
+        and the rule for outliers.
 
         Parameters, result and errors are those of `build`; the recursion has the channel
         ``weight`` if the noise has a rule for outliers, see `backsight.estimators.outliers`.
@@ -146,7 +148,7 @@ class Compilable(Description, abc.ABC):
         able = self.varies_noise and not self.constant_gain
         if isinstance(noise, VariedNoise) and (not able or noise.beyond_additive):
             raise TuningError(f"{self.title} takes no process noise that inputs multiply")
-        plain = on_circle(self.plain(model, dt), model)
+        plain = on_circle(within_range(self.plain(model, dt), model), model)
         return plain if rule is None else robust(plain, rule)
 
     @final
