@@ -12,7 +12,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.problem.problem import Problem
 from backsight.problem.reading.checking import validated
-from backsight.problem.reading.loading import problem_of, toml_of
+from backsight.problem.reading.loading import problem_of, text_of, tree_of
 from backsight.problem.reading.tables import (
     ALARMS,
     FEEDS,
@@ -89,7 +89,8 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
     ProblemError
         As of `backsight.problem.load`, and if sources do not bring what the model needs.
     """
-    given, text = toml_of(path)
+    text = text_of(path)
+    given = tree_of(text, path)
     feeds = _feeds(given, speed)
     replayed = [n for n, f in feeds.items() if isinstance(f, ReplayFeed) and f.path is None]
     if replayed and len(feeds) > 1:
@@ -99,7 +100,7 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
         )
     whole = given if replayed else {**given, "recording": _as_recording(given["source"], feeds)}
     try:
-        problem = problem_of(whole, path, text)
+        problem = problem_of(whole, text, path)
     except ProblemError as error:
         message = str(error)
         if not replayed and message.startswith("recording."):

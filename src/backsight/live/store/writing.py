@@ -19,7 +19,7 @@ import numpy as np
 
 from backsight.errors import OutputError, PluginError
 from backsight.live.engine import Checkpoint
-from backsight.output import only_writer, write_whole, writing
+from backsight.output import holding, write_whole, writing
 
 _ABOUT, _KEY = ".about.json", b"backsight"
 _PART = re.compile(r"part-(\d{15})\.parquet")
@@ -152,7 +152,7 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
         raise PluginError("a store needs pyarrow: pip install 'backsight[live]'") from None
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with only_writer(folder):
+    with holding(folder):
         about = folder / _ABOUT
         if about.exists():
             _check_about(about, said)

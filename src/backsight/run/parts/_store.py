@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.errors import DataError, OutputError
-from backsight.output import LOCK, only_writer, write_whole, writing
+from backsight.output import HOLD, holding, write_whole, writing
 
 ABOUT, MEMORY, SUMMARY = "about.json", "memory.npz", "summary.nc"
 """Files of a store beside its parts."""
@@ -83,12 +83,12 @@ def opened_store(out: Path, *, said: str) -> Iterator[PartStore]:
     """
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    with only_writer(out):
+    with holding(out):
         about = out / ABOUT
         if about.exists():
             _check_same(about, said)
         else:
-            foreign = sorted(p.name for p in out.iterdir() if p.name != LOCK)
+            foreign = sorted(p.name for p in out.iterdir() if p.name != HOLD)
             if foreign:
                 raise OutputError(
                     f"'{out}' has files that are not from here, such as {foreign[0]}; choose "
