@@ -24,7 +24,7 @@ from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
-class Seen:
+class Sighting:
     """What a condition sees in new samples.
 
     Parameters
@@ -50,7 +50,7 @@ class Condition(abc.ABC):
     """What an alarm looks at."""
 
     @abc.abstractmethod
-    def see(self, rows: LiveRows) -> Seen | None:
+    def see(self, rows: LiveRows) -> Sighting | None:
         """Look at new samples; None if they say nothing."""
 
 
@@ -105,7 +105,7 @@ class RangeCondition(Condition):
             raise ProblemError(f"{where}: give lower, upper, or both")
         self._table, self._quantities = table, quantities
 
-    def see(self, rows: LiveRows) -> Seen:
+    def see(self, rows: LiveRows) -> Sighting:
         """See `Condition.see`."""
         table = self._table
         values, spread = self._quantities.of(rows, table.of)
@@ -121,7 +121,7 @@ class RangeCondition(Condition):
         end = f"below {low:g}" if value < low else f"above {high:g}"
         sentence = f"{table.of} is {value:.5g} ± {std:.2g} {unit}".rstrip()
         there = bool(beyond[worst] > 0)
-        return Seen(there, inside, f"{sentence}, {end}" if there else sentence, value)
+        return Sighting(there, inside, f"{sentence}, {end}" if there else sentence, value)
 
 
 class NisCondition(Condition):
@@ -131,7 +131,7 @@ class NisCondition(Condition):
         self._table, self._dt = table, dt
         self._parts: collections.deque[tuple[int, float, int]] = collections.deque()
 
-    def see(self, rows: LiveRows) -> Seen | None:
+    def see(self, rows: LiveRows) -> Sighting | None:
         """See `Condition.see`."""
         nis = rows.values["nis"]
         known = np.isfinite(nis)
@@ -152,7 +152,7 @@ class NisCondition(Condition):
             f"{self._table.over:g} s, its band is {low:.3g} to {high:.3g}"
         )
         inside = bool(low <= mean <= high)
-        return Seen(not inside, inside, sentence, mean)
+        return Sighting(not inside, inside, sentence, mean)
 
 
 class HitCondition(Condition):
@@ -165,7 +165,7 @@ class HitCondition(Condition):
             raise ProblemError(f"{where}: neither the model nor the estimator has a force")
         self._table, self._quantities, self._names = table, quantities, names
 
-    def see(self, rows: LiveRows) -> Seen:
+    def see(self, rows: LiveRows) -> Sighting:
         """See `Condition.see`."""
         best, worst, place = "", 0.0, None
         for name in self._names:
@@ -179,7 +179,7 @@ class HitCondition(Condition):
         there = abs(worst) >= self._table.threshold
         unit = self._quantities.units.get(best, "")
         where = "" if place is None else f" at {place:g} m"
-        return Seen(there, not there, f"{best} is {worst:.4g} {unit}{where}", worst, place)
+        return Sighting(there, not there, f"{best} is {worst:.4g} {unit}{where}", worst, place)
 
 
 class SilentCondition(Condition):
@@ -196,7 +196,7 @@ class SilentCondition(Condition):
         self._after, self._dt = table.after, dt
         self._last: list[int | None] = [None] * len(self._names)
 
-    def see(self, rows: LiveRows) -> Seen:
+    def see(self, rows: LiveRows) -> Sighting:
         """See `Condition.see`."""
         newest, silent = rows.start + len(rows) - 1, []
         for j, column in enumerate(self._columns):
@@ -209,7 +209,7 @@ class SilentCondition(Condition):
             elif (newest - last) * self._dt >= self._after:
                 silent.append((self._names[j], (newest - last) * self._dt))
         said = ", ".join(f"{name} for {seconds:.3g} s" for name, seconds in silent)
-        return Seen(bool(silent), not silent, f"nothing was measured of {said}" if said else "")
+        return Sighting(bool(silent), not silent, f"nothing was measured of {said}" if said else "")
 
 
 class StatusCondition(Condition):
@@ -222,11 +222,11 @@ class StatusCondition(Condition):
                 raise ProblemError(f"{where}.bits: no status '{name}', {nearest(name, known)}")
         self._bits = [Status[name.upper()] for name in table.bits]
 
-    def see(self, rows: LiveRows) -> Seen:
+    def see(self, rows: LiveRows) -> Sighting:
         """See `Condition.see`."""
         raised = int(np.bitwise_or.reduce(rows.values["status"]))
         found = [str(b.name).lower().replace("_", " ") for b in self._bits if raised & b]
-        return Seen(bool(found), not found, f"the estimator reports {', '.join(found)}")
+        return Sighting(bool(found), not found, f"the estimator reports {', '.join(found)}")
 
 
 def condition_of(

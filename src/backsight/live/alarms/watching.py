@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from backsight.live.alarms._outlets import Outlets
-from backsight.live.alarms.conditions import Condition, Seen
+from backsight.live.alarms.conditions import Condition, Sighting
 from backsight.live.engine import LiveRows
 from backsight.problem.reading.tables import AlarmTable
 
@@ -58,7 +58,7 @@ class Alarm:
         self._turn(seen, now)
         return True
 
-    def _turn(self, seen: Seen, now: float) -> None:
+    def _turn(self, seen: Sighting, now: float) -> None:
         self._turning = None
         self.raised = not self.raised
         if self.raised:
