@@ -145,7 +145,8 @@ function alarms(frame) {
 function sources(frame) {
   by("sources").tBodies[0].replaceChildren(...frame.sources.map((s) => {
     const row = element("tr");
-    const clock = s.drift === null ? (s.offset === null ? "" : `${digits(1e3 * s.offset, 3)} ms`) : `${digits(1e3 * s.offset, 3)} ms, ${digits(1e6 * s.drift, 3)} ppm`;
+    const near = s.offset !== null && Math.abs(s.offset) < 3600; // else it counts from another zero
+    const clock = [near ? `${digits(1e3 * s.offset, 3)} ms` : "", s.drift === null ? "" : `${digits(1e6 * s.drift, 3)} ppm`].filter(Boolean).join(", ");
     const lost = s.too_late + s.malformed + s.implausible + s.lost;
     row.append(element("td", s.name), element("td", s.silent ? "silent" : s.state, s.silent ? "wrong" : ""), element("td", `${digits(s.rate, 4)}/s`),
       element("td", String(s.late)), element("td", String(lost), lost ? "wrong" : ""), element("td", clock));
