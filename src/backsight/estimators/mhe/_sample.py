@@ -29,7 +29,7 @@ from backsight.estimators.parts.window import (
     queued,
 )
 from backsight.solvers.box import GaussNewton
-from backsight.solvers.trajectory import Chain, by_name, iterated, mistaken, smoothed
+from backsight.solvers.trajectory import Chain, iterated, mistaken, smoothed
 from backsight.types import Array
 
 SMALL = 1e-10
