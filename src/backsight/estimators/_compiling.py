@@ -135,8 +135,7 @@ class Compilable(Description, abc.ABC):
     def compile(self, model: Model, dt: float) -> Recursion:
         """Turn the description into a recursion: what `build` makes, with what surrounds it.
 
-        Virtual outputs, sensors at the end of their range, angles that start anew after a turn,
-        and the rule for outliers.
+        Virtual outputs, ends of sensors' ranges, turns of angles, and the rule for outliers.
 
         Parameters, result and errors are those of `build`; the recursion has the channel
         ``weight`` if the noise has a rule for outliers, see `backsight.estimators.outliers`.
@@ -222,8 +221,7 @@ class Compilable(Description, abc.ABC):
             return self, model
         given, (_, prior) = ", ".join(noise.beyond_additive), self.assumed
         if not self.noise_states:
-            able = "KalmanFilter, EKF, IEKF, UKF, MHO, LinearMHE or MHE"
-            raise TuningError(f"{self.title} cannot take {given} of the noise; use {able}")
+            raise TuningError(f"{self.title} cannot take {given} of the noise; use EKF or MHE")
         if self.input_hold != "zoh":
             raise TuningError(f"{given} of the noise needs inputs that are held: hold = 'zoh'")
         if getattr(self, "measurement", "sampled") != "sampled":

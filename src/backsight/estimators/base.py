@@ -20,6 +20,7 @@ from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
 from backsight.estimators._compiling import Spread as Spread
+from backsight.estimators._inspection import Inspection
 from backsight.estimators._sizes import with_scales
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import ScaledPart, scaled_parts
@@ -68,8 +69,8 @@ class AbstractEstimator(Compilable, abc.ABC):
         """The estimator itself, first, and with other arrival costs; by their names."""
         return {"": self}
 
-    def inspect(self, model: Model, dt: float) -> ca.Function:  # noqa: ARG002 - none has a window
-        """Build the whole window of a sample, see `backsight.estimators.mhe._inspect`.
+    def inspect(self, model: Model, dt: float) -> Inspection:  # noqa: ARG002 - none has a window
+        """Build the whole window of a sample, see `Inspection`.
 
         Raises
         ------
