@@ -42,7 +42,7 @@ def report(
         Of the fit that the results are from, see `backsight.tune.Tuned`.
     library : str
         Where the program that draws is: inside, so that the page is one file; or beside, in a file
-        of 1 MB that all pages of a folder share.
+        of 1.5 MB that all pages of a folder share.
 
     Returns
     -------

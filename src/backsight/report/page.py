@@ -132,8 +132,8 @@ def _notes(every: Sequence[Series], thinned: int) -> str:
     return (
         f"<p>{linked} The recording is too long to draw every sample at once: the plots show the "
         f"smallest and largest of every {length} samples, so no peak is lost, and zooming in "
-        f"brings out {out}. Where samples are not evenly spaced it does not. The tables use all "
-        "samples.</p>"
+        f"brings out {out}, and so do the CSV files. Where samples are not evenly spaced it does "
+        "not. The tables use all samples.</p>"
     )
 
 
