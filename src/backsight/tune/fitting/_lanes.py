@@ -27,6 +27,7 @@ from backsight.estimators import Compilable
 from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.uncertainty import Noise
 from backsight.estimators.varied_noise import NoisePart, VariedNoise
+from backsight.models.augment import with_idle_inputs
 from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.model import Model
 from backsight.models.signals import Signal
@@ -114,7 +115,7 @@ def lanes_of(
     wide = _scaled(estimator, model, dt)
     wide = forces_as_inputs(wide, parameters) if parameters else wide
     walks = [u for u in unknowns if u.kind == "walk"]
-    wide = _with_inputs(wide, [_input(u) for u in walks])
+    wide = with_idle_inputs(wide, [_input(u) for u in walks])
     varied = _varied(estimator, model, dt, walks, parameters=bool(parameters))
     try:
         inner = varied.compile(wide, dt)
@@ -142,22 +143,6 @@ def _scaled(estimator: AbstractEstimator, model: Model, dt: float) -> Model:
 
     return dataclasses.replace(
         model, states=sized(model.states, s.sx), outputs=sized(model.outputs, s.sy)
-    )
-
-
-def _with_inputs(model: Model, names: Sequence[str]) -> Model:
-    """The model with further inputs that do nothing in it."""
-    if not names:
-        return model
-    x, p = ca.SX.sym("x", model.nx), ca.SX.sym("p", len(model.parameters))
-    u = ca.SX.sym("u", model.nu + len(names))
-    given = [x, u[: model.nu], p]
-    return dataclasses.replace(
-        model,
-        f=ca.Function("f", [x, u, p], model.f.call(given)),
-        h=ca.Function("h", [x, u, p], model.h.call(given)),
-        unsolved=model.unsolved_at([x, u, p], given),
-        inputs=(*model.inputs, *(Signal(name=n) for n in names)),
     )
 
 

@@ -172,6 +172,8 @@ class ProblemTable(StrictTable):
         Of `backsight live`: how they are taken in.
     store : table
         Of `backsight live`: where results are kept.
+    alarm : dict
+        Of `backsight live`: what is told to people.
     """
 
     title: str = ""
@@ -193,3 +195,4 @@ class ProblemTable(StrictTable):
     source: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)
     live: LiveTable = LiveTable()
     store: StoreTable | None = None
+    alarm: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)
