@@ -218,11 +218,13 @@ def setting(
     noise: Noise,
     prior: Prior,
     integrator: Integrator | None = None,
+    noiseless: bool = False,
 ) -> Setting:
     """Check noise and prior against the model, all messages at once, and scale everything.
 
     A state without a `Signal.scale` is scaled by the size of its prior and of its random walk, an
-    output by its noise. The integrator settles what it leaves open.
+    output by its noise. The integrator settles what it leaves open. Sensors without noise are
+    refused unless they may be `noiseless`.
 
     Raises
     ------
@@ -238,7 +240,7 @@ def setting(
         "P0": lambda: prior.covariance(model),
         "Q": lambda: noise.process(model),
         "Qc": lambda: noise.density(model),
-        "R": lambda: noise.measurement(model),
+        "R": lambda: noise.measurement(model, singular=noiseless),
     }.items():
         try:
             found[name] = read()

@@ -14,6 +14,7 @@ from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
+from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.prediction import Propagation, predict, transition
 from backsight.estimators.kalman.square_root import square_root_halves, wide
@@ -50,8 +51,9 @@ class EKF(AbstractEstimator):
 
     sets states outside their bounds to them, and then carries the estimate to the next sample by
     the model (eq. 13) and the covariance by one of three ways. If the prior is more than a million
-    times as wide as the noise, both steps work on a factor of the covariance, see
-    `backsight.estimators.kalman.square_root`.
+    times as wide as the noise, or a sensor has none, both steps work on a factor of the covariance,
+    see `backsight.estimators.kalman.square_root`. A reading without noise of what is known exactly
+    already is left out, with the status *redundant*.
 
     Parameters
     ----------
@@ -94,6 +96,7 @@ class EKF(AbstractEstimator):
     title: ClassVar[str] = "Extended Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    looks_back: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
     varies_sensors: ClassVar[bool] = True
 
@@ -119,10 +122,18 @@ class EKF(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
-        if self.measurement == "sampled" and self.covariance != "ode" and wide(s):
+        by_factor = self.measurement == "sampled" and self.covariance != "ode"
+        s = setting(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            integrator=self.integrator,
+            noiseless=by_factor,
+        )
+        if by_factor and wide(s):
             kept = s.sampled() if self.covariance == "discrete" else s
-            return assemble(self.key, s, square_root_halves(kept))
+            return assemble(self.key, s, with_exact_sensors(s, square_root_halves(kept)))
         parts = ekf_halves(s, s.integrator, self.covariance)
         if self.measurement == "sampled":
             return assemble(self.key, s, parts)
