@@ -1,7 +1,7 @@
 """Kalman filter for linear models: time-varying, or with the gain of the steady state."""
 
 import dataclasses
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -13,6 +13,7 @@ from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman._linearised import linear_looks
+from backsight.estimators.kalman._reused_gain import limit, reusing
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves, wide
 from backsight.estimators.parts.covariance import Covariance, Term, congruence, matrix_product
@@ -85,6 +86,7 @@ class KalmanFilter(AbstractEstimator):
     prior: Prior
     hold: Hold = "zoh"
     steady_state: bool = False
+    gain: Literal["converged", "exact"] = "converged"
 
     @property
     def constant_gain(self) -> bool:
@@ -115,6 +117,9 @@ class KalmanFilter(AbstractEstimator):
         if wide(system.s):
             ramp = ramp_end(system) if system.ramp else None
             return assemble(self.key, system.s, square_root_halves(system.s, ramp=ramp))
+        found = limit(system) if self.gain == "converged" else None
+        if found is not None:
+            return reusing(self.key, system, found)
         return assemble(self.key, system.s, linear_halves(system, ekf.correct(system.s)))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:

@@ -1,0 +1,6 @@
+"""Gains that stay as they are once the covariance, which no measurement changes, has converged."""
+
+from backsight.estimators.steady.limit import Limit as Limit
+from backsight.estimators.steady.limit import limit_of as limit_of
+from backsight.estimators.steady.reuse import kept_parts as kept_parts
+from backsight.estimators.steady.reuse import reused as reused
