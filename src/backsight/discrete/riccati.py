@@ -16,7 +16,6 @@ International Journal of Control 28(2), doi:10.1080/00207177808922455.
 from collections.abc import Callable
 
 import numpy as np
-import scipy
 
 from backsight.types import Array
 
@@ -39,7 +38,7 @@ def riccati_limit(A: Array, C: Array, Q: Array, R: Array) -> Array | None:
     Parameters
     ----------
     A, C, Q, R : (n, n), (m, n), (n, n), (m, m) arrays
-        R is positive definite.
+        R is positive definite; there may be no outputs.
 
     Returns
     -------
@@ -48,7 +47,7 @@ def riccati_limit(A: Array, C: Array, Q: Array, R: Array) -> Array | None:
     """
     n = len(A)
     try:
-        G = C.T @ scipy.linalg.cho_solve(scipy.linalg.cho_factor(R), C)
+        G = C.T @ np.linalg.solve(R, C)
     except np.linalg.LinAlgError:
         return None
     P, F, one = Q, A.T, np.eye(n)
@@ -56,8 +55,8 @@ def riccati_limit(A: Array, C: Array, Q: Array, R: Array) -> Array | None:
         for _ in range(PASSES):
             # P is the covariance 2^k samples after a state that was known, G what they tell of it.
             try:
-                left = scipy.linalg.solve(one + G @ P, np.hstack([F, G]), check_finite=False)
-            except (np.linalg.LinAlgError, scipy.linalg.LinAlgWarning):
+                left = np.linalg.solve(one + G @ P, np.hstack([F, G]))
+            except np.linalg.LinAlgError:
                 return None
             more = F.T @ P @ left[:, :n]
             G = _symmetric(G + F @ left[:, n:] @ F.T)

@@ -9,8 +9,8 @@ from backsight.engine import loops
 from backsight.engine.dense import dense_of
 from backsight.engine.foreign import Kernel, kernel_of
 from backsight.engine.program._coalesce import without_copies
-from backsight.engine.program._in_place import in_place
 from backsight.engine.program._glue import ELEMENTWISE, glue, scalar
+from backsight.engine.program._in_place import in_place
 from backsight.engine.program._moves import in_order
 from backsight.engine.program._regroup import regroup
 from backsight.engine.program._scope import Scope

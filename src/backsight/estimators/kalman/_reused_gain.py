@@ -7,23 +7,23 @@ import numpy as np
 
 from backsight.algebra.update import measured
 from backsight.discrete.riccati import riccati_limit
-from backsight.engine.dense import triangle
+from backsight.engine.dense import gain_of, transpose, triangle
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.kalman.ekf import settled
 from backsight.estimators.parts.covariance import (
     Covariance,
     congruence,
-    joseph_form,
+    corrected_covariance,
     matrix_product,
-    weighted_gain,
+    times_transposed,
 )
 from backsight.estimators.parts.filtering import PriorMemory, data_inputs, estimate_told
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.linear import Linear
-from backsight.estimators.parts.memory import Memory
-from backsight.estimators.parts.substeps import moved_state, seen_outputs
-from backsight.estimators.steady import Limit, kept_parts, limit_of, reused
+from backsight.estimators.parts.memory import Memory, diagonal_of_triangle
+from backsight.estimators.parts.substeps import few_entries, moved_state, seen_outputs
+from backsight.estimators.steady import Limit, kept_or_new, kept_parts, limit_of, reused
 from backsight.types import Array
 
 
@@ -55,13 +55,11 @@ def reusing(name: str, system: Linear, limit: Limit) -> Recursion:
     m = Memory(x=s.x0, **kept_parts(step, limit, s.P0), started=0)
     now = reused(step, limit, m, mask)
 
-    prior = m.x
-    if system.ramp:
-        prior += m.started * matrix_product(ca.sparsify(ca.DM(system.B_next)), u)
-    e = _missed(system)(y, seen_outputs(s)(prior, u)[0], mask)
+    prior, e = _innovated(system, m, u, y, mask)
     free = prior + matrix_product(now["K"], e)
-    variances = (_diagonal(now[k], n) for k, n in (("spread", s.model.nx), ("S", s.model.ny)))
-    x, flags = settled(s)(free, *variances)
+    variances = now["spread"][diagonal_of_triangle(s.model.nx)]
+    of_innovation = now["S"][diagonal_of_triangle(s.model.ny)]
+    x, flags = settled(s)(free, variances, of_innovation)
     x_next, _ = moved_state(s, s.integrator)(x, u, u)
     x_hat, y_hat, status = estimate_told(s, x=x, u=u, flags=flags)
     outputs = {
@@ -84,21 +82,13 @@ def covariance_step(system: Linear) -> ca.Function:
     """
     s, kept = system.s, Covariance(system.s.model.nx)
     P, mask = ca.MX.sym("P", kept.size), ca.MX.sym("mask", s.model.ny)
-    C = seen_outputs(s)(ca.MX.zeros(s.model.nx), ca.MX.zeros(s.model.nu))[1]
-    K, S, noise = weighted_gain(kept.opened(P), C, s.R, mask)
-    after = joseph_form(kept.opened(P), K, C, noise)
-    ahead = kept.closed(congruence(_transition(system), after, s.Q))
-    results = [ahead, K, triangle(after, s.sx), triangle(S, s.sy)]
+    C, A = (ca.MX(few_entries(matrix)) for matrix in (system.C, system.A))
+    now = corrected_covariance(kept.opened(P), C, s.R, mask)
+    ahead = kept.closed(congruence(A, now.P, s.Q))
+    results = [ahead, now.K, triangle(now.P, s.sx), triangle(now.S, s.sy)]
     return ca.Function(
         "covariance", [P, mask], results, ["P_prior", "mask"], ["P", "K", "spread", "S"]
     )
-
-
-def _transition(system: Linear) -> ca.MX:
-    """A, with its entries only if these are few."""
-    s = system.s
-    still = ca.MX.zeros(s.model.nu)
-    return moved_state(s, s.integrator)(ca.MX.zeros(s.model.nx), still, still)[1]
 
 
 def _missed(system: Linear) -> ca.Function:
@@ -111,10 +101,23 @@ def _missed(system: Linear) -> ca.Function:
     return leaf("missed", {**notation(system.s), "expected": ny}, formula)
 
 
-def _innovation(system: Linear, m: Memory, data: list[ca.MX]) -> ca.Function | None:
-    return None
+def _innovation(system: Linear, m: Memory, data: list[ca.MX]) -> ca.Function:
+    """``(carry, u, y, mask) -> (e, S)`` before the sample enters, physical."""
+    s, kept = system.s, Covariance(system.s.model.nx)
+    P, weights = ca.MX.sym("P", kept.size), ca.MX.sym("mask", s.model.ny)
+    C = ca.MX(few_entries(system.C))
+    G = times_transposed(kept.opened(P), C)
+    HG = times_transposed(transpose(G), C)
+    _, S, _ = gain_of(ca.MX.zeros(1, s.model.ny), HG, ca.MX(ca.DM(s.R)), weights)
+    spread = ca.Function("innovation_spread", [P, weights], [triangle(S, s.sy)])
+    u, y, mask = s.enter()(*data)
+    e, S = _innovated(system, m, u, y, mask)[1], kept_or_new(spread, m, "S", m.P, mask=mask)
+    return ca.Function("innovation", [m.symbol, *data], [ca.DM(s.sy) * e, S])
 
 
-def _diagonal(triangle: ca.MX, n: int) -> ca.MX:
-    """Diagonal of a lower triangle."""
-    return triangle[np.cumsum([0, *range(n, 1, -1)]).tolist()]
+def _innovated(system: Linear, m: Memory, u: ca.MX, y: ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """State before the sample enters, and innovation, scaled."""
+    prior = m.x
+    if system.ramp:
+        prior += m.started * matrix_product(ca.sparsify(ca.DM(system.B_next)), u)
+    return prior, _missed(system)(y, seen_outputs(system.s)(prior, u)[0], mask)

@@ -2,5 +2,6 @@
 
 from backsight.estimators.steady.limit import Limit as Limit
 from backsight.estimators.steady.limit import limit_of as limit_of
+from backsight.estimators.steady.reuse import kept_or_new as kept_or_new
 from backsight.estimators.steady.reuse import kept_parts as kept_parts
 from backsight.estimators.steady.reuse import reused as reused

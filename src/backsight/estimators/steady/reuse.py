@@ -17,9 +17,7 @@ COVARIANCE = "P"
 
 def kept_parts(step: ca.Function, limit: Limit, P0: Array) -> dict[str, ArrayLike]:
     """Parts of a `Memory` for `reused`, with their start values."""
-    made = {
-        step.name_out(k): np.zeros(step.size_out(k)) for k in range(1, step.n_out())
-    }
+    made = {step.name_out(k): np.zeros(step.size_out(k)) for k in range(1, step.n_out())}
     return {
         COVARIANCE: Covariance(len(P0)).kept(P0),
         **made,
@@ -28,22 +26,27 @@ def kept_parts(step: ca.Function, limit: Limit, P0: Array) -> dict[str, ArrayLik
     }
 
 
-def reused(step: ca.Function, limit: Limit, memory: Memory, mask: ca.MX) -> dict[str, ca.MX]:
+def reused(
+    step: ca.Function, limit: Limit, memory: Memory, mask: ca.MX, *others: ca.MX
+) -> dict[str, ca.MX]:
     """Parts of the memory after a sample, of which all but the covariance hold for this sample.
 
     While all channels are measured with their nominal noise and the covariance has come to its
-    limit, see `backsight.estimators.steady.limit`, they are those of the last sample, and nothing is
-    computed. At any other sample the step is taken, and the covariance has to come back.
+    limit, see `backsight.estimators.steady.limit`, they are those of the last sample, and nothing
+    is computed. At any other sample the step is taken, and the covariance has to come back.
 
     Parameters
     ----------
     step : casadi.Function
-        ``(P, mask) -> (P_next, *values)``, dense; the results have the names of the memory's parts.
+        ``(P, mask, *others) -> (P_next, *values)``, dense; the results have the names of the
+        memory's parts.
     limit : Limit
     memory : Memory
         With `kept_parts`.
     mask : MX
         Weights (ny,) of the sample.
+    *others : MX
+        What else the step takes; the same in all samples but the first.
     """
     names = [COVARIANCE, *(step.name_out(k) for k in range(1, step.n_out()))]
     n, ny = len(limit.P), mask.numel()
@@ -51,18 +54,39 @@ def reused(step: ca.Function, limit: Limit, memory: Memory, mask: ca.MX) -> dict
     go = ca.MX.sym("go")
     symbols = [ca.MX.sym(name, *part.shape) for name, part in zip(names, kept, strict=True)]
     waiting, m, ends = ca.MX.sym("waiting"), ca.MX.sym("mask", ny), ca.MX.sym("limit", n * n)
-    new = step.call([symbols[0], m])
+    more = [ca.MX.sym("other", *other.shape) for other in others]
+    new = step.call([symbols[0], m, *more])
     matrices = (ca.reshape(matrix, n, n) for matrix in (new[0], ends))
     near = near_to(*matrices, limit.sigma, limit.near)
     body = ca.Function(
         f"{step.name()}_anew",
-        [go, *symbols, waiting, m, ends],
+        [go, *symbols, waiting, m, ends, *more],
         [ca.MX(0), *new, _waited(ny, limit.wait)(m, near, waiting)],
     )
     start = [_goes(ny)(mask, memory.waiting), *kept, memory.waiting]
-    _, *after = iterate(body, 1, carry=start, constants=[mask, memory.limit])
+    _, *after = iterate(body, 1, carry=start, constants=[mask, memory.limit, *others])
     found = dict(zip([*names, "waiting"], after, strict=True))
     return {**found, "limit": memory.limit}
+
+
+def kept_or_new(step: ca.Function, memory: Memory, name: str, *given: ca.MX, mask: ca.MX) -> ca.MX:
+    """One of the values of a step that a sample with this mask has, before it enters.
+
+    Parameters
+    ----------
+    step : casadi.Function
+        ``(*given, mask) -> value``.
+    memory : Memory
+        As for `reused`.
+    name : str
+        Of the value in the memory.
+    """
+    kept = getattr(memory, name)
+    symbols = [ca.MX.sym("i", *value.shape) for value in (kept, *given, mask)]
+    go = ca.MX.sym("go")
+    body = ca.Function(f"{step.name()}_now", [go, *symbols], [ca.MX(0), step(*symbols[1:])])
+    start = [_goes(mask.numel())(mask, memory.waiting), kept]
+    return iterate(body, 1, carry=start, constants=[*given, mask])[1]
 
 
 def _goes(ny: int) -> ca.Function:
