@@ -11,7 +11,7 @@ from backsight.engine import native, vm
 from backsight.estimators import JointInput, KalmanFilter, Noise, Prior
 from backsight.estimators.outliers import Gate
 from backsight.estimators.parts.linear import linear
-from backsight.estimators.steady.limit import DIFFERENCE, limit_of
+from backsight.estimators.steady.state import DIFFERENCE, steady_state
 from backsight.models.lti import lti
 from backsight.models.model import Model
 from backsight.models.structures.second_order import second_order
@@ -210,7 +210,7 @@ def test_the_bound_holds_from_anywhere_near_the_limit():
     """
     s, rng = system(), np.random.default_rng(2)
     A, C, Q, R = s.A, s.C, s.s.Q, s.s.R
-    limit = limit_of(riccati_limit(A, C, Q, R), functools.partial(closed, s))
+    limit = steady_state(riccati_limit(A, C, Q, R), functools.partial(closed, s))
     P, n = limit.P, len(A)
     sigma = limit.sigma
     phi, noise = closed(s, P)

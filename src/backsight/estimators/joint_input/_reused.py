@@ -20,11 +20,11 @@ from backsight.estimators.parts.filtering import estimate_told
 from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import few_entries
-from backsight.estimators.steady import Limit, kept_parts, limit_of, reused
+from backsight.estimators.steady import SteadyState, kept_parts, reused, steady_state
 from backsight.types import Array
 
 
-def limit(found: Forces) -> Limit | None:
+def joint_limit(found: Forces) -> SteadyState | None:
     """Where the covariance of the prediction goes while all outputs are measured; None if nowhere.
 
     Also None of few states, whose covariance costs next to nothing. Where outputs contain the force
@@ -51,15 +51,15 @@ def limit(found: Forces) -> Limit | None:
     start = riccati_limit(
         A - E @ told @ W.T @ C, free.T @ C, s.Q + E @ told @ E.T, free.T @ R @ free
     )
-    return limit_of(start, closed)
+    return steady_state(start, closed)
 
 
-def reusing(
-    name: str, found: Forces, limit: Limit, data: list[ca.MX], channels: tuple[Channel, ...]
+def reusing_joint(
+    name: str, found: Forces, limit: SteadyState, data: list[ca.MX], channels: tuple[Channel, ...]
 ) -> Recursion:
     """Recursion of the filter, which takes its gains from the last sample where it can."""
     s = found.system.s
-    step = covariance_step(found, cross=any(c.name == CROSS for c in channels))
+    step = _covariance_step(found, cross=any(c.name == CROSS for c in channels))
     m = Memory(x=s.x0, **kept_parts(step, limit, s.P0), started=0)
     gains = reused(step, limit, m, data[2], m.started)
     now = named_results(many_states(found), m.x, gains["L"], gains["M"], m.started, *data)
@@ -75,7 +75,7 @@ def reusing(
     return m.recursion(name, data, next=after, outputs=outputs, channels=channels, dt=s.dt)
 
 
-def covariance_step(found: Forces, *, cross: bool) -> ca.Function:
+def _covariance_step(found: Forces, *, cross: bool) -> ca.Function:
     """``(P, mask, started)`` to the covariance of the next prediction and what holds for a sample.
 
     Gains ``L`` and ``M``, whether forces are ``unobserved``, and in physical units the lower

@@ -14,7 +14,7 @@ from backsight.errors import ModelError, TuningError
 from backsight.estimators.around.virtual import CROSS
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread, setting
 from backsight.estimators.joint_input._extended import at_prior, extended_step
-from backsight.estimators.joint_input._reused import limit, reusing
+from backsight.estimators.joint_input._reused import joint_limit, reusing_joint
 from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
@@ -132,10 +132,10 @@ class JointInput(AbstractEstimator):
             return _extended(self.key, forces, cross=model.virtual is not None)
         forces = self._forces(model, dt)
         refuse_too_wide(forces.system.s, "JointInput")
-        ends = limit(forces) if self.gain == "converged" else None
+        ends = joint_limit(forces) if self.gain == "converged" else None
         if ends is not None:
             channels = _channels(forces, cross=model.virtual is not None)
-            return reusing(self.key, forces, ends, _data(forces), channels)
+            return reusing_joint(self.key, forces, ends, _data(forces), channels)
         return _recursion(self.key, forces, cross=model.virtual is not None)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:

@@ -23,11 +23,11 @@ from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.linear import Linear
 from backsight.estimators.parts.memory import Memory, diagonal_of_triangle
 from backsight.estimators.parts.substeps import few_entries, moved_state, seen_outputs
-from backsight.estimators.steady import Limit, kept_or_new, kept_parts, limit_of, reused
+from backsight.estimators.steady import SteadyState, kept_or_new, kept_parts, reused, steady_state
 from backsight.types import Array
 
 
-def limit(system: Linear) -> Limit | None:
+def filter_limit(system: Linear) -> SteadyState | None:
     """Where the covariance of the prediction goes while all outputs are measured; None if nowhere.
 
     Also None of few states, whose covariance costs next to nothing, and of noise that changes.
@@ -40,10 +40,10 @@ def limit(system: Linear) -> Limit | None:
         AK = A @ np.linalg.solve(C @ P @ C.T + s.R, C @ P).T
         return A - AK @ C, s.Q + AK @ s.R @ AK.T
 
-    return limit_of(riccati_limit(A, C, s.Q, s.R), closed)
+    return steady_state(riccati_limit(A, C, s.Q, s.R), closed)
 
 
-def reusing(name: str, system: Linear, limit: Limit) -> Recursion:
+def reusing_filter(name: str, system: Linear, limit: SteadyState) -> Recursion:
     """Recursion of the filter, which takes its gain from the last sample where it can.
 
     The memory holds the prior of the coming sample before the ramp of an interpolated input.
@@ -51,7 +51,7 @@ def reusing(name: str, system: Linear, limit: Limit) -> Recursion:
     s = system.s
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    step = covariance_step(system)
+    step = _covariance_step(system)
     m = Memory(x=s.x0, **kept_parts(step, limit, s.P0), started=0)
     now = reused(step, limit, m, mask)
 
@@ -75,7 +75,7 @@ def reusing(name: str, system: Linear, limit: Limit) -> Recursion:
     return dataclasses.replace(plain, start=PriorMemory(kept.kept, s.sx, behind))
 
 
-def covariance_step(system: Linear) -> ca.Function:
+def _covariance_step(system: Linear) -> ca.Function:
     """``(P, mask) -> (P, K, spread, S)``: of the next prediction, the gain, and physical triangles.
 
     Triangles of the covariances of the estimate and of the innovation.

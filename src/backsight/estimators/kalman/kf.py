@@ -13,7 +13,7 @@ from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman._linearised import linear_looks
-from backsight.estimators.kalman._reused_gain import limit, reusing
+from backsight.estimators.kalman._reused_gain import filter_limit, reusing_filter
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves, wide
 from backsight.estimators.parts.covariance import Covariance, Term, congruence, matrix_product
@@ -65,7 +65,7 @@ class KalmanFilter(AbstractEstimator):
         ``converged``: once it has come to its limit, which is known at compilation, its gain is
         taken again and again, while all channels are measured with their nominal noise; that
         changes the estimate by less than 1e-10 standard deviations, see
-        `backsight.estimators.steady.limit`. After a sample of another kind the covariance is
+        `backsight.estimators.steady.state`. After a sample of another kind the covariance is
         computed until it has come back. ``exact``: it is computed at every sample.
 
     References
@@ -124,9 +124,9 @@ class KalmanFilter(AbstractEstimator):
         if wide(system.s):
             ramp = ramp_end(system) if system.ramp else None
             return assemble(self.key, system.s, square_root_halves(system.s, ramp=ramp))
-        found = limit(system) if self.gain == "converged" else None
+        found = filter_limit(system) if self.gain == "converged" else None
         if found is not None:
-            return reusing(self.key, system, found)
+            return reusing_filter(self.key, system, found)
         return assemble(self.key, system.s, linear_halves(system, ekf.correct(system.s)))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:

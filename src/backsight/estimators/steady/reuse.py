@@ -8,14 +8,14 @@ from backsight.engine.dense import near_to
 from backsight.engine.loops import iterate
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.memory import Memory
-from backsight.estimators.steady.limit import Limit
+from backsight.estimators.steady.state import SteadyState
 from backsight.types import Array
 
 COVARIANCE = "P"
 """The part of the memory that is the covariance of the prediction; it goes on in every filter."""
 
 
-def kept_parts(step: ca.Function, limit: Limit, P0: Array) -> dict[str, ArrayLike]:
+def kept_parts(step: ca.Function, limit: SteadyState, P0: Array) -> dict[str, ArrayLike]:
     """Parts of a `Memory` for `reused`, with their start values."""
     made = {step.name_out(k): np.zeros(step.size_out(k)) for k in range(1, step.n_out())}
     return {
@@ -27,12 +27,12 @@ def kept_parts(step: ca.Function, limit: Limit, P0: Array) -> dict[str, ArrayLik
 
 
 def reused(
-    step: ca.Function, limit: Limit, memory: Memory, mask: ca.MX, *others: ca.MX
+    step: ca.Function, limit: SteadyState, memory: Memory, mask: ca.MX, *others: ca.MX
 ) -> dict[str, ca.MX]:
     """Parts of the memory after a sample, of which all but the covariance hold for this sample.
 
     While all channels are measured with their nominal noise and the covariance has come to its
-    limit, see `backsight.estimators.steady.limit`, they are those of the last sample, and nothing
+    limit, see `backsight.estimators.steady.state`, they are those of the last sample, and nothing
     is computed. At any other sample the step is taken, and the covariance has to come back.
 
     Parameters
@@ -40,7 +40,7 @@ def reused(
     step : casadi.Function
         ``(P, mask, *others) -> (P_next, *values)``, dense; the results have the names of the
         memory's parts.
-    limit : Limit
+    limit : SteadyState
     memory : Memory
         With `kept_parts`.
     mask : MX
@@ -56,8 +56,8 @@ def reused(
     waiting, m, ends = ca.MX.sym("waiting"), ca.MX.sym("mask", ny), ca.MX.sym("limit", n * n)
     more = [ca.MX.sym("other", *other.shape) for other in others]
     new = step.call([symbols[0], m, *more])
-    matrices = (ca.reshape(matrix, n, n) for matrix in (new[0], ends))
-    near = near_to(*matrices, limit.sigma, limit.near)
+    P_next, P_end = ca.reshape(new[0], n, n), ca.reshape(ends, n, n)
+    near = near_to(P_next, P_end, limit.sigma, limit.near)
     body = ca.Function(
         f"{step.name()}_anew",
         [go, *symbols, waiting, m, ends, *more],

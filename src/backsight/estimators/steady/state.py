@@ -48,7 +48,7 @@ LONGEST = 10**9
 
 
 @dataclasses.dataclass(frozen=True)
-class Limit:
+class SteadyState:
     """A limit, and when a filter may take its gain.
 
     Parameters
@@ -71,7 +71,7 @@ class Limit:
         return np.sqrt(np.diag(self.P))
 
 
-def limit_of(start: Array | None, closed: Closed) -> Limit | None:
+def steady_state(start: Array | None, closed: Closed) -> SteadyState | None:
     """The limit of a covariance, by Newton's method from a covariance whose gain holds the errors.
 
     None if there is none, or it is too close to singular to be told from its neighbours.
@@ -98,7 +98,7 @@ def limit_of(start: Array | None, closed: Closed) -> Limit | None:
         return float(2 * np.sqrt(2) * near * np.linalg.norm(left) ** 2)
 
     wait = _first(powers, lambda power: difference(power) <= DIFFERENCE)
-    return None if wait is None else Limit(P, near, wait)
+    return None if wait is None else SteadyState(P, near, wait)
 
 
 def _first(powers: list[Array], small: Callable[[Array], bool]) -> int | None:
