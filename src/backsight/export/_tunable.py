@@ -199,7 +199,7 @@ def _varied(noise: Noise, model: Model, walks: Sequence[Signal]) -> VariedNoise:
     for walk in walks:
         Q = np.zeros((model.nx, model.nx))
         Q[index[walk.name], index[walk.name]] = walk.value**2
-        parts.append(NoisePart(FACTOR + walk.name, Q=Q))
+        parts.append(NoisePart((FACTOR + walk.name,) * 2, Q=Q))
     fields = {f.name: getattr(noise, f.name) for f in dataclasses.fields(noise)}
     return VariedNoise(**{**fields, "sigma_w": None}, parts=tuple(parts))
 
