@@ -77,7 +77,7 @@ def freezable(
             own[k, k] = matrix[k, k]
             rest[word] = rest[word] - own
             if matrix[k, k]:
-                parts.append(NoisePart(SEEN + name, **{word: own}))
+                parts.append(NoisePart((SEEN + name,) * 2, **{word: own}))
         walks[name] = float(Q[k, k] + dt * Qc[k, k])
     if not walks:
         raise ProblemError(
