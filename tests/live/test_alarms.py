@@ -56,6 +56,14 @@ def test_innovations_that_are_larger_than_believed(tmp_path, samples):
     assert 5.0 <= live.session.alarms.events[0]["time"] <= 6.0
 
 
+def test_innovations_that_are_a_little_off_are_no_alarm(tmp_path, samples):
+    alarm = '[alarm.doubt]\nkind = "nis"\nover = 3.0\nlevel = 0.6\nfactor = 1.0\n'
+    for factor, expected in (("1.0", True), ("1.5", False)):
+        with fed(tmp_path, IN_ORDER + COLUMNS + alarm.replace("1.0", factor)) as live:
+            live.feed(map(message, samples), at_once=20)
+        assert bool(events(live)) == expected
+
+
 def test_a_sensor_that_is_silent_and_comes_back(tmp_path, samples):
     alarm = '[alarm.sensor]\nkind = "silent"\nof = ["y"]\nafter = 0.5\n'
     gone = samples.copy()

@@ -202,7 +202,8 @@ def test_an_opc_ua_server(tmp_path, samples):
     thread.start()
     beginning.wait(20)
     assert not trouble
-    live_tables = f'[live]\ndt = {DT}\nlag = 10.0\n[source.rig]\nkind = "opcua"\nurl = "{url}"\n' + (
+    live_tables = (
+        f'[live]\ndt = {DT}\nlag = 10.0\n[source.rig]\nkind = "opcua"\nurl = "{url}"\n'
         'inputs.u = "ns=2;s=u"\noutputs.y = "ns=2;s=y"\n'
     )
     try:

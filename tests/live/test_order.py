@@ -83,6 +83,13 @@ def test_after_a_long_gap_the_estimator_begins_anew(tmp_path, samples):
     assert sum("begins anew" in sentence for sentence in live.told) == 1
 
 
+def test_many_samples_at_once_are_no_gap(tmp_path, samples, expected):
+    with fed(tmp_path, STORED.replace("bridge = 5.0", "bridge = 0.2")) as live:
+        live.feed(map(message, samples), at_once=N)
+    check(tmp_path, expected)
+    assert not live.told
+
+
 def test_a_short_gap_is_bridged_by_the_model(tmp_path, samples):
     with fed(tmp_path, STORED) as live:
         live.feed(map(message, np.delete(samples, range(400, 420), axis=0)))

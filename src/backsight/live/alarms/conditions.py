@@ -22,6 +22,9 @@ from backsight.problem.reading.tables import (
 from backsight.schema import Status
 from backsight.types import Array
 
+_BACK = 0.8
+"""Share of its band inside which a mean must be again before an alarm is cleared."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Sighting:
@@ -145,14 +148,16 @@ class NisCondition(Condition):
             return None
         tail = (1 - self._table.level) / 2
         low, high = scipy.stats.chi2.ppf([tail, 1 - tail], freedom) / freedom
+        # Over hours, any model is wrong by more than chance.
+        low, high = min(low, 1 / self._table.factor), max(high, self._table.factor)
         mean = total / freedom
         what = "larger than" if mean > high else "smaller than" if mean < low else "as"
         sentence = (
             f"the innovations are {what} the estimator believes: mean NIS {mean:.3g} over "
             f"{self._table.over:g} s, its band is {low:.3g} to {high:.3g}"
         )
-        inside = bool(low <= mean <= high)
-        return Sighting(not inside, inside, sentence, mean)
+        back = _BACK * (low - 1) <= mean - 1 <= _BACK * (high - 1)
+        return Sighting(not low <= mean <= high, bool(back), sentence, mean)
 
 
 class HitCondition(Condition):
