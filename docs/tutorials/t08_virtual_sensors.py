@@ -20,7 +20,6 @@ import scipy.io
 import scipy.sparse
 
 import backsight as bs
-from backsight import plot
 
 ELEMENTS, LENGTH, EI, MASS = 40, 20.0, 2.1e11 * 4e-6, 60.0  # [m], [N m2], [kg/m]
 a = LENGTH / ELEMENTS
