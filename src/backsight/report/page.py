@@ -56,7 +56,7 @@ def write_page(
     heading = title or str(every[0].result.attrs.get("model", "Estimates"))
     page = Template(_resource("page.html")).substitute(
         title=escape(heading),
-        style=_style(),
+        style=style(),
         facts=escape(_facts(every[0].result)),
         judgements=judgements(rows, every),
         answers=answers(rows, every, reference or {}),
@@ -64,8 +64,8 @@ def write_page(
         legend=_legend(every, bool(reference)),
         sections="".join(map(str, sections)) + _problem(problem),
         notes=_notes(every),
-        plotly=_packed(_plotly_js()),
-        figures=_packed(_data(plots, every)),
+        plotly=packed(_plotly_js()),
+        figures=packed(_data(plots, every)),
         script=_resource("page.js"),
     )
     return write_whole(path, page.encode("utf-8"))
@@ -213,13 +213,14 @@ def _data(plots: Sequence[Plot], every: Sequence[Series]) -> str:
     return json.dumps(data, separators=(",", ":"))
 
 
-def _style() -> str:
+def style() -> str:
+    """What pages look like, in both themes and on paper."""
     return Template(_resource("page.css")).substitute(
         light=series_variables(ON_LIGHT, band=0.16), dark=series_variables(ON_DARK, band=0.22)
     )
 
 
-def _packed(text: str) -> str:
+def packed(text: str) -> str:
     """Return text as base64 of its gzip, which the page's script unpacks: nothing in it is HTML."""
     return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
 

@@ -14,6 +14,7 @@ from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
+from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.prediction import Propagation, predict, transition
 from backsight.estimators.kalman.square_root import square_root_halves, wide
@@ -30,7 +31,7 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import seen_outputs, within_bounds
+from backsight.estimators.parts.substeps import seen_outputs, settled
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
@@ -51,8 +52,9 @@ class EKF(AbstractEstimator):
 
     sets states outside their bounds to them, and then carries the estimate to the next sample by
     the model (eq. 13) and the covariance by one of three ways. If the prior is more than a million
-    times as wide as the noise, both steps work on a factor of the covariance, see
-    `backsight.estimators.kalman.square_root`.
+    times as wide as the noise, or a sensor has none, both steps work on a factor of the covariance,
+    see `backsight.estimators.kalman.square_root`. A reading without noise of what is known exactly
+    already is left out, with the status *redundant*.
 
     Parameters
     ----------
@@ -95,6 +97,7 @@ class EKF(AbstractEstimator):
     title: ClassVar[str] = "Extended Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    looks_back: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
 
     noise: Noise
@@ -119,10 +122,18 @@ class EKF(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
-        if self.measurement == "sampled" and self.covariance != "ode" and wide(s):
+        by_factor = self.measurement == "sampled" and self.covariance != "ode"
+        s = setting(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            integrator=self.integrator,
+            noiseless=by_factor,
+        )
+        if by_factor and wide(s):
             kept = s.sampled() if self.covariance == "discrete" else s
-            return assemble(self.key, s, square_root_halves(kept))
+            return assemble(self.key, s, with_exact_sensors(s, square_root_halves(kept)))
         parts = ekf_halves(s, s.integrator, self.covariance)
         if self.measurement == "sampled":
             return assemble(self.key, s, parts)
@@ -227,16 +238,3 @@ def _looked(s: Setting, x: Term, u: Term, y: Term, mask: Term) -> tuple[ca.MX, c
         lambda y, expected, mask: {"e": measured(mask) * (y - expected)},
     )
     return missed(y, y_prior, mask), H
-
-
-def settled(s: Setting) -> ca.Function:
-    """State within its bounds, and flags: ``(x, variances, of the innovation) -> (x, flags)``."""
-
-    def formula(x: ca.SX, variance: ca.SX, y: ca.SX) -> Results:
-        inside = within_bounds(s, x)
-        clipped = ca.if_else(ca.norm_1(inside - x) > 0, 1, 0)
-        definite = ca.mmin(ca.vertcat(variance, y)) >= 0
-        flags = Flags(clipped=clipped, not_positive_definite=ca.if_else(definite, 0, 1))
-        return {"x_inside": inside, "flags": flags.vector()}
-
-    return leaf("settled", {**notation(s), "variance": s.model.nx}, formula)

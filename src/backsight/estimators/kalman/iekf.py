@@ -91,6 +91,7 @@ class IEKF(AbstractEstimator):
     title: ClassVar[str] = "Iterated extended Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    looks_back: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
 
     noise: Noise
@@ -111,7 +112,7 @@ class IEKF(AbstractEstimator):
         refuse_too_wide(s, "IEKF")
         once = ekf_halves(s, s.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)
-        return assemble(self.key, s, dataclasses.replace(once, correct=iterated))
+        return assemble(self.key, s, dataclasses.replace(once, correct=iterated, iterated=True))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`."""

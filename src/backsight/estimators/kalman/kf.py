@@ -12,8 +12,8 @@ from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman._linearised import linear_looks
-from backsight.estimators.kalman._reused_gain import filter_limit, reusing_filter
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves, wide
 from backsight.estimators.parts.covariance import Covariance, Term, congruence, matrix_product
@@ -22,6 +22,7 @@ from backsight.estimators.parts.fixed_gain import correct_with
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear, Varying, in_time
 from backsight.estimators.smoothing import passes
+from backsight.estimators.steady import filter_limit, reusing_filter
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations
@@ -48,7 +49,7 @@ class KalmanFilter(AbstractEstimator):
     Van Loan's integral; where matrices change within a sampling period (``hold = "foh"``), by the
     method of Magnus, see `backsight.discrete.varying`. States outside their bounds are set to them,
     and priors that are far wider than the noise are kept as factors, as by `EKF`, unless matrices
-    change.
+    change. So it is with sensors without noise (``sigma_y = 0``), which `EKF` and `UKF` take, too.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ class KalmanFilter(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        system = self._system(model, dt)
+        system = self._system(model, dt, noiseless=not self.steady_state)
         if isinstance(system, Varying):
             if self.steady_state:
                 _constant(system)
@@ -123,7 +124,8 @@ class KalmanFilter(AbstractEstimator):
             return assemble(self.key, system.s, fixed_gain_halves(system, _riccati(system)[0]))
         if wide(system.s):
             ramp = ramp_end(system) if system.ramp else None
-            return assemble(self.key, system.s, square_root_halves(system.s, ramp=ramp))
+            halves = square_root_halves(system.s, ramp=ramp)
+            return assemble(self.key, system.s, with_exact_sensors(system.s, halves))
         found = filter_limit(system) if self.gain == "converged" else None
         if found is not None:
             return reusing_filter(self.key, system, found)
@@ -150,8 +152,15 @@ class KalmanFilter(AbstractEstimator):
         s = system.s
         return K * s.sx[:, None] / s.sy, P * np.outer(s.sx, s.sx)
 
-    def _system(self, model: Model, dt: float) -> Linear | Varying:
-        return in_time(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+    def _system(self, model: Model, dt: float, *, noiseless: bool = False) -> Linear | Varying:
+        return in_time(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            hold=self.hold,
+            noiseless=noiseless,
+        )
 
 
 def linear_halves(system: Linear | Varying, correct: ca.Function) -> Halves:

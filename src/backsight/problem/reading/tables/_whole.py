@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import pydantic
 
+from backsight.problem.reading.tables._live import LiveTable, StoreTable
 from backsight.problem.reading.tables._recorded import RecordingTable
 from backsight.problem.reading.tables._strict import ShortTable, StrictTable
 from backsight.problem.reading.tables._unknowns import (
@@ -165,6 +166,12 @@ class ProblemTable(StrictTable):
         Dummy measurements, which are zero.
     tune : table
         What `backsight tune` finds.
+    source : dict
+        Of `backsight live`: where samples come from.
+    live : table
+        Of `backsight live`: how they are taken in.
+    store : table
+        Of `backsight live`: where results are kept.
     """
 
     title: str = ""
@@ -183,3 +190,6 @@ class ProblemTable(StrictTable):
     reference: dict[str, float] = pydantic.Field(default_factory=dict)
     tune: TuneTable = TuneTable()
     output: OutputTable = OutputTable()
+    source: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)
+    live: LiveTable = LiveTable()
+    store: StoreTable | None = None

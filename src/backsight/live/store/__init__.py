@@ -1,0 +1,5 @@
+"""Where results are kept while they come."""
+
+from backsight.live.store.keeping import Keeper as Keeper
+from backsight.live.store.writing import LiveStore as LiveStore
+from backsight.live.store.writing import opened_live_store as opened_live_store
