@@ -99,6 +99,7 @@ class EKF(AbstractEstimator):
     noise_states: ClassVar[bool] = True
     looks_back: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
+    varies_sensors: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -177,7 +178,7 @@ def innovation(s: Setting) -> ca.Function:
 
     def seen(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_prior = s.model.output(x, u)
-        e, noise = measured(mask) * (y - y_prior), noise_of(ca.SX(s.R), mask)
+        e, noise = measured(mask) * (y - y_prior), noise_of(s.R_at(u), mask)
         return {"e": e, "H": ca.jacobian(y_prior, x), "noise": noise}
 
     expected = leaf("expected", notation(s), seen)
@@ -219,7 +220,7 @@ def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple
 
     def seen(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_prior = s.model.output(x, u)
-        H, e, R = masked(ca.jacobian(y_prior, x), y - y_prior, ca.SX(s.R), mask)  # eq. 20
+        H, e, R = masked(ca.jacobian(y_prior, x), y - y_prior, s.R_at(u), mask)  # eq. 20
         return {"e": e, "H": H, "noise": R}
 
     e, H, R = leaf("residual", notation(s), seen)(x, u, y, mask)
@@ -231,6 +232,8 @@ def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple
 
 def _looked(s: Setting, x: Term, u: Term, y: Term, mask: Term) -> tuple[ca.MX, ca.MX]:
     """Innovation, 0 where not measured, and the slope H of all outputs, of many states."""
+    if any(part.R.any() for part in s.parts):
+        raise TuningError("correlations of sensors cannot be inputs of models with many states")
     y_prior, H = seen_outputs(s)(x, u)
     missed = leaf(
         "missed",

@@ -89,6 +89,7 @@ class KalmanFilter(AbstractEstimator):
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
+    varies_sensors: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior

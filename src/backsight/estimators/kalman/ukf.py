@@ -255,7 +255,7 @@ def _images(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Funct
 def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
     kept, noise, w = Factor(Covariance(s.model.nx)), _noise_root(s), points.weights
-    roots = [(part.index, cholesky_factor(part.Q)) for part in s.sampled().parts]
+    roots = [(part.factor, cholesky_factor(part.Q)) for part in s.sampled().parts]
     inside = leaf("within", notation(s), lambda x: {"x_in": within_bounds(s, x)})
 
     def gathered(X: Term, spread: Term, u: Term) -> Results:
