@@ -8,6 +8,7 @@ from backsight import data as data
 from backsight import errors as errors
 from backsight import export as export
 from backsight import extend as extend
+from backsight import fleet as fleet
 from backsight import forces as forces
 from backsight import large as large
 from backsight import models as models

@@ -55,6 +55,10 @@ class EngineError(BacksightError):
     """A recursion cannot be turned into machine code or C."""
 
 
+class WorkerError(BacksightError):
+    """Workers that a fleet runs on cannot be reached, or do not fit."""
+
+
 class PluginError(BacksightError):
     """An installed extension is broken, or brings something under a name that is taken."""
 

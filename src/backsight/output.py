@@ -19,6 +19,9 @@ from backsight.errors import OutputError
 MARKER = ".backsight.json"
 """Names of the files in a folder that may be replaced."""
 
+HOLD = ".lock"
+"""File in a folder to which one process at a time writes."""
+
 _LARGEST_MARKER = 1_000_000  # bytes
 
 
@@ -58,6 +61,13 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> Path:
             f"cannot write '{target}': {reason}; choose a place that can be written"
         ) from error
     return target
+
+
+def put_in_place(part: Path, target: Path) -> None:
+    """Move a file that was written beside its place there; it survives a power cut then."""
+    _to_disk(part)
+    part.replace(target)
+    _to_disk(target.parent)
 
 
 @contextlib.contextmanager
@@ -230,6 +240,32 @@ def _alone(folder: Path) -> Iterator[None]:
     try:
         with contextlib.suppress(OSError):  # some disks of a network have no locks
             fcntl.flock(number, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(number)
+
+
+@contextlib.contextmanager
+def holding(folder: Path) -> Iterator[None]:
+    """Hold the lock of a folder; it goes with the process, however that ends.
+
+    Raises
+    ------
+    OutputError
+        If another process holds it, or the folder cannot be written.
+    """
+    if os.name == "nt":
+        yield
+        return
+    import fcntl
+
+    with writing(folder):
+        number = os.open(folder / HOLD, os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OutputError(f"another process writes to '{folder}'; wait for it") from None
         yield
     finally:
         os.close(number)

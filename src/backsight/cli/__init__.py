@@ -11,11 +11,13 @@ from typing import Annotated
 
 import typer
 
-from backsight.cli import _recordings, _workbench
+from backsight.cli import _live, _recordings, _workbench
 from backsight.cli._choosing import estimator_of
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.cli._exporting import export
+from backsight.cli._fleet import fleet
 from backsight.cli._options import Env, Force, Out, Outside
+from backsight.cli._reporting import report_again
 from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
 
@@ -37,6 +39,7 @@ app.add_typer(study, name="study")
 app.command("columns")(_recordings.show_columns)
 app.command("init")(_recordings.write_problem)
 app.command("open")(_workbench.open_page)
+app.command("live")(_live.live)
 
 
 @app.callback(invoke_without_command=True)
@@ -161,28 +164,10 @@ def check(
 
 app.command()(tune)
 app.command()(export)
+app.command()(fleet)
 
 
-@app.command("report")
-def report_again(
-    estimates: Annotated[list[Path], typer.Argument(help="estimates.nc of one or several runs.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")],
-) -> None:
-    """Draw the report again from results, of several runs side by side."""
-    with told():
-        from backsight.problem.results_file import read_estimates
-        from backsight.report import report
-
-        read = {file: read_estimates(file) for file in estimates}
-        results = {
-            name if len(read) == 1 else f"{file.parent.name or file.stem}: {name}": result
-            for file, found in read.items()
-            for name, result in found.results.items()
-        }
-        first = next(iter(read.values()))
-        title = " | ".join(dict.fromkeys(found.title for found in read.values() if found.title))
-        problem = first.problem if len(read) == 1 else None
-        say(f"Report: {report(results, out, title=title or None, problem=problem)}")
+app.command("report")(report_again)
 
 
 @app.command("methods")

@@ -32,7 +32,9 @@ def run_many(
 ) -> list[Outcome]:
     """Apply the step to every sample of every recording.
 
-    The recordings may have different lengths; each result equals that of a run of its own.
+    The recordings may have different lengths; each result equals that of a run of its own, and to
+    the last bit does not depend on which recordings are beside it: also a single one goes through
+    the program for vectors, whose rounding differs from that for one.
 
     Parameters
     ----------
@@ -109,14 +111,11 @@ def _run_groups(
 ) -> None:
     done = [0] * len(groups)
     stop = threading.Event()
-    programs = {
-        lanes: native.compiled(recursion, lanes=lanes)
-        for lanes in {_lanes(group) for group in groups}
-    }
+    program = native.compiled(recursion, lanes=machine.widest())
 
     def work(number: int) -> None:
         group = groups[number]
-        for count in _advance(programs[_lanes(group)], group):
+        for count in _advance(program, group):
             done[number] += count
             if stop.is_set():
                 return
@@ -133,10 +132,6 @@ def _run_groups(
             stop.set()
             pool.shutdown(cancel_futures=True)
             raise
-
-
-def _lanes(group: list[_Job]) -> int:
-    return 1 if len(group) == 1 else machine.widest()
 
 
 def _advance(program: native.Compiled, group: list[_Job]) -> Iterator[int]:

@@ -43,8 +43,8 @@ def recording_of(
         If the recording cannot be read or is not regular.
     """
     parts = [
-        _read(table, _path(table, where, problem.path.parent, env), where, outside)
-        for where, table in problem.recording.files.items()
+        _read(problem.recording.files[where], path, where, outside)
+        for where, path in paths_of(problem, env=env).items()
     ]
     recording = merge(*parts) if len(parts) > 1 else parts[0]
     model, cutoff = problem.model, problem.recording.high_pass
@@ -52,6 +52,14 @@ def recording_of(
     signals = (*model.inputs, *model.outputs, *model.states, *virtual)
     found = convert_units(recording, {s.name: s.unit for s in signals if s.unit})
     return found if cutoff is None else high_pass(found, cutoff)
+
+
+def paths_of(problem: Problem, *, env: Collection[str] = ()) -> dict[str, Path]:
+    """Path of every file of the recording by the key of its table; see `recording_of`."""
+    return {
+        where: _path(table, where, problem.path.parent, env)
+        for where, table in problem.recording.files.items()
+    }
 
 
 def _read(table: FileTable, path: Path, where: str, outside: Collection[str]) -> xr.Dataset:
@@ -94,22 +102,42 @@ def _read(table: FileTable, path: Path, where: str, outside: Collection[str]) ->
 
 
 def _path(table: FileTable, where: str, folder: Path, env: Collection[str]) -> Path:
-    text, source = table.path, table.source
+    return folder / expanded(table.path, f"{where}.path", env=env, source=table.source)
+
+
+def expanded(text: str, where: str, *, env: Collection[str], source: str = "") -> str:
+    """A path with the values of the environment variables in it.
+
+    Parameters
+    ----------
+    text : str
+        The path as a file has it.
+    where : str
+        Key of the path, for messages.
+    env : collection of str
+        Variables that may be used beside ``BACKSIGHT_DATA``.
+    source : str
+        Where to get the data.
+
+    Raises
+    ------
+    ProblemError
+        If a variable is not allowed or not set.
+    """
     for name in _VARIABLE.findall(text):
         # Before anything else is said of it: a refusal must not tell whether it is set.
         if name not in (DATA, *env):
             raise ProblemError(
-                f"{where}.path: the file asks for the environment variable {name}; allow it with "
+                f"{where}: the file asks for the environment variable {name}; allow it with "
                 f"--env {name} if you trust the file, or write the folder"
             )
         if not os.environ.get(name):
             hint = f"; where to get it: {source}" if source else ""
             raise ProblemError(
-                f"{where}.path: the environment variable {name} is not set; set it to the folder "
+                f"{where}: the environment variable {name} is not set; set it to the folder "
                 f"of the data{hint}"
             )
-    expanded = _VARIABLE.sub(lambda match: os.environ[match[1]], text)
-    return folder / expanded
+    return _VARIABLE.sub(lambda match: os.environ[match[1]], text)
 
 
 def _column(entry: ColumnTable) -> Column:

@@ -21,6 +21,7 @@ from backsight.data.formats._arrays import (
 )
 from backsight.data.formats._matlab import list_mat, read_mat
 from backsight.data.formats._tables import (
+    frames_in,
     list_frames,
     list_xlsx,
     read_feather,
@@ -164,7 +165,7 @@ def list_contents(path: Path, request: Request, wish: str | None) -> list[Listed
 
 def _kind(path: Path, request: Request, wish: str | None) -> str:
     _check_file(path, READERS)
-    kind = kind_of(path, wish, READERS)
+    kind = ".parquet" if path.is_dir() else kind_of(path, wish, READERS)
     if request.text != TextForm(missing=request.text.missing) and kind not in TEXT:
         option = next(
             f.name
@@ -203,8 +204,9 @@ def _check_file(path: Path, known: Collection[str]) -> None:
         if is_bag_folder(path):
             return
         if path.is_dir():
-            raise DataError(f"'{path}' is a folder; give a file")
-        if not path.is_file():
+            if not frames_in(path):
+                raise DataError(f"'{path}' is a folder; give a file, or a folder of Parquet parts")
+        elif not path.is_file():
             raise DataError(f"'{path}' is a device or a pipe; give a file")
     except OSError as error:
         raise DataError(f"cannot read '{path}': {error.strerror or error}") from None

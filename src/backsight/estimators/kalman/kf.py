@@ -12,6 +12,7 @@ from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman._linearised import linear_looks
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves, wide
@@ -47,7 +48,7 @@ class KalmanFilter(AbstractEstimator):
     Van Loan's integral; where matrices change within a sampling period (``hold = "foh"``), by the
     method of Magnus, see `backsight.discrete.varying`. States outside their bounds are set to them,
     and priors that are far wider than the noise are kept as factors, as by `EKF`, unless matrices
-    change.
+    change. So it is with sensors without noise (``sigma_y = 0``), which `EKF` and `UKF` take, too.
 
     Parameters
     ----------
@@ -80,6 +81,7 @@ class KalmanFilter(AbstractEstimator):
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
+    varies_sensors: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -104,7 +106,7 @@ class KalmanFilter(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        system = self._system(model, dt)
+        system = self._system(model, dt, noiseless=not self.steady_state)
         if isinstance(system, Varying):
             if self.steady_state:
                 _constant(system)
@@ -114,7 +116,8 @@ class KalmanFilter(AbstractEstimator):
             return assemble(self.key, system.s, fixed_gain_halves(system, _riccati(system)[0]))
         if wide(system.s):
             ramp = ramp_end(system) if system.ramp else None
-            return assemble(self.key, system.s, square_root_halves(system.s, ramp=ramp))
+            halves = square_root_halves(system.s, ramp=ramp)
+            return assemble(self.key, system.s, with_exact_sensors(system.s, halves))
         return assemble(self.key, system.s, linear_halves(system, ekf.correct(system.s)))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
@@ -138,8 +141,15 @@ class KalmanFilter(AbstractEstimator):
         s = system.s
         return K * s.sx[:, None] / s.sy, P * np.outer(s.sx, s.sx)
 
-    def _system(self, model: Model, dt: float) -> Linear | Varying:
-        return in_time(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+    def _system(self, model: Model, dt: float, *, noiseless: bool = False) -> Linear | Varying:
+        return in_time(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            hold=self.hold,
+            noiseless=noiseless,
+        )
 
 
 def linear_halves(system: Linear | Varying, correct: ca.Function) -> Halves:

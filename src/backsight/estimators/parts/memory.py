@@ -68,6 +68,14 @@ class Memory:
         """The whole memory before the first sample, flat."""
         return np.concatenate([v.ravel(order="F") for v in self._start.values()])
 
+    def parts(self, memory: Array) -> dict[str, Array]:
+        """Parts of a flat memory in numbers, by name and in the shape of their start values."""
+        found, at = {}, 0
+        for name, value in self._start.items():
+            piece = memory[at : at + value.size]
+            found[name], at = piece.reshape(value.shape, order="F"), at + value.size
+        return found
+
     def joined(self, parts: Mapping[str, Value]) -> ca.MX:
         """All parts, given by name, as the flat memory.
 

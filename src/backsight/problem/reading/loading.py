@@ -5,6 +5,7 @@ import re
 import stat
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ProblemError, nearest
@@ -39,7 +40,17 @@ def load(path: str | os.PathLike[str]) -> Problem:
         of the wrong kind, or its value does not fit the others (with the key).
     """
     file = Path(path)
-    text = _text(file)
+    text = text_of(file)
+    given = tree_of(text, file)
+    if "recording" not in given and "source" in given:
+        raise ProblemError(
+            "recording: is missing; this file names sources: start it with `backsight live`"
+        )
+    return problem_of(given, text, file)
+
+
+def tree_of(text: str, file: Path) -> dict[str, Any]:
+    """The tables of a TOML file that is not beyond all measure; errors as of `load`."""
     check_keys(text)
     try:
         given = tomllib.loads(text)
@@ -52,6 +63,21 @@ def load(path: str | os.PathLike[str]) -> Problem:
     except RecursionError:
         raise ProblemError(f"{file}: tables and lists are more than {DEEPEST} deep") from None
     check_tree(given)
+    return given
+
+
+def problem_of(given: dict[str, Any], text: str, file: Path) -> Problem:
+    """Make a problem of the tables of its file; errors as of `load`.
+
+    Parameters
+    ----------
+    given : dict
+        From `tree_of`, as the file has it or with other values.
+    text : str
+        The file as it was read.
+    file : Path
+        Paths in the tables are relative to its folder.
+    """
     listed = put_places(given, file.parent)
     table = validated(ProblemTable, given)
     built(Integrator, table.integrator, where="integrator", fixed={})
@@ -87,7 +113,8 @@ def load(path: str | os.PathLike[str]) -> Problem:
     )
 
 
-def _text(file: Path) -> str:
+def text_of(file: Path) -> str:
+    """Text of a TOML file; errors as of `load`."""
     try:
         kind = file.stat()
         if stat.S_ISDIR(kind.st_mode):

@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.errors import DataError, nearest
+from backsight.estimators.around.saturation import ends
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.models.signals import Signal
@@ -77,13 +78,15 @@ def matched_inputs(model: Model, recording: xr.Dataset) -> Array:
 def measured_outputs(model: Model, recording: xr.Dataset) -> Array:
     """Outputs in the order of the model, (n, ny), NaN where not measured; see `match`.
 
-    Dummy measurements are in no recording.
+    Dummy measurements are in no recording; readings at the end of the range of their sensor are no
+    measurements.
     """
     real = tuple(s for s in model.outputs if s.dummy is None)
     y = np.empty((recording.sizes["time"], model.ny))
     y[:, dummies(model)] = [s.dummy for s in model.outputs if s.dummy is not None]
     y[:, ~dummies(model)] = _columns(recording, "y", "output", of=real)
-    return y
+    low, high = ends(model)
+    return np.where((y > low) & (y < high), y, np.nan)
 
 
 def with_turns(model: Model, y: Array, near: Array) -> Array:

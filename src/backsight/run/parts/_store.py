@@ -18,9 +18,9 @@ import numpy as np
 import xarray as xr
 
 from backsight.errors import DataError, OutputError
-from backsight.output import write_whole, writing
+from backsight.output import HOLD, holding, write_whole, writing
 
-ABOUT, MEMORY, SUMMARY, LOCK = "about.json", "memory.npz", "summary.nc", ".lock"
+ABOUT, MEMORY, SUMMARY = "about.json", "memory.npz", "summary.nc"
 """Files of a store beside its parts."""
 
 
@@ -83,12 +83,12 @@ def opened_store(out: Path, *, said: str) -> Iterator[PartStore]:
     """
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    with _alone_in(out):
+    with holding(out):
         about = out / ABOUT
         if about.exists():
             _check_same(about, said)
         else:
-            foreign = sorted(p.name for p in out.iterdir() if p.name != LOCK)
+            foreign = sorted(p.name for p in out.iterdir() if p.name != HOLD)
             if foreign:
                 raise OutputError(
                     f"'{out}' has files that are not from here, such as {foreign[0]}; choose "
@@ -119,26 +119,6 @@ def _check_same(about: Path, said: str) -> None:
             f"'{about.parent}' holds results of another estimator, model, recording or choice of "
             "outputs; choose another folder"
         )
-
-
-@contextlib.contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder; it goes with the process, however that ends."""
-    if os.name == "nt":
-        yield
-        return
-    import fcntl
-
-    with writing(folder):
-        number = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
-    try:
-        try:
-            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(f"another process writes to '{folder}'; wait for it") from None
-        yield
-    finally:
-        os.close(number)
 
 
 def read_store(
