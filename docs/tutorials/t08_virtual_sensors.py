@@ -134,8 +134,7 @@ for name, result in found.items():
 
 # %%
 # The walk drifts, and says so; the two others agree with the truth and with their bands. The deviation of the dummy is larger than
-# the size of the displacement, because a displacement stays on one side for many samples (see `virtual sensors
-# <../virtual-sensors.html>`_); of the process only the size and the time of the wind had to be known.
+# the size of the displacement, because a displacement stays on one side for many samples (see :doc:`virtual sensors <../virtual-sensors>`); of the process only the size and the time of the wind had to be known.
 
 last = found["a process"].isel(time=slice(2000, 3000))
 plot.draw_virtual(last, ["top", "stress"])
