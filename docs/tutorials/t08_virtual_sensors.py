@@ -20,7 +20,6 @@ import scipy.io
 import scipy.sparse
 
 import backsight as bs
-from backsight import plot
 
 ELEMENTS, LENGTH, EI, MASS = 40, 20.0, 2.1e11 * 4e-4, 280.0  # [m], [N m2], [kg/m]
 a = LENGTH / ELEMENTS
@@ -134,7 +133,8 @@ for name, result in found.items():
 
 # %%
 # The walk drifts, and says so; the two others agree with the truth and with their bands. The deviation of the dummy is larger than
-# the size of the displacement, because a displacement stays on one side for many samples (see :doc:`virtual sensors <../virtual-sensors>`); of the process only the size and the time of the wind had to be known.
+# the size of the displacement, because a displacement stays on one side for many samples (see :doc:`virtual sensors
+# <../virtual-sensors>`); of the process only the size and the time of the wind had to be known.
 
 last = found["a process"].isel(time=slice(2000, 3000))
 plot.draw_virtual(last, ["top", "stress"])

@@ -6,6 +6,7 @@ import sqlite3
 import numpy as np
 import pytest
 import xarray as xr
+from tests.fleet.springs import FLEET, PROBLEM, write_fleet, write_recording
 
 import backsight as bs
 from backsight.errors import OutputError
@@ -14,7 +15,6 @@ from backsight.fleet.store import ROWS
 from backsight.output import holding
 from backsight.problem import load
 from backsight.problem.recorded import recording_of
-from tests.fleet.springs import FLEET, PROBLEM, write_fleet, write_recording
 
 
 def run(path, out, **given):

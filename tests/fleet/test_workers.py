@@ -10,11 +10,11 @@ import time
 
 import psutil
 import pytest
+from tests.fleet.springs import write_fleet
 
 from backsight.errors import WorkerError
 from backsight.fleet import _workers, load_fleet, run_fleet
 from backsight.fleet.store import ROWS
-from tests.fleet.springs import write_fleet
 
 distributed = pytest.importorskip("distributed")
 

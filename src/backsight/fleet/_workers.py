@@ -116,7 +116,7 @@ class DaskWorkers(Workers):
                     ended = wait(
                         [*self._futures], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED"
                     ).done
-            except (TimeoutError, asyncio.TimeoutError):
+            except TimeoutError:
                 continue
             except (asyncio.CancelledError, concurrent.futures.CancelledError, OSError):
                 raise WorkerError(GONE) from None
