@@ -125,11 +125,7 @@ def output_mask(model: Model, recording: xr.Dataset) -> Array:
 
 
 def _check_unit(kind: str, name: str, given: str, wanted: str) -> None:
-<<<<<<< HEAD
-    """Raise `DataError` if a signal is another number in the unit of the model, or none."""
-=======
     """Raise `DataError` if a signal has another number in the unit of the model, or none."""
->>>>>>> main
     if not (given and wanted) or given == wanted or not (is_unit(given) and is_unit(wanted)):
         return
     if not convertible(given, wanted):
