@@ -9,6 +9,7 @@ from figures import scrape  # docs/_extensions
 
 project = "Backsight"
 author = "The Backsight developers"
+project_copyright = "the Backsight developers"
 extensions = [
     "mathml",
     "myst_parser",
