@@ -53,6 +53,10 @@ class Compilable(Description, abc.ABC):
     """Whether it looks at noisy inputs twice, see `parts.filtering.noise_to_look_back_at`."""
     varies_noise: ClassVar[bool] = False
     """Whether inputs may multiply its process noise, see `backsight.estimators.varied_noise`."""
+    varies_sensors: ClassVar[bool] = False
+    """Whether they may make up all of its measurement noise, too."""
+    varied_settings: ClassVar[tuple[str, ...]] = ()
+    """Settings that may be inputs, see `backsight.estimators.varied_number`."""
 
     @property
     def assumed(self) -> tuple[Noise, Prior]:
@@ -147,6 +151,8 @@ class Compilable(Description, abc.ABC):
         able = self.varies_noise and not self.constant_gain
         if isinstance(noise, VariedNoise) and (not able or noise.beyond_additive):
             raise TuningError(f"{self.title} takes no process noise that inputs multiply")
+        if isinstance(noise, VariedNoise) and noise.of_sensors and not self.varies_sensors:
+            raise TuningError(f"{self.title} takes no measurement noise that inputs make up")
         plain = on_circle(within_range(self.plain(model, dt), model), model)
         return plain if rule is None else robust(plain, rule)
 

@@ -131,11 +131,15 @@ def _read(file: Path) -> "pd.DataFrame":
                 return pd.read_parquet(file)
             case ".xlsx":
                 return pd.read_excel(file)
-        return pd.read_csv(file, sep=None, engine="python", encoding="utf-8-sig")
+        with file.open(encoding="utf-8-sig") as text:
+            first = text.readline()
+        # Not pandas' own guess, which takes a letter where there is one column.
+        separator = max(",;\t|", key=first.count)
+        return pd.read_csv(file, sep=separator, encoding="utf-8-sig")
     except (OSError, ValueError, ImportError, pd.errors.ParserError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ProblemError(f"recordings.table: cannot read '{file}': {reason}") from None
-    except Exception as error:  # of the libraries: a zip that is none, a sniffer that finds nothing
+    except Exception as error:  # of the libraries, as a zip that is none
         raise ProblemError(f"recordings.table: cannot read '{file}': {error}") from None
 
 

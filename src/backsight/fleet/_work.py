@@ -34,6 +34,9 @@ from backsight.run.summaries import estimate_summaries
 NEEDED = ("x_std", "e", "S", "y")
 """What a row is made of if it is made of a result."""
 
+NO_MEMORY = "there is not enough memory"
+"""A failure that says nothing of the data: it is tried again."""
+
 DIGITS = 10
 """Of a sampling period: what is behind them is rounding of time stamps, and would make every
 recording one with a period, and a program, of its own."""
@@ -126,7 +129,7 @@ def done(work: Work) -> tuple[list[Landed], float]:
     OutputError
         If results cannot be written.
     """
-    here = importlib.metadata.version("backsight")
+    here = version_here()
     if here != work.version:
         raise WorkerError(
             f"a worker has version {here} of Backsight, the fleet was started with {work.version}; "
@@ -141,6 +144,11 @@ def done(work: Work) -> tuple[list[Landed], float]:
     for members in groups.values():
         spent += _estimate(members, work)
     return [reading.landed() for reading in readings], spent / max(len(readings), 1)
+
+
+def version_here() -> str:
+    """Version of the package in this process."""
+    return importlib.metadata.version("backsight")
 
 
 @dataclasses.dataclass
@@ -165,7 +173,8 @@ class _Reading:
             rows = {name: failed_row(self.failure) for name in names}
         said = {"remarks": self.remarks} if self.remarks else {}
         told = {name: {**row, **said} for name, row in rows.items()}
-        return Landed(self.piece.item, self.digest, self.stamp, told)
+        again = any(row["failure"] == NO_MEMORY for row in rows.values())
+        return Landed(self.piece.item, "" if again else self.digest, self.stamp, told)
 
 
 def _read(piece: Piece, work: Work) -> _Reading:
@@ -189,7 +198,7 @@ def _reason(act: Callable[[], None]) -> str:
     except BacksightError as error:
         return str(error)
     except MemoryError:
-        return "there is not enough memory"
+        return NO_MEMORY
     except Exception as error:  # of a library, at a file that nobody has foreseen
         return f"unexpected {type(error).__name__}: {error}"
     return ""
@@ -200,14 +209,14 @@ def _read_into(found: _Reading, piece: Piece, work: Work) -> None:
     found.problem = problem = problem_with(work.text, work.file, changes, piece.listed.path)
     _, group = _problem(work.text, work.file, _own(changes))
     before = piece.listed.stamp()
-    digest = _digest([*paths_of(problem, env=work.env).values()])
-    if digest == piece.known:
-        found.stamp, found.digest = before, digest
+    found.stamp = before
+    found.digest = _digest([*paths_of(problem, env=work.env).values()])
+    if found.digest == piece.known:
         return
     data = recording_of(problem, outside=work.outside, env=work.env)
     if piece.listed.stamp() != before:
+        found.digest = ""
         raise DataError(f"{piece.listed.name} changes while it is read; wait until it is whole")
-    found.stamp, found.digest = before, digest
     dt = float(f"{float(data.attrs['dt']):.{DIGITS}g}")
     found.data, found.group = data.assign_attrs(dt=dt), (group, dt)
     for estimator in problem.estimators.values():

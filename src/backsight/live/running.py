@@ -9,8 +9,9 @@ from pathlib import Path
 
 from backsight.engine.execute import Engine
 from backsight.live._lanes import Lane
+from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
-from backsight.live._session import LiveSession, opened_session
+from backsight.live._session import LiveSession
 from backsight.live._status import LiveStatus
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.uncertainty import Noise, Prior
@@ -85,7 +85,7 @@ def errors_are_as_large_as_the_covariance_says(on: Subject) -> None:
 
 
 def _inside(total: float, n: int, what: str) -> None:
-    low, high = chi2.ppf([0.005, 0.995], n)
+    low, high = scipy.stats.chi2.ppf([0.005, 0.995], n)
     require(
         low < total < high, f"the sum of the {what} is {total:.1f}, not {low:.1f} to {high:.1f}"
     )

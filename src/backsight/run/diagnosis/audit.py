@@ -17,6 +17,7 @@ from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of,
 from backsight.run.diagnosis._judges import Judges
 from backsight.run.diagnosis._readings import clipped_readings, coarse_readings, turned_readings
 from backsight.run.diagnosis._walks import Walks
+from backsight.run.diagnosis.parameters.flat import behind_kinks
 from backsight.run.diagnosis.parameters.identifiability import check_identifiability
 from backsight.run.diagnosis.parameters.sense import surprises
 
@@ -67,6 +68,7 @@ def doubts_found(
             []
             if large or estimator.innovations == "forced" or failed(results[name])
             else [
+                *behind_kinks(estimator, model, results[name]),
                 *surprises(estimator, judges, results[name]),
                 *walks.doubts(estimator, results[name]),
             ]

@@ -30,6 +30,9 @@ class LiveTable(StrictTable):
         Time by which a sample may come after that and is still used exactly [s].
     bridge : float
         Longest gap that the model bridges; after a longer one the estimator begins anew [s].
+    freeze : float
+        Time over which it is judged whether parameters with a random walk can be seen; such as
+        cannot are frozen [s]. Nothing is frozen if not given.
     """
 
     dt: float | None = pydantic.Field(default=None, gt=0)
@@ -38,6 +41,7 @@ class LiveTable(StrictTable):
     reorder: float = pydantic.Field(default=0.0, ge=0, le=3600.0)
     lag: float = pydantic.Field(default=1.0, ge=0, le=3600.0)
     bridge: float = pydantic.Field(default=60.0, gt=0)
+    freeze: float | None = pydantic.Field(default=None, gt=0)
 
 
 class FeedTable(StrictTable):

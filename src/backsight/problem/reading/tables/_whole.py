@@ -94,6 +94,8 @@ class FreeTable(ShortTable):
         How wrong it may be, as a standard deviation.
     per : all, recording or list
         Whether recordings share the value.
+    structure : scale, diagonal, full or list
+        What of Q, Qc or R is free: one factor, the diagonal, everything, or blocks by name.
     options : list
         Values of which one is chosen.
     """
@@ -104,6 +106,7 @@ class FreeTable(ShortTable):
     spread: float | None = None
     sigma: float | None = None
     per: Literal["all", "recording"] | list[str] = "all"
+    structure: Literal["scale", "diagonal", "full"] | list[str] = "scale"
     options: list[int | float | str] = pydantic.Field(default_factory=list)
 
 
@@ -172,6 +175,8 @@ class ProblemTable(StrictTable):
         Of `backsight live`: how they are taken in.
     store : table
         Of `backsight live`: where results are kept.
+    alarm : dict
+        Of `backsight live`: what is told to people.
     """
 
     title: str = ""
@@ -193,3 +198,4 @@ class ProblemTable(StrictTable):
     source: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)
     live: LiveTable = LiveTable()
     store: StoreTable | None = None
+    alarm: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)
