@@ -138,14 +138,17 @@ def compared(
     for name, task in tasks.items():
         told = functools.partial(progress, name)
         told(0)
-        carry = carry_out_smoothing if isinstance(task, SmoothingTask) else carry_out
         try:
-            results[name] = carry(task, engine=engine, throw=throw, progress=told)
+            if isinstance(task, SmoothingTask):
+                found = carry_out_smoothing(task, engine=engine, throw=throw, progress=told)
+            else:
+                found = carry_out(task, engine=engine, throw=throw, progress=told)
         except KeyboardInterrupt:
             if interrupted is None or not results:
                 raise
             interrupted([other for other in tasks if other not in results])
             break
+        results[name] = found
     estimators = {name: tasks[name].estimator for name in results}
     first = next(iter(tasks.values()))
     return Comparison(audited(results, estimators, first.model, first.recording))
