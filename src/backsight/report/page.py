@@ -64,8 +64,8 @@ def write_page(
         legend=_legend(every, bool(reference)),
         sections="".join(map(str, sections)) + _problem(problem),
         notes=_notes(every),
-        plotly=packed(_plotly_js()),
-        figures=packed(_data(plots, every)),
+        plotly=gzipped(_plotly_js()),
+        figures=gzipped(_data(plots, every)),
         script=_resource("page.js"),
     )
     return write_whole(path, page.encode("utf-8"))
@@ -220,7 +220,7 @@ def style() -> str:
     )
 
 
-def packed(text: str) -> str:
+def gzipped(text: str) -> str:
     """Return text as base64 of its gzip, which the page's script unpacks: nothing in it is HTML."""
     return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
 
