@@ -20,7 +20,7 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["images", "tutorials/README.txt"]
+exclude_patterns = ["images", "tutorials/README.txt", "theory/README.txt"]
 suppress_warnings = ["myst.xref_missing", "config.cache"]
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
@@ -44,8 +44,8 @@ html_js_files = ["site.js"]
 html_theme_options = {"top_of_page_buttons": []}  # the sources are not there to be viewed
 
 sphinx_gallery_conf = {
-    "examples_dirs": "tutorials",
-    "gallery_dirs": "gallery",
+    "examples_dirs": ["tutorials", "theory"],
+    "gallery_dirs": ["gallery", "chapters"],
     "filename_pattern": r"\.py$",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": (scrape,),

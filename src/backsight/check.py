@@ -26,3 +26,4 @@ from backsight.run.diagnosis import certify as certify
 from backsight.run.diagnosis import check_alignment as check_alignment
 from backsight.run.diagnosis import check_identifiability as check_identifiability
 from backsight.run.diagnosis import profile as profile
+from backsight.sparse.recovery import check_recovery as check_recovery

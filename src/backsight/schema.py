@@ -72,6 +72,7 @@ class Status(enum.IntFlag):
     GATE_OPEN = 2048
     NOT_SOLVED = 4096
     TURN_GUESSED = 8192
+    REDUNDANT = 16384
 
 
 STATUS_TEXT = {
@@ -127,6 +128,10 @@ STATUS_TEXT = {
     Status.TURN_GUESSED: (
         "an angle was not known to within half a turn before it was measured, so that the number "
         "of its turns was guessed; measure more often, or give a narrower prior"
+    ),
+    Status.REDUNDANT: (
+        "a sensor without noise read what was known exactly already, so that its sample was left "
+        "out; give it its sigma_y, or the states a random walk, if what it reads is different"
     ),
 }
 """Cause and remedy of every status bit."""

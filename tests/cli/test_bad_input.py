@@ -160,7 +160,7 @@ def test_covariance_of_the_wrong_size_or_not_positive_definite(refused, table, o
 
 
 def test_standard_deviations_that_cannot_be(refused):
-    assert "noise: sigma_y must be positive" in refused(changed("y = 1e-4", "y = 0.0"))
+    assert "noise: sigma_y must not be negative" in refused(changed("y = 1e-4", "y = -1e-4"))
     told = refused(changed("q = 0.01, v = 0.1", "q = 0.01"))
     assert "prior: sigma_x0 gives no standard deviation for v" in told
     told = refused(changed("q = 0.01, v = 0.1", "q = 0.01, v = 0.1, k = 3.0"))

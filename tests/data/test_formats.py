@@ -224,8 +224,9 @@ def test_cells_and_arrays_of_structures_of_matlab(tmp_path):
     for names in (("c{1}", "ch(2).values"), ("c[0]", "ch[1]/values")):
         r = read(tmp_path / "r.mat", inputs={}, outputs=dict(zip("ab", names, strict=True)), dt=1.0)
         np.testing.assert_array_equal(r.y, np.c_[A, B])
-    r = read(tmp_path / "r.mat", inputs={}, outputs={"b": "out/signals/values[1]"}, time="out/time")
-    np.testing.assert_array_equal(r.y[:, 0], B)
+    for name in ("out/signals/values[1]", "out.signals.values[1]", "out.signals.values(:,2)"):
+        r = read(tmp_path / "r.mat", inputs={}, outputs={"b": name}, time="out.time")
+        np.testing.assert_array_equal(r.y[:, 0], B)
 
 
 def test_tables_in_hdf5(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backsight.data import from_arrays, merge, resample, to_grid
+from backsight.data import from_arrays, merge, read, resample, to_grid
 from backsight.data.recording import Group, with_truth
 from backsight.errors import DataError
 
@@ -129,3 +129,18 @@ def test_what_cannot_be_merged_is_refused():
 def test_a_period_beyond_all_memory_is_refused_before_anything_is_taken(again, dt, says):
     with pytest.raises(DataError, match=rf"{again.__name__}: .*{says}"):
         again(recording(np.arange(5) * 10.0, q=np.zeros(5)), dt)
+
+
+@pytest.mark.parametrize("factor", [10**3, 10**6, 10**9])
+def test_stamps_that_count_fractions_since_1970_are_no_seconds(tmp_path, factor):
+    stamps = 1_700_000_000 * factor + np.arange(5) * factor // 50
+    path = tmp_path / "r.csv"
+    path.write_text("t,y\n" + "".join(f"{t},1\n" for t in stamps))
+    for r in (
+        read(path, inputs={}, outputs={"y": "y"}, time="t"),
+        from_arrays(y=np.ones(5), inputs={}, outputs={"y": "m"}, time=stamps),
+    ):
+        assert r.attrs["dt"] == pytest.approx(0.02, rel=1e-12)
+        assert r.attrs["begin"] == "2023-11-14T22:13:20"
+    told = read(path, inputs={}, outputs={"y": "y"}, time={"name": "t", "factor": 1.0})
+    assert told.attrs["dt"] == pytest.approx(0.02 * factor)

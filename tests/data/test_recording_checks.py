@@ -168,7 +168,7 @@ def test_samples_are_counted_from_the_beginning_of_the_file(tmp_path):
         ("stag.csv", "there is no file .*: did you mean 'stage.csv'"),
         ("nowhere/stage.csv", "there is no folder"),
         (".", "is a folder"),
-        ("stage.qqqqqq", "kind '.qqqqqq' are not read: known: .csv"),
+        ("stage.qqqqqq", "kind '.qqqqqq' are not read: known: .bag, .csv"),
     ],
 )
 def test_a_file_that_is_not_there_or_not_known(path, name, message):

@@ -145,7 +145,7 @@ def test_what_several_fields_say_is_told_with_the_rest():
 def test_covariances_are_judged_before_there_is_a_model():
     wrong = {
         "not symmetric": [[1.0, 2.0], [3.0, 4.0]],
-        "not positive definite: its smallest eigenvalue is -1": [[1.0, 2.0], [2.0, 1.0]],
+        "not positive semidefinite: its smallest eigenvalue is -1": [[1.0, 2.0], [2.0, 1.0]],
         "square matrix": [1.0, 2.0],
         "not finite": [[np.nan]],
         "array of numbers": [["a"]],
@@ -153,8 +153,7 @@ def test_covariances_are_judged_before_there_is_a_model():
     for message, R in wrong.items():
         with pytest.raises(TuningError, match=message):
             bs.Noise(R=R)
-    with pytest.raises(TuningError, match="R is not positive definite"):
-        bs.Noise(R=[[0.0]])
+    assert bs.Noise(R=[[0.0]]).R == [[0.0]]  # a sensor without noise, which a few methods take
     for settings in ({"Q": -np.eye(2)}, {"Qc": -np.eye(2)}):
         with pytest.raises(TuningError, match=r"Qc? is not positive semidefinite"):
             bs.Noise(sigma_y=1.0, **settings)
@@ -162,7 +161,7 @@ def test_covariances_are_judged_before_there_is_a_model():
         bs.Prior(P0=-np.eye(2))
     with pytest.raises(TuningError, match="P is not positive semidefinite"):
         bs.settings.ConstantArrival(-np.eye(2))
-    with pytest.raises(TuningError, match=r"sigma_y must be positive and finite for b \(-1\)"):
+    with pytest.raises(TuningError, match=r"must not be negative and be finite for b \(-1\)"):
         bs.Noise(sigma_y={"a": 1.0, "b": -1.0})
 
 

@@ -107,3 +107,17 @@ def test_figure_shows_itself_in_a_notebook(results):
 def test_what_is_not_there_is_said(results, draw, message):
     with pytest.raises(DataError, match=message):
         draw(results)
+
+
+def test_a_map_of_recovery_has_the_ratios_of_every_place():
+    sensors, places = {"tip": ("displacement", [1.0])}, {"hit": [1.0]}
+    rod = bs.modal([9.0], damping=[0.03], sensors=sensors, forces=places)
+    noise = bs.Noise(sigma_y=1e-3)
+    finder = bs.CompressiveSensingMHE(noise, PRIOR, forces=("hit",), lam=15.0, N=4)
+    certified = bs.check.check_recovery(finder, rod, dt=0.01)
+    made = plot.draw_recovery(certified)
+    drawn = made.axes[0].get_images()[0].get_array()
+    np.testing.assert_array_equal(drawn, certified["ratio"].values.T)
+    assert [t.get_text() for t in made.axes[0].get_xticklabels()] == ["4", "3", "2", "1"]
+    with pytest.raises(DataError, match="check_recovery"):
+        plot.draw_recovery(certified.drop_vars("ratio"))

@@ -73,3 +73,17 @@ def test_a_turn_may_be_a_number_or_text(tmp_path):
 def test_what_is_wrong_is_named(given, message, tmp_path):
     with pytest.raises(ProblemError, match=message):
         load(write(tmp_path, f", {given}"))
+
+
+def test_a_clipped_sensor_is_seen_and_its_range_is_a_key(tmp_path):
+    path = write(tmp_path)
+    angle = np.clip(np.sin(0.01 * np.arange(700)), -1, 0.7)
+    (tmp_path / "shaft.csv").write_text("angle\n" + "\n".join(f"{a:.4f}" for a in angle) + "\n")
+    code, output = checked(path)
+    assert code == 1
+    assert "with saturation = [-inf, 0.7] on this output" in output
+    path.write_text(path.read_text().replace('"rad" }', '"rad", saturation = [-inf, 0.7] }', 1))
+    code, output = checked(path)
+    assert "count as not measured" in output
+    assert "looks clipped" not in output
+    assert load(path).model.outputs[0].saturation == (-np.inf, 0.7)

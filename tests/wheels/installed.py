@@ -39,6 +39,10 @@ REMEDY = "the C kernels of Backsight are not compiled: install a C compiler"
 """Part of what an installation without kernels says."""
 
 
+SAID = {"examples/frame/run.py": "4 hits found"}
+"""What a program ends in, if not in a verdict of consistency."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Try:
     """A program to run, and what it must do.
@@ -124,7 +128,7 @@ def runs(folder: Path) -> Iterator[Try]:
         yield Try(f"backsight export {file} {estimator}", command, writes=written)
     for program in sorted(folder.glob("examples/*/*.py")):
         name = program.relative_to(folder).as_posix()
-        says = "wrote" if program.name.startswith("make_") else "consistent"
+        says = "wrote" if program.name.startswith("make_") else SAID.get(name, "consistent")
         yield Try(f"python {name}", [sys.executable, "-W", "error", name], says=says)
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL)
     assert blocks, "README.md has no program"

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from backsight.cli import _recordings, _workbench
+from backsight.cli import _live, _recordings, _workbench
 from backsight.cli._choosing import estimator_of
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.cli._exporting import export
@@ -39,6 +39,7 @@ app.add_typer(study, name="study")
 app.command("columns")(_recordings.show_columns)
 app.command("init")(_recordings.write_problem)
 app.command("open")(_workbench.open_page)
+app.command("live")(_live.live)
 
 
 @app.callback(invoke_without_command=True)

@@ -26,6 +26,11 @@ SIGNS = {
     b"TDSm": ".tdms",
     b"PAR1": ".parquet",
     b"ARROW1": ".feather",
+    b"MDF     ": ".mf4",
+    b"UnFinMF ": ".mf4",
+    b"\x89MCAP0\r\n": ".mcap",
+    b"SQLite format 3\0": ".db3",
+    b"#ROSBAG V2": ".bag",
 }
 """First bytes of files, to the suffix whose reader takes them."""
 
@@ -49,6 +54,8 @@ def kind_of(path: Path, wish: str | None, known: Extended[Any]) -> str:
         return kind
     if suffix in known and suffix not in known.own:
         return suffix  # an extension knows its files best
+    if is_bag_folder(path):
+        return ".db3"
     with path.open("rb") as file:
         head = file.read(_LOOK)
     found = _by_content(path, head, suffix)
@@ -57,6 +64,11 @@ def kind_of(path: Path, wish: str | None, known: Extended[Any]) -> str:
         hint = nearest(suffix, list(known))
         raise DataError(f"{path}: files of the kind '{kind}' are not read: {hint}")
     return kind
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Whether a folder is a bag of ROS 2."""
+    return path.is_dir() and (path / "metadata.yaml").is_file()
 
 
 def begins_with(path: Path, sign: bytes) -> bool:
@@ -73,12 +85,25 @@ def _by_content(path: Path, head: bytes, suffix: str) -> str | None:
         return ".wav"
     if re.match(rb"\s*-1\s*\r?\n\s*(15|55|58b?|82|151|164)\b", head):
         return ".uff"
+    if suffix in (".dat", ".sel") and _is_hawc2(path, head):
+        return ".sel"
     for sign, kind in PACKED.items():
         if head.startswith(sign):
             return _in_archive(path) if kind == ".zip" else TEXT[0]
     if suffix in TEXT or not head:
         return None
     return TEXT[0] if _is_text(head) else None
+
+
+def _is_hawc2(path: Path, head: bytes) -> bool:
+    """Whether this is a result of HAWC2: a list of channels, or numbers beside one."""
+    if path.suffix.lower() == ".sel":
+        return b"Scans" in head
+    for suffix in (".sel", ".SEL"):
+        if (beside := path.with_suffix(suffix)).is_file():
+            with beside.open("rb") as file:
+                return b"Scans" in file.read(_LOOK)
+    return False
 
 
 def _in_archive(path: Path) -> str | None:

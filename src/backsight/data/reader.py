@@ -15,7 +15,7 @@ from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.derived import columns_in, evaluated, remove_delays
 from backsight.data.formats.loading import list_contents, read_contents
 from backsight.data.recording import Group, as_recording, time_axis
-from backsight.data.times.clock import seconds
+from backsight.data.times.clock import counted, seconds
 from backsight.description import Whole, checked
 from backsight.errors import DataError, nearest
 from backsight.schema import SIGMA_FACTOR
@@ -55,21 +55,22 @@ def read(
     ----------
     path : path
         Text (first line or last comment names the columns; also packed), MATLAB, HDF5, NetCDF,
-        NumPy, LVM, WAV, OpenFAST, with ``pip install 'backsight[formats]'`` TDMS, UFF 58, Parquet,
-        Feather and XLSX, and what an installed extension reads. What is in the file decides; the
-        suffix is a hint.
+        NumPy, LVM, WAV, OpenFAST, HAWC2, with ``pip install 'backsight[formats]'`` TDMS, MDF, UFF,
+        Parquet, Feather, XLSX, MCAP, bags of ROS (a folder, too) and tables of MATLAB, and what an
+        installed extension reads. What is in the file decides; the suffix is a hint.
     inputs, outputs : dict
         Name of the signal in the model to the column: its name, a `Column` with unit and factor,
         or a mapping with the fields of one. ``group/name`` reads from a structure or group, or a
-        column of a table; ``acc[2]`` is the third channel of a matrix. An empty cell or ``NaN`` in
+        column of a table; ``acc[2]`` is the third channel of a matrix, ``/imu.rate.x`` a field of
+        the messages on a topic. An empty cell or ``NaN`` in
         an output is "not measured". A unit that the file says is used where none is given.
     time : column, optional
         Time stamps [s], ``Column("t_ms", factor=1e-3)`` for milliseconds unless the file says
         that unit of the column (``t [ms]``); or dates, which count
         from the first sample (its date is the attribute ``begin``), or clock times.
     dt : float, optional
-        Sampling period [s]; needed if there is no `time`, nor a time of the file's own (LVM, TDMS,
-        UFF, WAV, OpenFAST).
+        Sampling period [s]; needed if there is no `time`, nor a time of the file's own (of
+        recorders, simulators, robots, timetables).
     truth : dict, optional
         Reference values of states, as `outputs`; they become ``x_true (time, state)``.
     start, stop : float, optional
@@ -183,11 +184,13 @@ def read(
     raw |= evaluated(made, meant, raw)
     given, begin = contents.time, contents.begin
     if clock:
-        marks = contents.columns[clock.name]
-        given, begin = seconds(marks, time_format=time_format, where=where)
+        marks, own = contents.columns[clock.name], contents.units.get(clock.name, "")
+        plain = clock.factor is None and not clock.unit and not own
+        form = counted(marks) if time_format is None and plain else time_format
+        given, begin = seconds(marks, time_format=form, where=where)
         raw[clock.name] = given
-        if time_format is None and marks.dtype.kind in "fiub":
-            given = _in_seconds(clock, contents.units.get(clock.name, "")).physical(given)
+        if form is None and marks.dtype.kind in "fiub":
+            given = _in_seconds(clock, own).physical(given)
         else:
             given = clock.physical(given)
     lengths = {name: len(values) for name, values in raw.items()}
@@ -195,6 +198,8 @@ def read(
         lengths["the file's own time"] = len(given)
     n = checks.check_lengths(lengths, where)
     understood = contents.understood
+    if clock and form != time_format:
+        understood = "; ".join(filter(None, (understood, f"time_format '{form}'")))
     timed = slice(0, n) if given is None else _with_time(given, raw.values())
     if timed != slice(0, n):
         raw = {name: values[timed] for name, values in raw.items()}

@@ -17,6 +17,7 @@ from backsight.errors import BacksightError, TuningError
 from backsight.estimators.around.noise_states import linear_in_noise, widened, without_noise_states
 from backsight.estimators.around.positive import in_their_units, logarithmic
 from backsight.estimators.around.robust import robust
+from backsight.estimators.around.saturation import within_range
 from backsight.estimators.around.turns import on_circle
 from backsight.estimators.around.virtual import (
     smoothed_with_virtual_outputs,
@@ -48,8 +49,14 @@ class Compilable(Description, abc.ABC):
     """Whether surprising samples are what it looks for, so that no rule may hide them."""
     noise_states: ClassVar[bool] = False
     """Whether it is right for noise as states, see `backsight.estimators.around.noise_states`."""
+    looks_back: ClassVar[bool] = False
+    """Whether it looks at noisy inputs twice, see `parts.filtering.noise_to_look_back_at`."""
     varies_noise: ClassVar[bool] = False
     """Whether inputs may multiply its process noise, see `backsight.estimators.varied_noise`."""
+    varies_sensors: ClassVar[bool] = False
+    """Whether they may make up all of its measurement noise, too."""
+    varied_settings: ClassVar[tuple[str, ...]] = ()
+    """Settings that may be inputs, see `backsight.estimators.varied_number`."""
 
     @property
     def assumed(self) -> tuple[Noise, Prior]:
@@ -132,7 +139,7 @@ class Compilable(Description, abc.ABC):
     def compile(self, model: Model, dt: float) -> Recursion:
         """Turn the description into a recursion: what `build` makes, with what surrounds it.
 
-        Virtual outputs, angles that start anew after a turn, and the rule for outliers.
+        Virtual outputs, ends of sensors' ranges, turns of angles, and the rule for outliers.
 
         Parameters, result and errors are those of `build`; the recursion has the channel
         ``weight`` if the noise has a rule for outliers, see `backsight.estimators.outliers`.
@@ -144,7 +151,9 @@ class Compilable(Description, abc.ABC):
         able = self.varies_noise and not self.constant_gain
         if isinstance(noise, VariedNoise) and (not able or noise.beyond_additive):
             raise TuningError(f"{self.title} takes no process noise that inputs multiply")
-        plain = on_circle(self.plain(model, dt), model)
+        if isinstance(noise, VariedNoise) and noise.of_sensors and not self.varies_sensors:
+            raise TuningError(f"{self.title} takes no measurement noise that inputs make up")
+        plain = on_circle(within_range(self.plain(model, dt), model), model)
         return plain if rule is None else robust(plain, rule)
 
     @final
@@ -156,7 +165,7 @@ class Compilable(Description, abc.ABC):
         if any(s.positive for s in model.states):
             method, inner, at = self._logarithmic(model)
             return in_their_units(method.plain(inner, dt), at)
-        method, wide = self.widened(model, dt)
+        method, wide = self.widened(model, dt, remembered=self.looks_back)
         built = method.build(wide, dt)
         if wide.virtual is not None:
             built = with_virtual_outputs(built, method.surroundings(wide, dt))
@@ -205,7 +214,7 @@ class Compilable(Description, abc.ABC):
         """See `AbstractEstimator.smoother`."""
 
     @final
-    def widened(self, model: Model, dt: float) -> tuple[Self, Model]:
+    def widened(self, model: Model, dt: float, *, remembered: bool = False) -> tuple[Self, Model]:
         """Itself and the model, or both with noise states behind the states of the model.
 
         Raises
@@ -218,15 +227,13 @@ class Compilable(Description, abc.ABC):
             return self, model
         given, (_, prior) = ", ".join(noise.beyond_additive), self.assumed
         if not self.noise_states:
-            raise TuningError(
-                f"{self.title} cannot take {given} of the noise into account; use KalmanFilter, "
-                "EKF, IEKF, UKF, MHO, LinearMHE or MHE"
-            )
+            raise TuningError(f"{self.title} cannot take {given} of the noise; use EKF or MHE")
         if self.input_hold != "zoh":
             raise TuningError(f"{given} of the noise needs inputs that are held: hold = 'zoh'")
         if getattr(self, "measurement", "sampled") != "sampled":
             raise TuningError(f"{given} of the noise goes with measurement = 'sampled' only")
-        found = widened(noise, prior, model, dt, integrator=self.chosen(model, dt))
+        at = self.chosen(model, dt)
+        found = widened(noise, prior, model, dt, integrator=at, remembered=remembered)
         changes: dict[str, Any] = {"noise": found.noise, "prior": found.prior}
         return dataclasses.replace(self, **changes), found.model
 

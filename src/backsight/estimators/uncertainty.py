@@ -24,9 +24,9 @@ class Noise(Description):
     Parameters
     ----------
     sigma_y : dict, sequence or number
-        Standard deviation of every output per sample. Or give `R`.
+        Standard deviation of every output per sample, 0 without noise. Or give `R`.
     R : (ny, ny) array
-        Covariance of the measurement noise per sample.
+        Covariance of the measurement noise per sample; may be singular.
     sigma_w : dict, sequence or number
         Standard deviation by which every state walks at random per sample; states that a dict
         leaves out do not walk. Or give `Q` or `Qc`.
@@ -57,7 +57,7 @@ class Noise(Description):
     {'q': 0.0, 'v': 0.01}
     """
 
-    sigma_y: Annotated[ByName | None, Range("be positive", 0.0, above=True)] = None
+    sigma_y: Annotated[ByName | None, Range("not be negative", 0.0)] = None
     sigma_w: Annotated[ByName | None, Range("not be negative", 0.0)] = None
     R: Array | None = None
     Q: Array | None = None
@@ -75,7 +75,7 @@ class Noise(Description):
             yield "process noise: give only one of sigma_w, Q, Qc"
         for what, given in (("R", self.R), ("Q", self.Q), ("Qc", self.Qc)):
             if given is not None and sound(what):
-                yield from covariance_faults(given, what=what, singular=what != "R")
+                yield from covariance_faults(given, what=what, singular=True)
 
     @property
     def beyond_additive(self) -> tuple[str, ...]:
@@ -101,20 +101,29 @@ class Noise(Description):
             )
         return self.stated_process(model)
 
-    def measurement(self, model: Model) -> Array:
+    def measurement(self, model: Model, *, singular: bool = False) -> Array:
         r"""R, (ny, ny), checked against the model, with the rounding of outputs.
 
-        A reading in steps of q is wrong by up to half a step: noise with the variance
-        :math:`q^2 / 12` if the signal moves by more than a step from sample to sample (Widrow,
-        Kollár, "Quantization Noise", 2008, doi:10.1017/CBO9780511754661).
+        Sensors without noise are refused unless R may be `singular`. A reading in steps of q is
+        wrong by up to half a step: noise with the variance :math:`q^2 / 12` if the signal moves by
+        more than a step from sample to sample (Widrow, Kollár, "Quantization Noise", 2008,
+        doi:10.1017/CBO9780511754661).
         """
         steps = [0.0 if s.resolution is None else s.resolution for s in model.outputs]
         rounding = np.diag(np.array(steps) ** 2 / 12)
         if self.R is None:
             of_sensors = _diagonal(self.sigma_y, model.outputs, what="sigma_y", missing=None)
         else:
-            of_sensors = covariance(self.R, model.outputs, what="R", singular=False)
-        return of_sensors + rounding
+            of_sensors = covariance(self.R, model.outputs, what="R", singular=True)
+        R = of_sensors + rounding
+        if not singular and any(covariance_faults(R, what="R", singular=False)):
+            exact = [s.name for s, v in zip(model.outputs, np.diag(R), strict=True) if v == 0]
+            of = f"'{exact[0]}' has no noise" if exact else "a combination of outputs has no noise"
+            raise TuningError(
+                f"{of} (sigma_y = 0 or a singular R), which only KalmanFilter with constant "
+                "matrices, EKF and UKF can take, and no smoother; give it a small sigma_y"
+            )
+        return R
 
     def process(self, model: Model) -> Array:
         """Covariance that is added per sample, (nx, nx), with what the model itself has.

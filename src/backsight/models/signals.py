@@ -42,6 +42,9 @@ class Signal(Description):
     resolution : float, optional
         Of an output: the step of its readings [unit]. Rounding to it counts as noise of the
         variance ``resolution**2 / 12`` beside that of the estimator.
+    saturation : (float, float), optional
+        Of an output: the ends of the range of its sensor [unit], infinite where there is none.
+        Readings at an end or beyond count as not measured.
     name : str
         Set by the model.
 
@@ -63,6 +66,7 @@ class Signal(Description):
     dummy: Unlimited | None = None
     wrap: Positive | None = None
     resolution: Positive | None = None
+    saturation: tuple[Unlimited, Unlimited] | None = None
     name: str = ""
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
@@ -70,6 +74,10 @@ class Signal(Description):
         of = f" of '{self.name}'" if self.name else ""
         if sound("unit") and (printable(self.unit) != self.unit or {*self.unit} & {"\n", "\t"}):
             yield f"unit{of} has control characters: {self.unit!a}"
+        if sound("saturation") and self.saturation is not None:
+            low, high = self.saturation
+            if not low < high:
+                yield f"saturation{of} is {low} to {high}; give the lower end first"
         if not sound("lower", "upper", "value"):
             return
         if not self.lower < self.upper:

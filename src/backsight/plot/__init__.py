@@ -17,6 +17,7 @@ from backsight.plot._figures import band, figure, label, legend, line, save, tru
 from backsight.plot._force_map import draw_forces, force_map
 from backsight.plot._force_path import force_path_figure
 from backsight.plot._quality import draw_comparison, draw_nis, draw_spectrum
+from backsight.plot._recovery import draw_recovery
 from backsight.plot._signals import (
     draw_innovations,
     draw_outputs,
@@ -32,6 +33,7 @@ __all__ = [
     "draw_innovations",
     "draw_nis",
     "draw_outputs",
+    "draw_recovery",
     "draw_spectrum",
     "draw_states",
     "draw_virtual",

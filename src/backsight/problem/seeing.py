@@ -17,7 +17,14 @@ from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.problem.problem import Problem
 from backsight.rounding import significant
-from backsight.run.diagnosis import coarse_readings, poles, rounded_readings, turned_readings
+from backsight.run.diagnosis import (
+    clipped_readings,
+    coarse_readings,
+    poles,
+    rounded_readings,
+    saturated_readings,
+    turned_readings,
+)
 from backsight.run.estimation import matched_inputs
 
 FIRST_SAMPLES, MOST_SAMPLES = 500, 8000
@@ -123,7 +130,8 @@ def _unused(name: str, taken: set[str]) -> str:
 
 def readings(problem: Problem, data: xr.Dataset) -> tuple[list[str], list[str]]:
     """Say which readings are not what they are taken for, and what counts that is no reading."""
-    doubtful, counted = turned_readings(problem.model, data), list[str]()
+    doubtful = turned_readings(problem.model, data) + clipped_readings(problem.model, data)
+    counted = saturated_readings(problem.model, data)
     supposed = [s.name for s in problem.model.outputs if s.dummy is not None]
     if supposed:
         counted.append(f"without a sensor, but measured as zero: {', '.join(supposed)} (dummy)")

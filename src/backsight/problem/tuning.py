@@ -19,7 +19,7 @@ from backsight.problem.reading.tables import FreeTable
 from backsight.problem.recorded import recording_of
 from backsight.report import report
 from backsight.run.estimation import estimate
-from backsight.tune import Choice, Free, Likelihood, Prediction, Tuned, Whiteness, fit
+from backsight.tune import Choice, Free, Likelihood, MultiStep, Prediction, Tuned, Whiteness, fit
 
 OF_NOISE = ("sigma_y", "sigma_w", "sigma_x0", "x0", "R", "Q", "Qc", "P0")
 """Values that a filter with the same noise and prior can find in place of another method."""
@@ -97,7 +97,7 @@ def tune_problem(
     chosen, by = _by(problem.estimators[name], problem, free)
     criterion = None
     if problem.tune.criterion:
-        kinds = [Likelihood, Prediction, Whiteness]
+        kinds = [Likelihood, Prediction, MultiStep, Whiteness]
         criterion = part(kinds, problem.tune.criterion, where="tune.criterion")
     if problem.tune.recordings and problem.recording.sources:
         raise ProblemError(
@@ -145,7 +145,14 @@ def _free(entry: FreeTable) -> Free | Choice:
         if entry.options:
             return Choice(entry.name, tuple(entry.options))
         per = tuple(entry.per) if isinstance(entry.per, list) else entry.per
-        return Free(entry.name, spread=entry.spread, sigma=entry.sigma, per=per)
+        given = entry.structure
+        return Free(
+            entry.name,
+            spread=entry.spread,
+            sigma=entry.sigma,
+            per=per,
+            structure=tuple(given) if isinstance(given, list) else given,
+        )
 
 
 def _usual(estimator: AbstractEstimator) -> list[Free | Choice]:

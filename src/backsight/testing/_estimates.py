@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from backsight.errors import DataError, EstimationError
 from backsight.estimators.uncertainty import Noise, Prior
@@ -52,7 +52,7 @@ def perfect_model_gives_zero_error(on: Subject) -> None:
 def constant_parameter_is_recovered(on: Subject) -> None:
     """A constant parameter is found, within three of its standard deviations."""
     recursion = on.recursion()
-    for seed in range(3):
+    for seed in range(on.amount(3)):
         data = on.problem.simulate(600, seed=seed, hold=on.hold, noisy=True)
         result = on.run(recursion, data.arrays)
         error = result["x_hat"][-1, 2] - K_TRUE
@@ -64,7 +64,7 @@ def constant_parameter_is_recovered(on: Subject) -> None:
 def nis_is_in_its_band(on: Subject) -> None:
     """The sum of the NIS of all samples is chi-square with ny degrees of freedom per sample."""
     recursion, total, n = on.recursion(), 0.0, 0
-    for seed in range(10):
+    for seed in range(on.amount(10)):
         data = on.problem.simulate(400, seed=seed, hold=on.hold, noisy=True)
         result = on.run(recursion, data.arrays)
         e, S = result["e"], result["S"]
@@ -76,7 +76,7 @@ def nis_is_in_its_band(on: Subject) -> None:
 def errors_are_as_large_as_the_covariance_says(on: Subject) -> None:
     """The mean NEES over independent recordings; those of one recording are correlated."""
     recursion, problem, values = on.recursion(), on.problem, []
-    for seed in range(20):
+    for seed in range(on.amount(20)):
         data = problem.simulate(120, seed=100 + seed, hold=on.hold, noisy=True)
         result = on.run(recursion, data.arrays)
         error = result["x_hat"][-1] - data.x[-1, : problem.nx]
@@ -85,7 +85,7 @@ def errors_are_as_large_as_the_covariance_says(on: Subject) -> None:
 
 
 def _inside(total: float, n: int, what: str) -> None:
-    low, high = chi2.ppf([0.005, 0.995], n)
+    low, high = scipy.stats.chi2.ppf([0.005, 0.995], n)
     require(
         low < total < high, f"the sum of the {what} is {total:.1f}, not {low:.1f} to {high:.1f}"
     )

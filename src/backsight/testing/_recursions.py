@@ -121,7 +121,7 @@ def pickles(on: Subject) -> None:
 
 def long_runs_keep_the_covariance_positive(on: Subject) -> None:
     """P is symmetric and positive definite after 20 000 samples, too."""
-    data = on.problem.simulate(20_000, seed=6, hold=on.hold, noisy=True)
+    data = on.problem.simulate(on.amount(20_000), seed=6, hold=on.hold, noisy=True)
     P = on.run(on.recursion(), data.arrays)["P"]
     assert_same(P, P.transpose(0, 2, 1), "P'")
     size = np.sqrt(np.einsum("kii->ki", P))

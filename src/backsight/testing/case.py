@@ -1,6 +1,7 @@
 """What an estimator is asked for, and an estimator at work on it."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Literal, TypeAlias
 
@@ -74,8 +75,12 @@ class Subject:
         return self.case.build(problem, Integrator("rk4", 1, self.hold))
 
     def recursion(self) -> Recursion:
-        """The estimator compiled for its problem in the original form."""
-        return self.build(self.problem).compile(self.problem.model, DT)
+        """The estimator compiled for its problem in the original form, once for all checks."""
+        return _compiled(self.case, self.hold)
+
+    def amount(self, n: int) -> int:
+        """How much of n to run: a fifth in the virtual machine, which is slow and does the same."""
+        return n if self.engine == "native" else max(n // 5, 1)
 
     def step(
         self,
@@ -95,3 +100,9 @@ class Subject:
         """Outputs by name over u, y and mask from the first sample on."""
         _, outputs = self.step(recursion, arrays)
         return {c.name: c.unpack(o) for c, o in zip(recursion.channels, outputs, strict=True)}
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(case: Case, hold: Hold) -> Recursion:
+    on = Subject(case, hold=hold)
+    return on.build(on.problem).compile(on.problem.model, DT)

@@ -8,6 +8,7 @@ that the model is perfect.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -112,8 +113,9 @@ class TrialProblem:
         return plant if self.k_known else augment(plant, ["k"])
 
     def simulate(self, n: int, *, seed: int, hold: str, noisy: bool) -> "Data":
-        """A motion as the problem's sensors see it, in metres."""
-        return simulated(n, seed=seed, hold=hold, noisy=noisy, ny=self.ny, step=self.step)
+        """A motion as the problem's sensors see it, in metres; the caller's own to change."""
+        data = _simulated(n, seed, hold, noisy, self.ny, self.step)
+        return Data(data.u.copy(), data.x.copy(), data.y.copy())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,6 +177,19 @@ def simulated(
     noise = noisy * rng.multivariate_normal(np.zeros(2), R, size=n)
     truth = np.array(states)
     return Data(u[:n, None], truth, (truth[:, :2] + noise)[:, :ny])
+
+
+@functools.lru_cache(maxsize=512)
+def _simulated(
+    n: int,
+    seed: int,
+    hold: str,
+    noisy: bool,
+    ny: int,
+    step: Callable[[np.ndarray, float, float], np.ndarray],
+) -> Data:
+    """`simulated`, once for all estimators."""
+    return simulated(n, seed=seed, hold=hold, noisy=noisy, ny=ny, step=step)
 
 
 def runge_kutta(x: np.ndarray, ua: float, ub: float) -> np.ndarray:

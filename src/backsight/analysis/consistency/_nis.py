@@ -194,16 +194,15 @@ def _whitened(result: xr.Dataset) -> tuple[Array, Array]:
         C = np.where(usable[:, None, None], S, unit) / scale[:, :, None] / scale[:, None, :]
     usable &= np.isfinite(C).all(axis=(1, 2))
     C = np.where(usable[:, None, None], C, unit)
-    eigenvalues = np.linalg.eigvalsh(C)
+    eigenvalues, axes = np.linalg.eigh(C)
     # Correlations of one but for rounding would be no number, or any.
     usable &= eigenvalues[:, 0] > unit.shape[0] * np.finfo(float).eps
 
-    C = np.where(usable[:, None, None], C, unit)
-    z = np.where(usable[:, None], e, 0.0)[:, :, None] / scale[:, :, None]
-    with np.errstate(over="ignore", invalid="ignore"):  # what is no number counts as the largest
-        squares = np.sum(z * np.linalg.solve(C, z), axis=(1, 2))
-    squares = np.nan_to_num(np.minimum(squares, LARGEST), nan=LARGEST)
     spread = np.where(usable[:, None], eigenvalues, 1.0)
+    z = np.where(usable[:, None], e, 0.0) / scale
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no number counts as the largest
+        squares = np.sum(np.einsum("kji,kj->ki", axes, z) ** 2 / spread, axis=1)
+    squares = np.nan_to_num(np.minimum(squares, LARGEST), nan=LARGEST)
     log_det = np.sum(np.log(spread) + 2.0 * np.log(scale), axis=1)
     return np.where(usable, squares, np.nan), np.where(usable, log_det, np.nan)
 

@@ -1,21 +1,15 @@
-"""Columns of files that hold named arrays: MAT, HDF5, NetCDF, NumPy.
+"""Columns of files that hold named arrays: HDF5, NetCDF, NumPy.
 
 What is wanted is looked at before it is read: where it is, how large, and that it is numbers.
 """
 
 import dataclasses
-import math
-import re
-import struct
 import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import scipy
-import scipy.sparse
 import xarray as xr
 
 from backsight.data._kinds import begins_with
@@ -29,12 +23,6 @@ from backsight.types import Array
 _MODERN: dict[str, Any] = {"engine": "h5netcdf", "phony_dims": "sort"}
 _CLASSIC: dict[str, Any] = {"engine": "scipy"}
 """How xarray reads NetCDF 4 (HDF5, perhaps without names of dimensions) and NetCDF 3."""
-
-_COMPRESSED, _MATRIX = 15, 14
-"""Kinds of the elements of a MAT file."""
-
-ROOT = re.compile(r"[/\[({.]")
-"""What ends the name of a variable in the path to what is inside."""
 
 
 def read_npz(path: Path, request: Request) -> Contents:
@@ -62,35 +50,12 @@ def read_npy(path: Path, request: Request) -> Contents:
     return _picked(fields or {"data": values}, request)
 
 
-def read_mat(path: Path, request: Request) -> Contents:
-    """Read columns of a MATLAB file of version 5 to 7.3; a field of a structure is ``data/u``."""
-    check_room(_mat_bytes(path), "the file")
-    wanted = request.wanted
-    roots = list(dict.fromkeys(ROOT.split(n)[0] for n in wanted_names(wanted, ())))
-    try:
-        variables = scipy.io.loadmat(path, simplify_cells=True, variable_names=roots)
-        others = [name for name, *_ in scipy.io.whosmat(path)]
-    except NotImplementedError:  # version 7.3 is HDF5
-        return _read_hdf5(path, request, column_major=True)
-    except scipy.io.matlab.MatReadError as error:
-        raise ValueError(str(error)) from error
-    read = {k: v for k, v in variables.items() if not k.startswith("__")}
-    leaves = dict.fromkeys(n for n in others if n not in read) | _flat(read)
-    for name in wanted:  # as MATLAB calls it: ch(2).values, c{1}; counted from 1
-        if name not in leaves and (own := _from_matlab(name)) in leaves:
-            leaves[name] = leaves[own]
-    return _picked(leaves, request)
-
-
-def _from_matlab(name: str) -> str:
-    """Our path to what MATLAB calls so: ``ch[1]/values`` for ``ch(2).values``."""
-    counted = re.sub(r"[({](\d+)[)}]", lambda m: f"[{int(m[1]) - 1}]", name)
-    return counted.replace(".", "/")
-
-
 def read_hdf5(path: Path, request: Request) -> Contents:
     """Read columns of an HDF5 file; a dataset in a group is ``group/name``."""
-    return _read_hdf5(path, request, column_major=False)
+    import h5py
+
+    with h5py.File(path) as file:
+        return _picked(datasets(file, request.wanted, request.outside), request)
 
 
 def read_netcdf(path: Path, request: Request) -> Contents:
@@ -128,7 +93,7 @@ def read_netcdf(path: Path, request: Request) -> Contents:
 
 
 def list_containers(path: Path, request: Request) -> list[Listed]:
-    """List the arrays of a MAT, HDF5, NetCDF or NumPy file, none read but those of MAT 4 to 7."""
+    """List the arrays of an HDF5, NetCDF or NumPy file; none is read."""
     import h5py
 
     if h5py.is_hdf5(path):
@@ -143,9 +108,7 @@ def list_containers(path: Path, request: Request) -> list[Listed]:
     if begins_with(path, b"CDF"):
         with xr.open_dataset(path, decode_times=False, **_CLASSIC) as dataset:
             return list_arrays({str(k): v for k, v in dataset.variables.items()}, request.axis)
-    check_room(_mat_bytes(path), "the file")
-    read = scipy.io.loadmat(path, simplify_cells=True)
-    return list_arrays(_flat({k: v for k, v in read.items() if not k.startswith("__")}))
+    raise DataError("this is no file of arrays")
 
 
 def _npz_arrays(path: Path) -> dict[str, Any]:
@@ -165,16 +128,8 @@ class _Claimed:
     dtype: np.dtype
 
 
-def _read_hdf5(path: Path, request: Request, *, column_major: bool) -> Contents:
-    import h5py
-
-    with h5py.File(path) as file:
-        found = datasets(file, request.wanted, request.outside)
-        return _picked(found, request, column_major=column_major)
-
-
-def _picked(arrays: Mapping[str, Any], request: Request, *, column_major: bool = False) -> Contents:
-    return Contents(pick(arrays, request.wanted, axis=request.axis, column_major=column_major))
+def _picked(arrays: Mapping[str, Any], request: Request) -> Contents:
+    return Contents(pick(arrays, request.wanted, axis=request.axis))
 
 
 def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> Array:
@@ -202,53 +157,3 @@ def _head(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype]:
     if dtype.hasobject:
         raise ValueError(f"'{name}' holds objects of Python, which are programs; write numbers")
     return shape, dtype
-
-
-def _mat_bytes(path: Path) -> int:
-    """Size of all variables of a MAT file of version 5 when they are unpacked, as it claims."""
-    total, end = 0, path.stat().st_size
-    with path.open("rb") as file:
-        order = {b"IM": "<", b"MI": ">"}.get(file.read(128)[126:128])
-        while order and file.tell() + 8 <= end:
-            kind, size = struct.unpack(f"{order}II", file.read(8))
-            start = file.tell()
-            if kind == _COMPRESSED:
-                inside = zlib.decompressobj().decompress(file.read(min(size, 4096)), 8)
-                kind, unpacked = struct.unpack(f"{order}II", inside.ljust(8, b"\0"))
-                check_density(unpacked, size, "a variable")
-            else:
-                unpacked = size
-            total += unpacked if kind == _MATRIX else 0
-            file.seek(start + size)
-    return total
-
-
-def _flat(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Leaves of structures (``data/u``), arrays of them (``ch[2]/u``) and cells (``c[2]``)."""
-    leaves: dict[str, Any] = {}
-    for name, entry in tree.items():
-        if isinstance(entry, Mapping):
-            leaves |= {f"{name}/{inner}": leaf for inner, leaf in _flat(entry).items()}
-        elif isinstance(entry, np.ndarray) and entry.dtype == object:
-            cells = enumerate(entry.ravel(order="F"))
-            leaves |= _flat({f"{name}[{k}]": cell for k, cell in cells})
-        elif isinstance(entry, list):
-            leaves |= _flat({f"{name}[{k}]": part for k, part in enumerate(entry)})
-        elif scipy.sparse.issparse(entry):
-            leaves[name] = _Sparse(entry)
-        else:
-            leaves[name] = entry
-    return leaves
-
-
-class _Sparse:
-    """A sparse matrix, filled up with zeros when it is made an array."""
-
-    def __init__(self, matrix: Any) -> None:
-        self.matrix = matrix
-        self.shape = matrix.shape
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        """Fill it up."""
-        check_room(math.prod(self.shape) * np.dtype(float).itemsize, "a sparse matrix")
-        return np.array(self.matrix.toarray(), dtype=dtype, copy=copy)

@@ -139,6 +139,39 @@ def check_dataset(
     Of a table, `field` is the column that is wanted. If it is not read as a `whole`, it need not
     fit into memory.
     """
+    elsewhere = _check_source(entry, name, outside)
+    if entry.shape is None:
+        raise DataError(f"'{name}' is empty")
+    dtype = entry.dtype if field is None else entry.dtype[field]
+    if dtype.names:
+        raise DataError(
+            f"'{name}' is not an array of real numbers, but a table: take a column as "
+            f"'{name}/{dtype.names[0]}'"
+        )
+    if dtype.kind not in "fiub":
+        raise DataError(f"'{name}' is not an array of real numbers, but of {dtype}")
+    claimed = math.prod(entry.shape) * max(entry.dtype.itemsize, np.dtype(float).itemsize)
+    if not elsewhere:
+        check_density(claimed, entry.id.get_storage_size(), f"'{name}'")
+    if whole:
+        check_room(claimed, f"'{name}'")
+
+
+def check_sources(file: "h5py.File", outside: Collection[str]) -> None:
+    """Raise `DataError` if anything in the file comes from elsewhere, for readers that read all."""
+    import h5py
+
+    check_links(file, outside)
+
+    def check(name: str, entry: Any) -> None:
+        if isinstance(entry, h5py.Dataset):
+            _check_source(entry, name, outside)
+
+    file.visititems(check)
+
+
+def _check_source(entry: "h5py.Dataset", name: str, outside: Collection[str]) -> set[str]:
+    """Raise `DataError` if a dataset needs other files or programs; which files are allowed."""
     import h5py
 
     plan = entry.id.get_create_plist()
@@ -155,21 +188,7 @@ def check_dataset(
                 f"'{name}' needs the filter {number} ({os.fsdecode(title)}), a program from "
                 "elsewhere; write the file again with gzip (h5repack -f GZIP=4)"
             )
-    if entry.shape is None:
-        raise DataError(f"'{name}' is empty")
-    dtype = entry.dtype if field is None else entry.dtype[field]
-    if dtype.names:
-        raise DataError(
-            f"'{name}' is not an array of real numbers, but a table: take a column as "
-            f"'{name}/{dtype.names[0]}'"
-        )
-    if dtype.kind not in "fiub":
-        raise DataError(f"'{name}' is not an array of real numbers, but of {dtype}")
-    claimed = math.prod(entry.shape) * max(entry.dtype.itemsize, np.dtype(float).itemsize)
-    if not elsewhere:
-        check_density(claimed, entry.id.get_storage_size(), f"'{name}'")
-    if whole:
-        check_room(claimed, f"'{name}'")
+    return elsewhere
 
 
 def _linked(file: "h5py.File", name: str, outside: Collection[str]) -> Any:

@@ -17,16 +17,31 @@ from backsight.data.texts.reading import list_content, read_content
 from backsight.errors import DataError
 
 
+def frames_in(folder: Path) -> list[Path]:
+    """Parquet files of a folder that follow each other; such as are being written begin with a dot.
+
+    Another process may add parts meanwhile, and remove the oldest.
+    """
+    return sorted(p for p in folder.glob("*.parquet") if not p.name.startswith("."))
+
+
 def read_parquet(path: Path, request: Request) -> Contents:
-    """Read columns of a Parquet file; dates stay dates."""
+    """Read columns of a Parquet file, or of a folder of them; dates stay dates."""
     library("pyarrow")
+    if path.is_dir():
+        parts = [_parquet_of(part, request) for part in frames_in(path)]
+        return _columns(library("pyarrow").concat_tables(parts), request)
+    return _columns(_parquet_of(path, request), request)
+
+
+def _parquet_of(path: Path, request: Request) -> Any:
     file = library("pyarrow.parquet").ParquetFile(path, memory_map=True)
     names = file.schema_arrow.names
     _check(names, request.wanted)
     claimed = file.metadata.num_rows * 8 * len(request.wanted)
     check_density(claimed, path.stat().st_size, "the table")
     check_room(claimed, "the table")
-    return _columns(file.read(columns=list(request.wanted)), request)
+    return file.read(columns=list(request.wanted))
 
 
 def read_feather(path: Path, request: Request) -> Contents:
@@ -71,6 +86,7 @@ def _values(column: Any, name: str, request: Request) -> np.ndarray:
 def list_frames(path: Path, _: Request) -> list[Listed]:
     """List the columns of a Parquet or Feather file."""
     arrow = library("pyarrow")
+    path = frames_in(path)[-1] if path.is_dir() else path
     if begins_with(path, b"PAR1"):
         schema = library("pyarrow.parquet").read_schema(path)
     else:

@@ -8,30 +8,46 @@ from typing import TypeAlias
 
 import numpy as np
 
-from backsight.data._kinds import TEXT, kind_of
+from backsight.data._kinds import TEXT, is_bag_folder, kind_of
 from backsight.data._pick import list_arrays, pick
 from backsight.data._request import Contents, Listed, Request, TextForm
 from backsight.data._room import check_room
 from backsight.data.formats._arrays import (
     list_containers,
     read_hdf5,
-    read_mat,
     read_netcdf,
     read_npy,
     read_npz,
 )
-from backsight.data.formats._lvm import list_lvm, read_lvm
-from backsight.data.formats._openfast import list_outb, read_outb
+from backsight.data.formats._matlab import list_mat, read_mat
 from backsight.data.formats._tables import (
+    frames_in,
     list_frames,
     list_xlsx,
     read_feather,
     read_parquet,
     read_xlsx,
 )
-from backsight.data.formats._tdms import list_tdms, read_tdms
-from backsight.data.formats._uff import list_uff, read_uff
-from backsight.data.formats._wav import list_wav, read_wav
+from backsight.data.formats.recorders import (
+    list_bag,
+    list_hawc2,
+    list_lvm,
+    list_mcap,
+    list_mdf,
+    list_outb,
+    list_tdms,
+    list_uff,
+    list_wav,
+    read_bag,
+    read_hawc2,
+    read_lvm,
+    read_mcap,
+    read_mdf,
+    read_outb,
+    read_tdms,
+    read_uff,
+    read_wav,
+)
 from backsight.data.texts.reading import list_text, read_text
 from backsight.errors import DataError, PluginError, nearest
 from backsight.plugins import Extended
@@ -57,11 +73,17 @@ RECORDERS: Mapping[str, Reader] = {
     ".unv": read_uff,
     ".wav": read_wav,
     ".outb": read_outb,
+    ".sel": read_hawc2,
+    ".mf4": read_mdf,
+    ".mdf": read_mdf,
+    ".mcap": read_mcap,
+    ".db3": read_bag,
+    ".bag": read_bag,
     ".parquet": read_parquet,
     ".feather": read_feather,
     ".xlsx": read_xlsx,
 }
-"""Of recorders, simulators and spreadsheets."""
+"""Of recorders, simulators, robots and spreadsheets."""
 
 Lister: TypeAlias = Callable[[Path, Request], Sequence[Listed]]
 """What says which columns a file holds."""
@@ -69,12 +91,19 @@ Lister: TypeAlias = Callable[[Path, Request], Sequence[Listed]]
 LISTERS: Mapping[str, Lister] = {
     **dict.fromkeys(TEXT, list_text),
     **dict.fromkeys(CONTAINERS, list_containers),
+    ".mat": list_mat,
     ".lvm": list_lvm,
     ".tdms": list_tdms,
     ".uff": list_uff,
     ".unv": list_uff,
     ".wav": list_wav,
     ".outb": list_outb,
+    ".sel": list_hawc2,
+    ".mf4": list_mdf,
+    ".mdf": list_mdf,
+    ".mcap": list_mcap,
+    ".db3": list_bag,
+    ".bag": list_bag,
     ".parquet": list_frames,
     ".feather": list_frames,
     ".xlsx": list_xlsx,
@@ -136,7 +165,7 @@ def list_contents(path: Path, request: Request, wish: str | None) -> list[Listed
 
 def _kind(path: Path, request: Request, wish: str | None) -> str:
     _check_file(path, READERS)
-    kind = kind_of(path, wish, READERS)
+    kind = ".parquet" if path.is_dir() else kind_of(path, wish, READERS)
     if request.text != TextForm(missing=request.text.missing) and kind not in TEXT:
         option = next(
             f.name
@@ -172,9 +201,12 @@ def _check_file(path: Path, known: Collection[str]) -> None:
     try:
         if not path.exists():
             raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
+        if is_bag_folder(path):
+            return
         if path.is_dir():
-            raise DataError(f"'{path}' is a folder; give a file")
-        if not path.is_file():
+            if not frames_in(path):
+                raise DataError(f"'{path}' is a folder; give a file, or a folder of Parquet parts")
+        elif not path.is_file():
             raise DataError(f"'{path}' is a device or a pipe; give a file")
     except OSError as error:
         raise DataError(f"cannot read '{path}': {error.strerror or error}") from None

@@ -152,10 +152,23 @@ def _runs(same: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _clipped(values: Array, low: float, high: float) -> list[str]:
-    if np.unique(values[: 100 * FEW]).size <= FEW and np.unique(values).size <= FEW:
-        return []
-    found = []
-    for end, word in ((low, "minimum"), (high, "maximum")):
+    names = {low: "minimum", high: "maximum"}
+    return [
+        f"clipped? {n} samples at the {names[e]} {e:g}" for e, n in clipped_ends(values).items()
+    ]
+
+
+def clipped_ends(values: Array) -> dict[float, int]:
+    """Smallest and largest value of samples (n,), if it is that of a clipped signal, and how often.
+
+    A signal with few distinct values is digital or held, and not clipped.
+    """
+    if not values.size or (
+        np.unique(values[: 100 * FEW]).size <= FEW and np.unique(values).size <= FEW
+    ):
+        return {}
+    low, high, found = float(values.min()), float(values.max()), {}
+    for end in (low, high):
         at = values == end
         times = int(at.sum())
         if times < FEWEST_CLIPPED:
@@ -164,7 +177,7 @@ def _clipped(values: Array, low: float, high: float) -> list[str]:
         beside = float(rest.min() if end == low else rest.max())
         _, lengths = _runs(at)
         if times > CROWDED * int(np.sum(values == beside)) and lengths.mean() >= FLAT:
-            found.append(f"clipped? {times} samples at the {word} {end:g}")
+            found[end] = times
     return found
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from backsight.data._checks import IRREGULARITY
+from backsight.data.times.clock import EPOCHS
 from backsight.data.times.grid import rounded_grid
 from backsight.types import Array
 
@@ -28,11 +29,8 @@ SECONDS = {
 }
 """Units of clocks [s]."""
 
-_EPOCHS = {"unix": (5e8, 5e9), "unix_ms": (5e11, 5e12), "unix_us": (5e14, 5e15)} | {
-    "unix_ns": (5e17, 5e18),
-    "matlab": (7.2e5, 7.6e5),
-}
-"""Where stamps that count from 1970, or from the year 0 on, lie for the dates 1985 to 2100."""
+_DAYS = {"unix": (5e8, 5e9), "matlab": (7.2e5, 7.6e5)}
+"""Where stamps that count seconds from 1970, or days from the year 0 on, lie for such dates."""
 
 FEWEST = 5
 """Samples without which numbers that rise are no sign of a clock."""
@@ -99,7 +97,7 @@ def clock_of_dates(name: str, time: Array) -> Clock:
 def _clock(name: str, values: Array, unit: str, *, sure: bool) -> Clock:
     match = _NAME.fullmatch(name.rpartition("/")[2])
     word = unit or (match["unit"] if match and match["unit"] else "")
-    for form, (low, high) in _EPOCHS.items():
+    for form, (low, high) in (EPOCHS | _DAYS).items():
         if low < values[0] < high and not unit:
             return _regular(name, (values - values[0]) * _ticks(form), 1.0, form, sure=sure)
     factor = SECONDS.get(word if word in SECONDS else word.lower(), 1.0)

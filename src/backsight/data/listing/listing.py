@@ -113,21 +113,27 @@ def list_columns(
 def _read(
     path: Path, request: Request, form: str | None, numbers: Sequence[str], dated: str | None
 ) -> tuple[list[Contents], dict[str, str]]:
-    """All columns at once, or each by itself if they do not go together; and what is wrong."""
-    names = [*numbers, *([dated] if dated else [])]
+    """All columns at once, or in parts where they do not go together; and what is wrong.
+
+    Columns that go together stand together in most files, so that halves are tried first.
+    """
+    names = (*numbers, *([dated] if dated else []))
     if not names:
         return [], {}
-    request = dataclasses.replace(request, clock=dated)
+    wanted = dataclasses.replace(request, wanted=names, clock=dated)
     try:
-        return [read_contents(path, dataclasses.replace(request, wanted=tuple(names)), form)], {}
-    except DataError:
-        parts, faults = [], {}
-    for name in names:
-        try:
-            parts.append(read_contents(path, dataclasses.replace(request, wanted=(name,)), form))
-        except DataError as error:
-            faults[name] = str(error).removeprefix(f"{path}: ")
-    return parts, faults
+        return [read_contents(path, wanted, form)], {}
+    except DataError as error:
+        fault = str(error).removeprefix(f"{path}: ")
+    if len(names) == 1:
+        return [], {names[0]: fault}
+    middle = len(numbers) // 2
+    halves = [(numbers[:middle], None), (numbers[middle:], None)]
+    if dated is not None:
+        halves = [(numbers[:middle], dated), (numbers[middle:], dated)] if middle else halves
+        halves += [] if middle else [((), dated)]
+    parts, faults = zip(*(_read(path, request, form, *half) for half in halves), strict=True)
+    return [p for part in parts for p in part], {k: v for own in faults for k, v in own.items()}
 
 
 def _clock(

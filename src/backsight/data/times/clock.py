@@ -20,6 +20,21 @@ NUMERIC = (*_DAY_OF_1970, *_TICKS)
 """Words of ``time_format`` for stamps that are numbers."""
 
 
+EPOCHS = {"unix_ms": (5e11, 5e12), "unix_us": (5e14, 5e15), "unix_ns": (5e17, 5e18)}
+"""Where stamps that count fractions of seconds from 1970 on lie for the dates 1985 to 2128."""
+
+
+def counted(values: Any) -> str | None:
+    """The `NUMERIC` form of numbers that can only be fractions of seconds since 1970, or None.
+
+    As seconds they would be the year 17 000 and later.
+    """
+    array = np.asarray(values).ravel()
+    if array.dtype.kind not in "fiu" or not array.size:
+        return None
+    return next((form for form, (low, high) in EPOCHS.items() if low < array[0] < high), None)
+
+
 def seconds(values: Any, *, time_format: str | None, where: str) -> tuple[Array, str]:
     """Time of every sample [s], (n,), and the date of its zero, "" if there is none.
 

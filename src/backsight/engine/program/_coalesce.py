@@ -30,24 +30,26 @@ def without_copies(program: Program) -> Program:
     written to the caller's memory at once. Copies of `While.update` and `Program.update` stay,
     since with several lanes they only happen in some.
     """
+    lasting = {b.name for b in program.interface}
     while True:
-        uses = Counter(s.buffer for x in program.statements for s in operands(x))
-        owned = {b for b in uses if b.values is None and b not in program.interface}
-        body = _shorter(program.body, {b: uses[b] for b in owned})
+        uses = Counter[str]()
+        for statement in (*program.body, *program.update):
+            uses.update(statement.uses)
+        body = _shorter(program.body, {b: n for b, n in uses.items() if b not in lasting})
         if body is None:
             return program
         program = dataclasses.replace(program, body=body)
 
 
-def _shorter(block: Block, uses: dict[Buffer, int]) -> Block | None:
+def _shorter(block: Block, uses: dict[str, int]) -> Block | None:
     """The block with one copy less, or None if none can be spared."""
     for k, statement in enumerate(block):
         if isinstance(statement, Copy):
             first = _first_use(block, k, statement, uses)
             if first is not None:
                 source, target = statement.source.buffer, statement.target
-                renamed = (_renamed(s, source, target) for s in block[first:k])
-                kept = (s for s in renamed if not (isinstance(s, Copy) and s.source == s.target))
+                moved = (renamed(s, source, target) for s in block[first:k])
+                kept = (s for s in moved if not (isinstance(s, Copy) and s.source == s.target))
                 return (*block[:first], *kept, *block[k + 1 :])
         elif isinstance(statement, Loop | While):
             body = _shorter(statement.body, uses)
@@ -57,20 +59,20 @@ def _shorter(block: Block, uses: dict[Buffer, int]) -> Block | None:
     return None
 
 
-def _first_use(block: Block, k: int, copy: Copy, uses: dict[Buffer, int]) -> int | None:
+def _first_use(block: Block, k: int, copy: Copy, uses: dict[str, int]) -> int | None:
     """Where the copied buffer is first used, if it may be replaced by the copy's target."""
-    buffer = copy.source.buffer
-    if buffer not in uses or copy.source != buffer.whole():
+    buffer, name = copy.source.buffer, copy.source.buffer.name
+    if buffer.values is not None or name not in uses or copy.source != buffer.whole():
         return None
-    inside = [sum(s.buffer == buffer for s in _all(x)) for x in block[: k + 1]]
-    if sum(inside) != uses[buffer]:
+    inside = [x.uses.get(name, 0) for x in block[: k + 1]]
+    if sum(inside) != uses[name]:
         return None
     first = next(i for i, count in enumerate(inside) if count)
     start = block[first]
     # The first statement must fill the buffer; it may read the target, since it reads first.
     if not isinstance(start, Call | Copy) or any(s.buffer == buffer for s in reads(start)):
         return None
-    if copy.target.buffer not in uses and sum(inside) > 2:
+    if copy.target.buffer.name not in uses and sum(inside) > 2:
         return None  # memory of the caller is slower than a local variable
     source = start.source if isinstance(start, Copy) else None
     if source is not None and source != copy.target and source.overlaps(copy.target):
@@ -84,7 +86,9 @@ def _all(statement: Statement) -> Iterator[Slice]:
     return (s for x in flat([statement]) for s in operands(x))
 
 
-def _renamed(statement: Statement, old: Buffer, new: Slice) -> Statement:
+def renamed(statement: Statement, old: Buffer, new: Slice) -> Statement:
+    """The statement with a slice in the place of a buffer."""
+
     def slice_(s: Slice) -> Slice:
         if s.buffer != old:
             return s
@@ -102,9 +106,9 @@ def _renamed(statement: Statement, old: Buffer, new: Slice) -> Statement:
         case Copy(source, target):
             return Copy(slice_(source), slice_(target))
         case Loop(counter, length, body):
-            return Loop(counter, length, tuple(_renamed(s, old, new) for s in body))
+            return Loop(counter, length, tuple(renamed(s, old, new) for s in body))
         case While(flag, limit, body, update):
             updates = (Copy(slice_(c.source), slice_(c.target)) for c in update)
             return While(
-                slice_(flag), limit, tuple(_renamed(s, old, new) for s in body), tuple(updates)
+                slice_(flag), limit, tuple(renamed(s, old, new) for s in body), tuple(updates)
             )

@@ -1,6 +1,7 @@
 """Straight-line arithmetic: an SX function as a list of numbered operations."""
 
 import dataclasses
+import functools
 import itertools
 import re
 from collections.abc import Sequence
@@ -233,5 +234,9 @@ def _operation(name: str, operation: int, arguments: list[int], record: _Recorde
 
 def operation_name(operation: int) -> str:
     """Return CasADi's name of an operation code."""
-    names = {getattr(ca, n): n for n in dir(ca) if n.startswith("OP_")}
-    return names.get(operation, f"number {operation}").removeprefix("OP_")
+    return _operation_names().get(operation, f"number {operation}")
+
+
+@functools.cache
+def _operation_names() -> dict[int, str]:
+    return {getattr(ca, n): n.removeprefix("OP_") for n in dir(ca) if n.startswith("OP_")}

@@ -6,7 +6,9 @@ language that is written, so LLVM and C come from the same program.
 """
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+import functools
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TypeAlias
 
 from backsight.engine.foreign import Kernel
@@ -84,8 +86,20 @@ class Slice:
         return self.offset < other.offset + other.size and other.offset < self.offset + self.size
 
 
+class _Naming:
+    """What every statement knows of itself."""
+
+    @functools.cached_property
+    def uses(self: "Statement") -> Mapping[str, int]:  # type: ignore[misc]
+        """How often the statement and those inside it name a buffer, by the buffer's name."""
+        found = Counter(s.buffer.name for s in operands(self))
+        for inner in inside(self):
+            found.update(inner.uses)
+        return found
+
+
 @dataclasses.dataclass(frozen=True)
-class Call:
+class Call(_Naming):
     """Apply a leaf: all inputs are read before an output is written."""
 
     leaf: Leaf
@@ -99,7 +113,7 @@ class Call:
 
 
 @dataclasses.dataclass(frozen=True)
-class Foreign:
+class Foreign(_Naming):
     """Call a kernel; no output overlaps an input or another output.
 
     Parameters
@@ -118,7 +132,7 @@ class Foreign:
 
 
 @dataclasses.dataclass(frozen=True)
-class Copy:
+class Copy(_Naming):
     """Copy a slice to another of the same size, number after number.
 
     They may overlap if the target lies before the source.
@@ -133,7 +147,7 @@ class Copy:
 
 
 @dataclasses.dataclass(frozen=True)
-class Loop:
+class Loop(_Naming):
     """Run the body for counter = 0 ... length - 1."""
 
     counter: str
@@ -142,7 +156,7 @@ class Loop:
 
 
 @dataclasses.dataclass(frozen=True)
-class While:
+class While(_Naming):
     """Run body and then `update` while `flag` is not zero, at most `limit` times.
 
     With several lanes the body runs while any lane's flag is not zero, and `update` changes only
@@ -230,11 +244,18 @@ def flat(statements: Iterable[Statement]) -> Iterator[Statement]:
     """Every statement, outer before inner."""
     for statement in statements:
         yield statement
-        match statement:
-            case Loop(body=body):
-                yield from flat(body)
-            case While(body=body, update=update):
-                yield from flat((*body, *update))
+        yield from flat(inside(statement))
+
+
+def inside(statement: Statement) -> tuple[Statement, ...]:
+    """Statements that a loop runs."""
+    match statement:
+        case Loop(body=body):
+            return body
+        case While(body=body, update=update):
+            return *body, *update
+        case _:
+            return ()
 
 
 def operands(statement: Statement) -> tuple[Slice, ...]:

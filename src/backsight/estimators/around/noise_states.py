@@ -49,7 +49,13 @@ class Widened:
 
 
 def widened(
-    noise: Noise, prior: Prior, model: Model, dt: float, *, integrator: Integrator | None
+    noise: Noise,
+    prior: Prior,
+    model: Model,
+    dt: float,
+    *,
+    integrator: Integrator | None,
+    remembered: bool = False,
 ) -> Widened:
     """Make states of the noise of inputs and parameters, and of what w and v have in common.
 
@@ -61,6 +67,9 @@ def widened(
         As for an estimator.
     integrator : Integrator or None
         For continuous models, with nothing left open; None discretises a linear one exactly.
+    remembered : bool
+        The noise of inputs that states multiply is a state for one sample more, for filters, which
+        linearise there; see `backsight.estimators.parts.filtering.noise_to_look_back_at`.
 
     Raises
     ------
@@ -78,23 +87,29 @@ def widened(
 
     # State and output equation with the noise where it acts.
     nx, n_u, n_p = model.nx, pick_u.shape[1], pick_p.shape[1]
-    z, u = ca.SX.sym("z", nx + len(W)), ca.SX.sym("u", model.nu)
-    p = ca.SX.sym("p", len(model.parameters))
-    x, of_u, of_p, shared = ca.vertsplit(z, [0, nx, nx + n_u, nx + n_u + n_p, z.numel()])
+    x, of_u = ca.SX.sym("x", nx), ca.SX.sym("of_u", n_u)
+    of_p, shared = ca.SX.sym("of_p", n_p), ca.SX.sym("shared", len(common.W))
+    u, p = ca.SX.sym("u", model.nu), ca.SX.sym("p", len(model.parameters))
     felt = [x, u + ca.mtimes(pick_u, of_u), p + ca.mtimes(pick_p, of_p)]
     moved = _from_sample_to_sample(model, dt, pick_p, integrator).call(felt)[0]
     moved += ca.mtimes(common.to_x, shared)
     seen = model.h.call(felt)[0] + ca.mtimes(common.to_y, shared)
-    forgotten = ca.SX.zeros(len(W))
+    forgotten, last = ca.SX.zeros(len(W)), ca.SX.zeros(0)
+    bent = ca.which_depends(ca.vertcat(moved, seen), ca.vertcat(x, of_u), 2, True)
+    if remembered and any(bent):
+        last = of_u
+    z = ca.vertcat(x, of_u, of_p, shared, ca.SX.sym("last", last.numel()))
     # The step of a sample, as the rate that virtual outputs of a continuous model know.
     w = ca.SX.sym("w", z.numel())
     step = w[:nx] + ca.mtimes(common.to_x, shared)
     names = [s.name for s, v in zip(model.inputs, inputs, strict=True) if v > 0]
     names += [s.name for s, v in zip(model.parameters, parameters, strict=True) if v > 0]
     names += [f"common{i + 1}" for i in range(len(common.W))]
+    names += [f"{name}_last" for name in names[: last.numel()]]
+    still = np.zeros((last.numel(), last.numel()))
     wide = dataclasses.replace(
         model,
-        f=ca.Function("f", [z, u, p], [ca.vertcat(moved, forgotten)]),
+        f=ca.Function("f", [z, u, p], [ca.vertcat(moved, forgotten, last)]),
         h=ca.Function("h", [z, u, p], [seen]),
         states=(*model.states, *(Signal(name=_unused(n, model)) for n in names)),
         # The rounding of readings is in R already.
@@ -108,10 +123,10 @@ def widened(
     )
     return Widened(
         wide,
-        Noise(R=common.R, Q=scipy.linalg.block_diag(common.Q + own, W)),
+        Noise(R=common.R, Q=scipy.linalg.block_diag(common.Q + own, W, still)),
         Prior(
-            x0=np.concatenate([prior.mean(model), np.zeros(len(W))]),
-            P0=scipy.linalg.block_diag(prior.covariance(model), W),
+            x0=np.concatenate([prior.mean(model), np.zeros(len(W) + len(still))]),
+            P0=scipy.linalg.block_diag(prior.covariance(model), W, still),
         ),
     )
 

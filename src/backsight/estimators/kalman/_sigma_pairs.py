@@ -18,7 +18,8 @@ from typing import Literal, TypeAlias
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.sigma import Weights
+from backsight.algebra.sigma import Weights, weights
+from backsight.errors import TuningError
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Term, transposed
 from backsight.estimators.parts.factors import each_column, on_top, sigma_columns
@@ -82,6 +83,16 @@ class SigmaPoints:
         both = on_top([images[:, 1 : n + 1], images[:, n + 1 :], pairs])
         high, low = each_column(column, both, images[:, 0])
         return ca.horzcat(images[:, 0], high, low)
+
+
+def points_of(
+    s: Setting, *, alpha: float, beta: float, kappa: float, outside: Outside = "moved"
+) -> SigmaPoints:
+    """How the sigma points of a model are chosen; raises `TuningError`, see `UKF`."""
+    n = s.model.nx
+    if not n + kappa > 0:
+        raise TuningError(f"kappa is {kappa}; it must be above -{n} for {n} states")
+    return SigmaPoints(weights(n, alpha=alpha, beta=beta, kappa=kappa), outside)
 
 
 def _bounded(s: Setting) -> bool:

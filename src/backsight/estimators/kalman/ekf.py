@@ -14,6 +14,7 @@ from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
+from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.prediction import Propagation, predict, transition
 from backsight.estimators.kalman.square_root import square_root_halves, wide
@@ -21,6 +22,7 @@ from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
     congruence,
+    corrected_covariance,
     joseph_form,
     kalman_gain,
     matrix_product,
@@ -50,8 +52,9 @@ class EKF(AbstractEstimator):
 
     sets states outside their bounds to them, and then carries the estimate to the next sample by
     the model (eq. 13) and the covariance by one of three ways. If the prior is more than a million
-    times as wide as the noise, both steps work on a factor of the covariance, see
-    `backsight.estimators.kalman.square_root`.
+    times as wide as the noise, or a sensor has none, both steps work on a factor of the covariance,
+    see `backsight.estimators.kalman.square_root`. A reading without noise of what is known exactly
+    already is left out, with the status *redundant*.
 
     Parameters
     ----------
@@ -94,7 +97,9 @@ class EKF(AbstractEstimator):
     title: ClassVar[str] = "Extended Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    looks_back: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
+    varies_sensors: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -118,10 +123,18 @@ class EKF(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
-        if self.measurement == "sampled" and self.covariance != "ode" and wide(s):
+        by_factor = self.measurement == "sampled" and self.covariance != "ode"
+        s = setting(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            integrator=self.integrator,
+            noiseless=by_factor,
+        )
+        if by_factor and wide(s):
             kept = s.sampled() if self.covariance == "discrete" else s
-            return assemble(self.key, s, square_root_halves(kept))
+            return assemble(self.key, s, with_exact_sensors(s, square_root_halves(kept)))
         parts = ekf_halves(s, s.integrator, self.covariance)
         if self.measurement == "sampled":
             return assemble(self.key, s, parts)
@@ -156,11 +169,16 @@ def ekf_halves(s: Setting, integrator: Integrator, covariance: Propagation) -> H
 def innovation(s: Setting) -> ca.Function:
     """Innovation, 0 where not measured, and its covariance: ``(x, P, u, y, mask) -> (e, S)``."""
     if Covariance(s.model.nx).whole:
-        return half("innovation", s, lambda x, P, u, y, mask: _gain(s, x, P, u, y, mask).told)
+
+        def told(x: Term, P: Term, u: Term, y: Term, mask: Term) -> Results:
+            e, H = _looked(s, x, u, y, mask)
+            return {"e": e, "S": weighted_gain(P, H, s.R, mask)[1]}
+
+        return half("innovation", s, told)
 
     def seen(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_prior = s.model.output(x, u)
-        e, noise = measured(mask) * (y - y_prior), noise_of(ca.SX(s.R), mask)
+        e, noise = measured(mask) * (y - y_prior), noise_of(s.R_at(u), mask)
         return {"e": e, "H": ca.jacobian(y_prior, x), "noise": noise}
 
     expected = leaf("expected", notation(s), seen)
@@ -194,15 +212,15 @@ def correct(s: Setting, *, check: bool = False) -> ca.Function:
 def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple[Term, Term, Flags]:
     """State, covariance (nx, nx) and flags after a measurement, in the formula of a `half`."""
     if Covariance(s.model.nx).whole:
-        found = _gain(s, x, P, u, y, mask)
-        P_post = joseph_form(P, found.K, found.H, found.noise)
-        moved = x + matrix_product(found.K, found.e)
-        x_post, flags = settled(s)(moved, ca.diag(P_post), ca.diag(found.S))
-        return x_post, P_post, Flags.of(flags)
+        e, H = _looked(s, x, u, y, mask)
+        found = corrected_covariance(P, H, s.R, mask)  # eq. 17 and 19
+        moved = x + matrix_product(found.K, e)  # eq. 18
+        x_post, flags = settled(s)(moved, ca.diag(found.P), ca.diag(found.S))
+        return x_post, found.P, Flags.of(flags)
 
     def seen(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_prior = s.model.output(x, u)
-        H, e, R = masked(ca.jacobian(y_prior, x), y - y_prior, ca.SX(s.R), mask)  # eq. 20
+        H, e, R = masked(ca.jacobian(y_prior, x), y - y_prior, s.R_at(u), mask)  # eq. 20
         return {"e": e, "H": H, "noise": R}
 
     e, H, R = leaf("residual", notation(s), seen)(x, u, y, mask)
@@ -212,32 +230,17 @@ def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple
     return x_post, P_post, Flags.of(flags)
 
 
-@dataclasses.dataclass(frozen=True)
-class Gain:
-    """What a filter of many states makes of a sample: innovation, gain and their covariances."""
-
-    e: ca.MX
-    H: ca.MX
-    K: ca.MX
-    S: ca.MX
-    noise: ca.MX
-
-    @property
-    def told(self) -> Results:
-        """Innovation, 0 where not measured, and its covariance."""
-        return {"e": self.e, "S": self.S}
-
-
-def _gain(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> Gain:
-    """Eq. 17 with the rows that were measured: those of H, e and K that were not are zero in K."""
+def _looked(s: Setting, x: Term, u: Term, y: Term, mask: Term) -> tuple[ca.MX, ca.MX]:
+    """Innovation, 0 where not measured, and the slope H of all outputs, of many states."""
+    if any(part.R.any() for part in s.parts):
+        raise TuningError("correlations of sensors cannot be inputs of models with many states")
     y_prior, H = seen_outputs(s)(x, u)
     missed = leaf(
         "missed",
         {**notation(s), "expected": s.model.ny},
         lambda y, expected, mask: {"e": measured(mask) * (y - expected)},
     )
-    K, S, noise = weighted_gain(P, H, s.R, mask)
-    return Gain(missed(y, y_prior, mask), H, K, S, noise)
+    return missed(y, y_prior, mask), H
 
 
 def settled(s: Setting) -> ca.Function:

@@ -91,7 +91,9 @@ class IEKF(AbstractEstimator):
     title: ClassVar[str] = "Iterated extended Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    looks_back: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
+    varies_sensors: ClassVar[bool] = True
 
     noise: Noise
     prior: Prior
@@ -111,7 +113,7 @@ class IEKF(AbstractEstimator):
         refuse_too_wide(s, "IEKF")
         once = ekf_halves(s, s.integrator, self.covariance)
         iterated = _correct(s, self.max_iterations, self.tolerance)
-        return assemble(self.key, s, dataclasses.replace(once, correct=iterated))
+        return assemble(self.key, s, dataclasses.replace(once, correct=iterated, iterated=True))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`."""
@@ -200,7 +202,7 @@ def _measurement(s: Setting) -> ca.Function:
 
     def formula(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_hat = s.model.output(x, u)
-        H, e, R = masked(ca.jacobian(y_hat, x), y - y_hat, ca.SX(s.R), mask)
+        H, e, R = masked(ca.jacobian(y_hat, x), y - y_hat, s.R_at(u), mask)
         return {"H": H, "e": e, "noise": R}
 
     return leaf("measurement", notation(s), formula)

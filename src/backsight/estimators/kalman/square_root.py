@@ -26,6 +26,7 @@ from backsight.discrete.steps import over_sample
 from backsight.engine.loops import scan
 from backsight.errors import TuningError
 from backsight.estimators.base import Setting
+from backsight.estimators.kalman._exact_sensors import exact_sensors
 from backsight.estimators.kalman.prediction import moved_by, substep_noise
 from backsight.estimators.parts.covariance import (
     Covariance,
@@ -57,8 +58,8 @@ TOO_WIDE = 1e7
 
 
 def wide(s: Setting, *, limit: float = WIDE) -> bool:
-    """Whether a prior is so wide, see `width_of_prior`."""
-    return width_of_prior(s) > limit
+    """Whether a prior is so wide, see `width_of_prior`, or a sensor has no noise at all."""
+    return exact_sensors(s) or width_of_prior(s) > limit
 
 
 def width_of_prior(s: Setting, linearised: tuple[Array, Array] | None = None) -> float:

@@ -6,23 +6,19 @@ from typing import ClassVar
 import casadi as ca
 
 from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.sigma import weights
 from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked, measured
 from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import ForwardBackward, Recursion
-from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
+from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman._sigma_pairs import Outside, Points, SigmaPoints
+from backsight.estimators.kalman._sigma_pairs import points_of as points_of
 from backsight.estimators.kalman._unscented import unscented_looks
 from backsight.estimators.kalman.square_root import covariance_of_factor
-from backsight.estimators.parts.covariance import (
-    Covariance,
-    Term,
-    scatter_and_noise,
-)
+from backsight.estimators.parts.covariance import Covariance, Term, scatter_and_noise
 from backsight.estimators.parts.factors import (
     Factor,
     cholesky_factor,
@@ -89,6 +85,7 @@ class UKF(AbstractEstimator):
     title: ClassVar[str] = "Unscented Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    looks_back: ClassVar[bool] = True
     varies_noise: ClassVar[bool] = True
 
     noise: Noise
@@ -106,8 +103,16 @@ class UKF(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
-        return assemble(self.key, s, ukf_halves(s, s.integrator, self._points(s)))
+        s = setting(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            integrator=self.integrator,
+            noiseless=True,
+        )
+        halves = ukf_halves(s, s.integrator, self._points(s))
+        return assemble(self.key, s, with_exact_sensors(s, halves))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`."""
@@ -128,16 +133,6 @@ class UKF(AbstractEstimator):
         return points_of(
             s, alpha=self.alpha, beta=self.beta, kappa=self.kappa, outside=self.outside
         )
-
-
-def points_of(
-    s: Setting, *, alpha: float, beta: float, kappa: float, outside: Outside = "moved"
-) -> SigmaPoints:
-    """How the sigma points of a model are chosen; raises `TuningError`, see `UKF`."""
-    n = s.model.nx
-    if not n + kappa > 0:
-        raise TuningError(f"kappa is {kappa}; it must be above -{n} for {n} states")
-    return SigmaPoints(weights(n, alpha=alpha, beta=beta, kappa=kappa), outside)
 
 
 def ukf_halves(s: Setting, integrator: Integrator, points: SigmaPoints) -> Halves:
@@ -260,7 +255,7 @@ def _images(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Funct
 def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
     kept, noise, w = Factor(Covariance(s.model.nx)), _noise_root(s), points.weights
-    roots = [(part.index, cholesky_factor(part.Q)) for part in s.sampled().parts]
+    roots = [(part.factor, cholesky_factor(part.Q)) for part in s.sampled().parts]
     inside = leaf("within", notation(s), lambda x: {"x_in": within_bounds(s, x)})
 
     def gathered(X: Term, spread: Term, u: Term) -> Results:

@@ -13,6 +13,7 @@ from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.parts.flags import FLAGS, Flags
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import seen_outputs
+from backsight.models.lti import state_equation
 from backsight.types import Array
 
 
@@ -34,6 +35,8 @@ class Halves:
         Spread to the lower triangle of the covariance.
     ramp : bool
         Whether the input is interpolated between samples.
+    iterated : bool
+        Whether `correct` linearises at its own result.
     """
 
     spread_of: Callable[[Array], Array]
@@ -42,6 +45,7 @@ class Halves:
     predict: ca.Function
     covariance: ca.Function
     ramp: bool
+    iterated: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,21 +115,30 @@ def sample(s: Setting, halves: Halves) -> Sample:
     With held inputs the carry is the prior of the coming sample: correct, then predict. With
     ramped inputs the prediction needs the input of the coming sample: the carry is then the
     posterior of the last sample and its input, and prediction comes first (except at the start).
+    So it is with the noise of an input of which the last value is remembered: it is known better
+    with this sample, and the sample is corrected once more, see `noise_to_look_back_at`.
     """
-    data = data_inputs(s)
+    data, noise = data_inputs(s), noise_to_look_back_at(s)
+    late = halves.ramp or bool(noise)
     u, y, mask = s.enter()(*data)
     parts = {"x": s.x0, "spread": halves.spread_of(s.P0)}
-    if halves.ramp:
+    if late:
         parts |= {"u_last": np.zeros(s.model.nu), "started": np.zeros(1)}
     m = Memory(**parts)
     x_prior, spread_prior = m.x, m.spread
-    if halves.ramp:
+    if late:
         predicted = halves.predict.call([m.x, m.spread, m.u_last, u])
         x_prior, spread_prior = choose(m.started, predicted, [m.x, m.spread])
     e, S = halves.innovation(x_prior, spread_prior, u, y, mask)
     x, spread, flags = halves.correct(x_prior, spread_prior, u, y, mask)
+    if noise:
+        last, at, moved = looked_back(s, noise, iterated=halves.iterated)(m.x, x_prior, x, u)
+        _, again = halves.predict(last, m.spread, m.u_last, u)
+        (spread_prior,) = choose(m.started, [again], [m.spread])
+        x, spread, flags = halves.correct(at, spread_prior, u, y + moved, mask)
+        x = x + (x_prior - at)
     after: dict[str, ca.MX | float]
-    if halves.ramp:
+    if late:
         after = {"x": x, "spread": spread, "u_last": u, "started": 1}
     else:
         after = dict(zip(("x", "spread"), halves.predict(x, spread, u, u), strict=True))
@@ -139,6 +152,65 @@ def sample(s: Setting, halves: Halves) -> Sample:
         next=after,
         outputs=physical(s, x=x, P=halves.covariance(spread), u=u, e=e, S=S, flags=flags),
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class Remembered:
+    r"""White noise among the states, and the state that was this noise a sample ago.
+
+    Parameters
+    ----------
+    now, last : int
+        Places of :math:`\omega_k` and :math:`c\,\omega_{k-1}` in the state.
+    scale : float
+        c.
+    """
+
+    now: int
+    last: int
+    scale: float
+
+
+def noise_to_look_back_at(s: Setting) -> tuple[Remembered, ...]:
+    r"""Noise whose last value is among the states: :math:`\omega_{k+1} = 0`, and a copy of it.
+
+    A filter linearises the way to the next sample where it is, at :math:`\hat\omega = 0`: what
+    multiplies an input is then learned from the input as it was measured. That is a regression on
+    noisy values, whose slope is too small by :math:`\sigma_u^2 / u^2` however long it lasts. The
+    next sample tells what the input was; with the derivative there the slope is right: one step of
+    the iterated Kalman smoother over the last sample (Bell, "The iterated Kalman smoother as a
+    Gauss-Newton method", 1994, doi:10.1137/0804035). The mean of the prediction is that of the
+    first time, of an input that enters linearly it is the same. Outputs that show the input
+    (feedthrough) are linearised at what the sample itself tells, with the innovation as it was.
+    """
+    if s.model.continuous or state_equation(s.model) is not None:
+        return ()
+    x = ca.SX.sym("x", s.model.nx)
+    symbols = ca.vertsplit(x)
+    step = ca.SX(s.model.rhs(x, ca.SX.sym("u", s.model.nu)))
+    forgotten = [i for i in range(s.model.nx) if step[i].is_zero()]
+    found = []
+    for i in range(s.model.nx) if forgotten else ():
+        kept = [j for j in forgotten if ca.which_depends(step[i], symbols[j])[0]]
+        slope = ca.jacobian(step[i], x)
+        if len(kept) == 1 and slope.nnz() == 1 and slope.is_constant():
+            found.append(Remembered(kept[0], i, float(slope.nz[0])))
+    return tuple(found)
+
+
+def looked_back(s: Setting, noise: Sequence[Remembered], *, iterated: bool) -> ca.Function:
+    """Where to linearise again: ``(x_last, x_prior, x, u) -> (x_last, x_prior, moved)``.
+
+    The states with the noise as it is known after the sample, and by how much the expected output
+    changes with that of the sample itself, which a correction that is `iterated` finds anyway.
+    """
+    x_last, x_prior, x = (ca.SX.sym(name, s.model.nx) for name in ("x_last", "x_prior", "x"))
+    u, last, at = ca.SX.sym("u", s.model.nu), ca.SX(x_last), ca.SX(x_prior)
+    for one in noise:
+        last[one.now] = x[one.last] / one.scale
+        at[one.now] = x_prior[one.now] if iterated else x[one.now]
+    moved = ca.densify(s.model.output(at, u) - s.model.output(x_prior, u))
+    return ca.Function("looked_back", [x_last, x_prior, x, u], [last, at, moved])
 
 
 def data_inputs(s: Setting) -> list[ca.MX]:
@@ -173,20 +245,11 @@ def physical(
     flags : MX
         `Flags.vector`.
     """
-    raised = ca.SX.sym("flags", FLAGS)
     if s.model.nx > UNROLL:
-        y_hat, _ = seen_outputs(s)(x, u)
-        xs, us = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
-        ys, left = ca.SX.sym("y", s.model.ny), ca.SX.sym("left")
-        unsolved = ca.Function("unsolved", [xs, us], [s.unsolved(xs, us)])
-        leave = ca.Function(
-            "physical",
-            [xs, ys, raised, left],
-            [s.sx * xs, s.sy * ys, _status_of(s, raised, left)],
-        )
-        x_hat, y_hat, status = leave(x, y_hat, flags, unsolved(x, u))
+        x_hat, y_hat, status = estimate_told(s, x=x, u=u, flags=flags)
         values = [x_hat, triangle(P, s.sx), y_hat]
     else:
+        raised = ca.SX.sym("flags", FLAGS)
         k = {n: ca.SX.sym(n, v.numel()) for n, v in {"x": x, "P": P, "u": u}.items()}
         outputs = s.sy * s.model.output(k["x"], k["u"])
         coded = _status_of(s, raised, s.unsolved(k["x"], k["u"]))
@@ -196,6 +259,18 @@ def physical(
     # Apart from the rest: the innovation is known before the sample enters.
     values += physical_innovation(s).call([e, S])
     return {c.name: v for c, v in zip(ESTIMATE_CHANNELS, [*values, status], strict=True)}
+
+
+def estimate_told(s: Setting, *, x: ca.MX, u: ca.MX, flags: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
+    """Physical state and outputs, and the status, of a model of many states; see `physical`."""
+    y_hat, _ = seen_outputs(s)(x, u)
+    xs, us, ys = (ca.SX.sym(n, v.numel()) for n, v in (("x", x), ("u", u), ("y", y_hat)))
+    raised, left = ca.SX.sym("flags", FLAGS), ca.SX.sym("left")
+    unsolved = ca.Function("unsolved", [xs, us], [s.unsolved(xs, us)])
+    status = _status_of(s, raised, left)
+    leave = ca.Function("physical", [xs, ys, raised, left], [s.sx * xs, s.sy * ys, status])
+    x_hat, y_hat, status = leave(x, y_hat, flags, unsolved(x, u))
+    return x_hat, y_hat, status
 
 
 def _status_of(s: Setting, raised: ca.SX, unsolved: ca.SX) -> ca.SX:

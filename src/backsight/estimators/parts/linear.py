@@ -72,7 +72,15 @@ class Varying:
         return np.asarray(A), np.asarray(C)
 
 
-def in_time(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -> Linear | Varying:
+def in_time(
+    model: Model,
+    dt: float,
+    *,
+    noise: Noise,
+    prior: Prior,
+    hold: Hold,
+    noiseless: bool = False,
+) -> Linear | Varying:
     """Carry a model that is linear in its states exactly to discrete time.
 
     As `linear` does; coefficients may change with the inputs.
@@ -92,7 +100,7 @@ def in_time(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) 
                 "models, such as EKF"
             ) from error
     else:
-        return linear(model, dt, noise=noise, prior=prior, hold=hold)
+        return linear(model, dt, noise=noise, prior=prior, hold=hold, noiseless=noiseless)
     _check_hold(model, hold)
     s = setting(model, dt, noise=noise, prior=prior)
     steps = transitions(s.model, s.Qc, dt=dt, ramp=hold == "foh")
@@ -102,7 +110,15 @@ def in_time(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) 
     return Varying(s, whole, hold == "foh")
 
 
-def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -> Linear:
+def linear(
+    model: Model,
+    dt: float,
+    *,
+    noise: Noise,
+    prior: Prior,
+    hold: Hold,
+    noiseless: bool = False,
+) -> Linear:
     """Check a description against the model, scale it, and carry it exactly to discrete time.
 
     A continuous model is discretised by matrix exponentials, the density of its noise by Van
@@ -121,7 +137,7 @@ def linear(model: Model, dt: float, *, noise: Noise, prior: Prior, hold: Hold) -
         raise ModelError(
             f"{error}; use {others}an estimator for nonlinear models, such as EKF"
         ) from None
-    s = setting(model, dt, noise=noise, prior=prior)
+    s = setting(model, dt, noise=noise, prior=prior, noiseless=noiseless)
     A, B, C, D = state_space(s.model)
     B_next = np.zeros_like(B)
     if model.continuous:

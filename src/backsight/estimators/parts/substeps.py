@@ -62,7 +62,7 @@ def seen_outputs(s: Setting) -> ca.Function:
     C, D, d = found
     x, u = ca.MX.sym("x", s.model.nx), ca.MX.sym("u", s.model.nu)
     y = _sum([(C, x), (D, u)], d)
-    return ca.Function("seen_outputs", [x, u], [y, ca.MX(_entries(C))])
+    return ca.Function("seen_outputs", [x, u], [y, ca.MX(few_entries(C))])
 
 
 def moved_state(s: Setting, integrator: Integrator) -> ca.Function:
@@ -82,7 +82,7 @@ def moved_state(s: Setting, integrator: Integrator) -> ca.Function:
     F, first, last, constant = found
     x, ua, ub = (ca.MX.sym(k, n) for k, n in (("x", s.model.nx), *[("u", s.model.nu)] * 2))
     x_next = _sum([(F, x), (first, ua), (last, ub)], constant)
-    return ca.Function("moved", [x, ua, ub], [x_next, ca.MX(_entries(F))])
+    return ca.Function("moved", [x, ua, ub], [x_next, ca.MX(few_entries(F))])
 
 
 def linear_step(s: Setting, integrator: Integrator) -> tuple[Array, Array, Array, Array] | None:
@@ -115,11 +115,11 @@ def _sum(terms: list[tuple[Array, ca.MX]], constant: Array) -> ca.MX:
     total = ca.MX(ca.DM(constant))
     for matrix, vector in terms:
         if matrix.any():
-            total += matrix_product(_entries(matrix), vector)
+            total += matrix_product(few_entries(matrix), vector)
     return total
 
 
-def _entries(matrix: Array) -> ca.DM:
+def few_entries(matrix: Array) -> ca.DM:
     """The matrix with its entries only, if these are so few that products take them one by one."""
     few = np.count_nonzero(matrix) <= FEW * matrix.size
     return ca.sparsify(ca.DM(matrix)) if few else ca.DM(matrix)

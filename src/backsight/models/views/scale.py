@@ -70,6 +70,7 @@ def _scaled(s: Signal) -> Signal:
         lower=s.lower / s.scale,
         upper=s.upper / s.scale,
         scale=None,
+        saturation=s.saturation and (s.saturation[0] / s.scale, s.saturation[1] / s.scale),
         **{
             field: value / s.scale
             for field in ("dummy", "wrap", "resolution")

@@ -135,6 +135,8 @@ def _with_sensors(model: Model, columns: Mapping[str, ColumnTable]) -> Model:
                 known["wrap"] = _number(column.wrap, f"recording.outputs.{s.name}.wrap")
             if column.resolution is not None:
                 known["resolution"] = column.resolution
+            if column.saturation is not None:
+                known["saturation"] = tuple(column.saturation)
         with at(f"recording.outputs.{s.name}"):
             outputs.append(dataclasses.replace(s, **known))
     return dataclasses.replace(model, outputs=tuple(outputs))

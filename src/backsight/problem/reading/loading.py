@@ -41,7 +41,12 @@ def load(path: str | os.PathLike[str]) -> Problem:
     """
     file = Path(path)
     text = text_of(file)
-    return problem_of(tree_of(text, file), text, file)
+    given = tree_of(text, file)
+    if "recording" not in given and "source" in given:
+        raise ProblemError(
+            "recording: is missing; this file names sources: start it with `backsight live`"
+        )
+    return problem_of(given, text, file)
 
 
 def tree_of(text: str, file: Path) -> dict[str, Any]:

@@ -48,7 +48,7 @@ def noise(
             cross=_matrix(table.cross, f"{where}.cross"),
             outliers=_rule(table.outliers, f"{where}.outliers"),
         )
-        made.measurement(model)
+        made.measurement(model, singular=True)
         made.process(model)
         made.density(model)
         made.of_inputs(model)

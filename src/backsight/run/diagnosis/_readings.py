@@ -1,10 +1,11 @@
-"""What readings of sensors look like: angles that start anew after a turn, and coarse steps."""
+"""What readings of sensors look like: angles that start anew, coarse steps, ends of a range."""
 
 import math
 
 import numpy as np
 import xarray as xr
 
+from backsight.data.listing import clipped_ends
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise
 from backsight.models.model import Model
@@ -36,6 +37,45 @@ def turned_readings(model: Model, recording: xr.Dataset) -> list[str]:
         for s, values in _read(model, recording)
         if s.wrap is None and (line := _turn_of(s, values))
     ]
+
+
+def clipped_readings(model: Model, recording: xr.Dataset) -> list[str]:
+    """Say which outputs stay at the end of a range, although nothing is said of one."""
+    lines = []
+    for s, values in _read(model, recording):
+        found = clipped_ends(values) if s.saturation is None else {}
+        if found:
+            low, high = (f"{e:.7g}" if e in found else sign for e, sign in _ends_of(values))
+            where = " and ".join(f"{n} samples at {e:.7g}" for e, n in found.items())
+            lines.append(
+                f"output '{s.name}' looks clipped, {where}, and these readings count as measured; "
+                f"with saturation = [{low}, {high}] on this output they do not"
+            )
+    return lines
+
+
+def _ends_of(values: Array) -> tuple[tuple[float, str], tuple[float, str]]:
+    """Both ends of readings, and how no end is written."""
+    return (float(values.min()), "-inf"), (float(values.max()), "inf")
+
+
+def saturated_readings(model: Model, recording: xr.Dataset) -> list[str]:
+    """Say of which outputs how many readings do not count since they are at the end of a range."""
+    lines = []
+    for s in model.outputs:
+        if s.saturation is not None and s.dummy is None:
+            y = recording["y"].sel(output=s.name).values
+            low, high = s.saturation
+            left_out = int(np.isfinite(y).sum()) - int(_measured(model, recording, s).sum())
+            lines.append(
+                f"output '{s.name}': {left_out} of {len(y)} readings are at the ends of its range, "
+                f"{low:g} to {high:g}, and count as not measured"
+            )
+    return lines
+
+
+def _measured(model: Model, recording: xr.Dataset, output: Signal) -> Array:
+    return np.isfinite(measured_outputs(model, recording)[:, model.outputs.index(output)])
 
 
 def coarse_readings(estimator: AbstractEstimator, model: Model, recording: xr.Dataset) -> list[str]:
@@ -78,7 +118,7 @@ def _deviations(estimator: AbstractEstimator, model: Model) -> dict[str, float]:
     noise = getattr(estimator, "noise", None)
     if not isinstance(noise, Noise):
         return {}
-    sigma = np.sqrt(np.diag(noise.measurement(model)))
+    sigma = np.sqrt(np.diag(noise.measurement(model, singular=True)))
     return dict(zip([s.name for s in model.outputs], map(float, sigma), strict=True))
 
 

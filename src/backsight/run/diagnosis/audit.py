@@ -15,8 +15,9 @@ from backsight.models.model import Model
 from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.diagnosis._judges import Judges
-from backsight.run.diagnosis._readings import coarse_readings, turned_readings
+from backsight.run.diagnosis._readings import clipped_readings, coarse_readings, turned_readings
 from backsight.run.diagnosis._walks import Walks
+from backsight.run.diagnosis.parameters.flat import behind_kinks
 from backsight.run.diagnosis.parameters.identifiability import check_identifiability
 from backsight.run.diagnosis.parameters.sense import surprises
 
@@ -57,15 +58,17 @@ def doubts_found(
     And before them which readings are not what they are taken for.
     """
     model, recording = judges.model, judges.recording
-    walks, turned = Walks(judges), turned_readings(model, recording)
+    walks = Walks(judges)
+    read = turned_readings(model, recording) + clipped_readings(model, recording)
     large = model.nx > MOST_STATES
     return {
-        name: turned
+        name: read
         + coarse_readings(estimator, model, recording)
         + (
             []
             if large or estimator.innovations == "forced" or failed(results[name])
             else [
+                *behind_kinks(estimator, model, results[name]),
                 *surprises(estimator, judges, results[name]),
                 *walks.doubts(estimator, results[name]),
             ]

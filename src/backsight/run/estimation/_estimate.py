@@ -163,7 +163,7 @@ def warn_of_useless_rule(
     if estimator.outliers is None:
         return
     _, y, mask = data
-    sigma = np.sqrt(np.diag(estimator.assumed[0].measurement(model)))
+    sigma = np.sqrt(np.diag(estimator.assumed[0].measurement(model, singular=True)))
     for i, output in enumerate(model.outputs):
         seen = y[mask[:, i] > 0, i]
         if (

@@ -4,12 +4,13 @@ import numpy as np
 import xarray as xr
 
 from backsight.errors import DataError, nearest
+from backsight.estimators.around.saturation import ends
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.schema import SIGMA_FACTOR, check_sigma_factor
 from backsight.types import Array
-from backsight.units import conversion, convertible
+from backsight.units import conversion, convertible, is_unit
 
 
 def match(
@@ -77,13 +78,15 @@ def matched_inputs(model: Model, recording: xr.Dataset) -> Array:
 def measured_outputs(model: Model, recording: xr.Dataset) -> Array:
     """Outputs in the order of the model, (n, ny), NaN where not measured; see `match`.
 
-    Dummy measurements are in no recording.
+    Dummy measurements are in no recording; readings at the end of the range of their sensor are no
+    measurements.
     """
     real = tuple(s for s in model.outputs if s.dummy is None)
     y = np.empty((recording.sizes["time"], model.ny))
     y[:, dummies(model)] = [s.dummy for s in model.outputs if s.dummy is not None]
     y[:, ~dummies(model)] = _columns(recording, "y", "output", of=real)
-    return y
+    low, high = ends(model)
+    return np.where((y > low) & (y < high), y, np.nan)
 
 
 def with_turns(model: Model, y: Array, near: Array) -> Array:
@@ -121,9 +124,20 @@ def output_mask(model: Model, recording: xr.Dataset) -> Array:
     return np.where(measured, 1 / np.where(measured, factor, 1.0), 0.0)
 
 
-def _scaled(given: str, wanted: str) -> bool:
-    """Whether the same quantity is another number in the two units."""
-    return convertible(given, wanted) and not conversion(given, wanted).same
+def _check_unit(kind: str, name: str, given: str, wanted: str) -> None:
+    """Raise `DataError` if a signal is another number in the unit of the model, or no such thing."""
+    if not (given and wanted) or given == wanted or not (is_unit(given) and is_unit(wanted)):
+        return
+    if not convertible(given, wanted):
+        raise DataError(
+            f"{kind} '{name}' is in {given}, the model takes {wanted}, which is another quantity; "
+            "take the column that is meant, or mend the unit of one of the two"
+        )
+    if not conversion(given, wanted).same:
+        raise DataError(
+            f"{kind} '{name}' is in {given}, the model takes {wanted}; convert it, "
+            f"bs.data.convert_units(recording, {{'{name}': '{wanted}'}})"
+        )
 
 
 def _weighs(estimator: AbstractEstimator | None) -> bool:
@@ -142,9 +156,5 @@ def _columns(recording: xr.Dataset, variable: str, dim: str, *, of: tuple[Signal
     order = [names.index(s.name) for s in of]
     units = known[f"{dim}_unit"].values.tolist() if f"{dim}_unit" in known else []
     for s, k in zip(of, order, strict=True) if units else ():
-        if s.unit and units[k] and s.unit != units[k] and _scaled(units[k], s.unit):
-            raise DataError(
-                f"{dim} '{s.name}' is in {units[k]}, the model takes {s.unit}; convert it, "
-                f"bs.data.convert_units(recording, {{'{s.name}': '{s.unit}'}})"
-            )
+        _check_unit(dim, s.name, units[k], s.unit)
     return np.ascontiguousarray(known[variable].values[:, order], dtype=float)

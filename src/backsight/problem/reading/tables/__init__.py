@@ -1,5 +1,24 @@
 """The tables of a problem file: which keys there are and what they hold."""
 
+from backsight.problem.reading.tables._alarms import ALARMS as ALARMS
+from backsight.problem.reading.tables._alarms import AlarmTable as AlarmTable
+from backsight.problem.reading.tables._alarms import HitAlarm as HitAlarm
+from backsight.problem.reading.tables._alarms import NisAlarm as NisAlarm
+from backsight.problem.reading.tables._alarms import RangeAlarm as RangeAlarm
+from backsight.problem.reading.tables._alarms import SilentAlarm as SilentAlarm
+from backsight.problem.reading.tables._alarms import StatusAlarm as StatusAlarm
+from backsight.problem.reading.tables._live import FEEDS as FEEDS
+from backsight.problem.reading.tables._live import FeedTable as FeedTable
+from backsight.problem.reading.tables._live import LiveTable as LiveTable
+from backsight.problem.reading.tables._live import MessageTable as MessageTable
+from backsight.problem.reading.tables._live import MqttFeed as MqttFeed
+from backsight.problem.reading.tables._live import OpcuaFeed as OpcuaFeed
+from backsight.problem.reading.tables._live import ReplayFeed as ReplayFeed
+from backsight.problem.reading.tables._live import SerialFeed as SerialFeed
+from backsight.problem.reading.tables._live import StdinFeed as StdinFeed
+from backsight.problem.reading.tables._live import StoreTable as StoreTable
+from backsight.problem.reading.tables._live import TcpFeed as TcpFeed
+from backsight.problem.reading.tables._live import UdpFeed as UdpFeed
 from backsight.problem.reading.tables._recorded import ColumnTable as ColumnTable
 from backsight.problem.reading.tables._recorded import CommandColumnTable as CommandColumnTable
 from backsight.problem.reading.tables._recorded import FileTable as FileTable

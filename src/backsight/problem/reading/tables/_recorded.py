@@ -1,7 +1,7 @@
 """Where the measurements are: files, columns, clocks."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Annotated, Literal
 
 import pydantic
 
@@ -59,10 +59,16 @@ class SensorColumnTable(ColumnTable):
         Range after which the sensor begins anew: 360, or 2*pi [unit].
     resolution : float
         Smallest step of the sensor; its variance is added to R [unit].
+    saturation : list of two float
+        Ends of the range of the sensor, -inf or inf where there is none; readings there count as
+        not measured [unit].
     """
 
     wrap: float | str | None = None
     resolution: float | None = None
+    saturation: list[Annotated[float, pydantic.AllowInfNan(True)]] | None = pydantic.Field(
+        default=None, min_length=2, max_length=2
+    )
 
 
 class FileTable(StrictTable):

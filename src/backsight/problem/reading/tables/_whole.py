@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import pydantic
 
+from backsight.problem.reading.tables._live import LiveTable, StoreTable
 from backsight.problem.reading.tables._recorded import RecordingTable
 from backsight.problem.reading.tables._strict import ShortTable, StrictTable
 from backsight.problem.reading.tables._unknowns import (
@@ -93,6 +94,8 @@ class FreeTable(ShortTable):
         How wrong it may be, as a standard deviation.
     per : all, recording or list
         Whether recordings share the value.
+    structure : scale, diagonal, full or list
+        What of Q, Qc or R is free: one factor, the diagonal, everything, or blocks by name.
     options : list
         Values of which one is chosen.
     """
@@ -103,6 +106,7 @@ class FreeTable(ShortTable):
     spread: float | None = None
     sigma: float | None = None
     per: Literal["all", "recording"] | list[str] = "all"
+    structure: Literal["scale", "diagonal", "full"] | list[str] = "scale"
     options: list[int | float | str] = pydantic.Field(default_factory=list)
 
 
@@ -165,6 +169,14 @@ class ProblemTable(StrictTable):
         Dummy measurements, which are zero.
     tune : table
         What `backsight tune` finds.
+    source : dict
+        Of `backsight live`: where samples come from.
+    live : table
+        Of `backsight live`: how they are taken in.
+    store : table
+        Of `backsight live`: where results are kept.
+    alarm : dict
+        Of `backsight live`: what is told to people.
     """
 
     title: str = ""
@@ -183,3 +195,7 @@ class ProblemTable(StrictTable):
     reference: dict[str, float] = pydantic.Field(default_factory=dict)
     tune: TuneTable = TuneTable()
     output: OutputTable = OutputTable()
+    source: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)
+    live: LiveTable = LiveTable()
+    store: StoreTable | None = None
+    alarm: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)

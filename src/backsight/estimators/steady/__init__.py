@@ -1,0 +1,7 @@
+"""Gains that stay as they are once the covariance, which no measurement changes, has converged."""
+
+from backsight.estimators.steady.reuse import kept_or_new as kept_or_new
+from backsight.estimators.steady.reuse import kept_parts as kept_parts
+from backsight.estimators.steady.reuse import reused as reused
+from backsight.estimators.steady.state import SteadyState as SteadyState
+from backsight.estimators.steady.state import steady_state as steady_state

@@ -1,0 +1,134 @@
+"""A source with its clock and its counts: from what arrives to values in slots."""
+
+import collections
+import time
+
+import numpy as np
+
+from backsight.errors import ProblemError
+from backsight.live._freezing import SEEN
+from backsight.live._problem import Channels, LiveProblem, channels_of
+from backsight.live.clock import Placed, Placing, SourceClock, TimeGrid
+from backsight.live.engine import LiveEstimation
+from backsight.live.sources import Batch, LiveSource, wanted_columns
+from backsight.live.sources.replay import ReplaySource
+
+_RATE_OVER = 5.0
+"""Seconds over which a rate is told."""
+
+
+class Lane:
+    """What a source brings, on the way to the rows.
+
+    Parameters
+    ----------
+    source : LiveSource
+    live : LiveProblem
+    grid : TimeGrid
+    """
+
+    def __init__(self, source: LiveSource, live: LiveProblem, grid: TimeGrid) -> None:
+        self.source, self._live, self._grid = source, live, grid
+        feed = source.feed
+        self.clock = SourceClock(own=feed.clock == "own", delay=feed.delay, dt=grid.dt)
+        self.placing = Placing(grid)
+        self.replayed = isinstance(source, ReplaySource)
+        self._channels: Channels | None = None
+        self._arrived: collections.deque[tuple[float, int]] = collections.deque()
+        self.last_arrival: float | None = None
+        self.began = time.time()
+        self._last_time = 0.0
+        self.worst_lateness = 0.0
+        """Largest time that a sample came after a newer one [s]."""
+
+    @property
+    def name(self) -> str:
+        """Name of the source."""
+        return self.source.name
+
+    @property
+    def channels(self) -> Channels:
+        """Which of its columns are which signals; known when it has begun."""
+        if self._channels is None:
+            self._channels = self._found()
+        return self._channels
+
+    def _found(self) -> Channels:
+        model, feed = self._live.model, self.source.feed
+        if not isinstance(self.source, ReplaySource):
+            return channels_of(self.name, feed, model, self._grid.dt, columns=wanted_columns(feed))
+        signals = self.source.signals
+        names = [
+            *(s.name for s in model.inputs if not s.name.startswith(SEEN)),
+            *(s.name for s in model.outputs if s.dummy is None),
+        ]
+        absent = [n for n in names if n not in signals]
+        if absent and feed.columns_wanted:
+            names = [n for n in names if n in signals]
+        elif absent:
+            raise ProblemError(f"source.{self.name}: the recording has no '{absent[0]}'")
+        nu = model.nu
+        outputs = [s.name for s in model.outputs]
+        inputs = [s.name for s in model.inputs]
+        places = [inputs.index(n) if n in inputs else nu + outputs.index(n) for n in names]
+        columns = [1 + signals.index(n) for n in names]
+        one = np.ones(len(names))
+        return Channels(tuple(places), tuple(columns), one, 0 * one, np.zeros(len(names), int))
+
+    def take_in(self, batch: Batch, estimation: LiveEstimation) -> list[Placed]:
+        """Times, units and slots of what came; what cannot be used is counted."""
+        feed, counts = self.source.feed, self.placing.counts
+        counts.received += len(batch.arrival)
+        self.last_arrival = float(batch.arrival[-1])
+        self._arrived.append((self.last_arrival, len(batch.arrival)))
+        if self.replayed:
+            times = batch.values[:, 0]
+        else:
+            stamps = np.full(len(batch.arrival), np.nan)
+            if feed.time is not None:
+                factor = 1.0 if feed.time.factor is None else feed.time.factor
+                stamps = batch.values[:, 0] * factor + feed.time.offset
+            times = self.clock.common(stamps, batch.arrival)
+        self._last_time = float(times[-1])
+        if self._grid.newest >= 0:
+            behind = float(self._grid.time(self._grid.newest)) - float(times.min())
+            self.worst_lateness = max(self.worst_lateness, behind)
+        values = self.channels.physical(batch.values)
+        return self.placing.place(times, values, base=estimation.base, now=self.last_arrival)
+
+    def put(self, placed: Placed, estimation: LiveEstimation) -> None:
+        """Put values into their rows; a channel that is late goes to the row of its time."""
+        channels, counts = self.channels, self.placing.counts
+        for delay in np.unique(channels.delays):
+            chosen = np.flatnonzero(channels.delays == delay)
+            slots, values = placed.slots - delay, placed.values[:, chosen]
+            there = slots >= estimation.base
+            if not there.all():
+                counts.too_late += int((~there).sum())
+                slots, values = slots[there], values[there]
+            places = [channels.places[k] for k in chosen]
+            duplicates, late = estimation.put(places, slots, values)
+            counts.duplicates += duplicates
+            counts.late += late
+
+    def rate(self, now: float) -> float:
+        """Samples per second over the last seconds."""
+        while self._arrived and self._arrived[0][0] < now - _RATE_OVER:
+            self._arrived.popleft()
+        span = min(_RATE_OVER, max(now - self.began, 1e-3))
+        return sum(n for _, n in self._arrived) / span
+
+    def silent_for(self, now: float) -> float:
+        """Seconds since the last sample."""
+        return now - (self.last_arrival or self.began)
+
+    def silent(self, now: float) -> bool:
+        """Whether nothing came for too long."""
+        return not self.source.ended and self.silent_for(now) > self.source.feed.silent
+
+    def set_clock(self) -> float:
+        """Put a clock that was set back to where it would be; by how many seconds."""
+        moved = float(self._grid.time(self._grid.newest + 1)) - self._last_time
+        self.clock.shift = (self.clock.shift or 0.0) + moved
+        self.placing.forget()
+        return moved

@@ -1,0 +1,171 @@
+"""A run: sources, clock, estimator and store, one round after the other."""
+
+import json
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from backsight.live._freezing import Freezer
+from backsight.live._lanes import Lane
+from backsight.live._nis import with_nis
+from backsight.live._problem import LiveProblem
+from backsight.live.alarms import Alarms
+from backsight.live.clock import TimeGrid
+from backsight.live.engine import LiveEstimation, LiveRows
+from backsight.live.sources import Batch
+from backsight.live.store import Keeper, checkpoint_bytes
+
+
+class LiveSession:
+    """A run, see `backsight.live._opening.opened_session`.
+
+    Parameters
+    ----------
+    live : LiveProblem
+    lanes : list of Lane
+    grid : TimeGrid
+    estimation : LiveEstimation
+    keeper : Keeper, optional
+    tell : callable
+        Told, a sentence at a time, what the user should know.
+    """
+
+    def __init__(
+        self,
+        live: LiveProblem,
+        lanes: list[Lane],
+        grid: TimeGrid,
+        estimation: LiveEstimation,
+        *,
+        keeper: Keeper | None,
+        tell: Callable[[str], None],
+    ) -> None:
+        self.live, self.lanes, self.grid, self.estimation = live, lanes, grid, estimation
+        self.keeper, self.tell = keeper, tell
+        self._reorder = round(live.settings.reorder / grid.dt)
+        self._shown = estimation.done
+        self._told_faults: set[str] = set()
+        self._arrived = time.monotonic()
+        self.newest: LiveRows | None = None
+        """Samples of the last round in which there were any."""
+        self.alarms: Alarms | None = None
+        self.freezer: Freezer | None = None
+        self.listeners: list[Callable[[LiveRows], None]] = []
+        """Told the newest samples of every round."""
+        self.sensors = sum(s.dummy is None for s in live.model.outputs)
+        self.latencies: list[float] = []
+        """From the arrival of the oldest sample of a round to its estimates [s]; of new rounds."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether no source has anything more to say."""
+        return all(lane.source.ended for lane in self.lanes)
+
+    def round(self) -> bool:
+        """Take in what came, estimate it, hand it on; whether anything came."""
+        was_last = self.ended
+        oldest = np.inf
+        for lane in self.lanes:
+            batch = lane.source.take()
+            self._tell_faults(lane)
+            if batch is not None:
+                oldest = min(oldest, float(batch.arrival[0]))
+                self._take_in(lane, batch)
+        came = bool(np.isfinite(oldest))
+        if came:
+            self._arrived = time.monotonic()
+        self._estimate(at_once=was_last)
+        if came:
+            self.latencies.append(time.time() - oldest)
+        if self.keeper is not None:
+            self.keeper.tick(self._checkpoint, self._acknowledging)
+        elif came:
+            self._acknowledging()()
+        return came
+
+    def _take_in(self, lane: Lane, batch: Batch) -> None:
+        before = self.grid.newest
+        for placed in lane.take_in(batch, self.estimation):
+            if placed.leap:
+                self._leap(before, int(placed.slots.min()))
+            lane.put(placed, self.estimation)
+            before = max(before, int(placed.slots.max()))
+        if lane.placing.set_back and not lane.replayed:
+            moved = lane.set_clock()
+            self.tell(f"source {lane.name}: its clock was set back; {moved:.6g} s are added now")
+
+    def _leap(self, newest: int, slot: int) -> None:
+        """Begin anew after a gap that is too long for the model to bridge."""
+        self.tell(
+            f"nothing was measured for {(slot - newest) * self.grid.dt:.6g} s, longer than "
+            "live.bridge: the estimator begins anew"
+        )
+        self.estimation.advance(newest + 1, at_once=True)
+        self._keep(self.estimation.settle(all_of_it=True))
+        self.estimation.begin_anew(slot)
+        self._shown = self.estimation.done
+
+    def _estimate(self, *, at_once: bool) -> None:
+        estimation, grid = self.estimation, self.grid
+        if grid.newest < 0:
+            return
+        idle = time.monotonic() - self._arrived > self.live.settings.reorder + 0.05
+        stop = grid.newest + 1 - (0 if at_once or idle else self._reorder)
+        estimation.advance(stop, at_once=at_once)
+        rows = estimation.newest(self._shown)
+        if len(rows):
+            self.newest, self._shown = with_nis(rows), rows.start + len(rows)
+            if self.freezer is not None:
+                self.freezer.look(self.newest)
+            if self.alarms is not None:
+                self.alarms.see(self.newest, lambda slot: float(self.grid.time(slot)))
+            for listener in self.listeners:
+                listener(self.newest)
+        self._keep(estimation.settle())
+
+    def _keep(self, rows: LiveRows) -> None:
+        if self.keeper is not None:
+            self.keeper.add(with_nis(rows))
+
+    def close(self) -> None:
+        """Estimate and store what is there."""
+        for lane in self.lanes:
+            lane.source.stop()
+        self.round()
+        self._estimate(at_once=True)
+        self._keep(self.estimation.finish())
+        if self.keeper is not None:
+            self.keeper.close(self._checkpoint, self._acknowledging)
+        if self.alarms is not None:
+            self.alarms.close()
+
+    def _checkpoint(self) -> bytes:
+        clocks = {lane.name: lane.clock.shift for lane in self.lanes}
+        return checkpoint_bytes(
+            self.estimation.checkpoint(),
+            origin=self.grid.origin or 0.0,
+            newest=self.grid.newest,
+            clocks=json.dumps(clocks),
+        )
+
+    def _acknowledging(self) -> Callable[[], None]:
+        """What is to be called when all that was taken so far is stored."""
+        marks = [(lane.source, lane.source.mark()) for lane in self.lanes]
+
+        def acknowledge() -> None:
+            for source, mark in marks:
+                source.acknowledge(mark)
+
+        return acknowledge
+
+    def _tell_faults(self, lane: Lane) -> None:
+        """Show the first payload of a source that cannot be read."""
+        source = lane.source
+        lane.placing.counts.malformed = source.malformed
+        if source.faults and lane.name not in self._told_faults:
+            self._told_faults.add(lane.name)
+            fault = source.faults[0]
+            shown = fault.payload[:80].decode(errors="replace")
+            self.tell(f"source {lane.name}: cannot read {shown!r}: {fault.reason}")
+        source.faults.clear()

@@ -1,0 +1,116 @@
+"""Run until it is ended: rounds at an even pace, a line per second, a clean end."""
+
+import contextlib
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from backsight.engine.execute import Engine
+from backsight.live._lanes import Lane
+from backsight.live._opening import opened_session
+from backsight.live._problem import load_live
+from backsight.live._session import LiveSession
+from backsight.live._status import LiveStatus
+
+
+def run_live(
+    path: Path,
+    *,
+    tell: Callable[[str], None],
+    show: Callable[[str], None] | None,
+    speed: float | None = None,
+    engine: Engine = "native",
+) -> LiveStatus:
+    """Run a problem file on samples that come, until the sources end or it is interrupted.
+
+    Parameters
+    ----------
+    path : Path
+        Problem file.
+    tell : callable
+        Told what the user should know, a sentence at a time.
+    show : callable, optional
+        Shown a line every second.
+    speed : float, optional
+        Of a replay, in place of the file's.
+    engine : {"native", "vm"}
+
+    Returns
+    -------
+    LiveStatus
+        How it stood at the end.
+
+    Raises
+    ------
+    BacksightError
+        If it cannot begin.
+    """
+    live = load_live(path, speed=speed)
+    with ended_by_signals() as stopping, opened_session(live, tell=tell, engine=engine) as session:
+        for lane in session.lanes:
+            tell(f"source {lane.name}: {lane.source.state}")
+        status = LiveStatus(session)
+        try:
+            keep_going(session, status, stopping, show=show)
+        finally:
+            session.close()
+        status.look(time.time())
+        return status
+
+
+def keep_going(
+    session: LiveSession,
+    status: LiveStatus,
+    stopping: threading.Event,
+    *,
+    show: Callable[[str], None] | None,
+) -> None:
+    """Do rounds until the sources end or `stopping` is set.
+
+    A round begins every half of a block: what comes then waits for less than that, and the other
+    half is left for the work.
+    """
+    pace = session.live.settings.block / 2
+    hurried = any(lane.replayed and not _speed(lane) for lane in session.lanes)
+    due, line_due = time.monotonic(), time.monotonic() + 1.0
+    while not stopping.is_set():
+        last = session.ended
+        came = session.round()
+        now = time.monotonic()
+        if now >= line_due:
+            line_due = max(line_due + 1.0, now)
+            status.look(time.time())
+            if show is not None:
+                show(status.line())
+        if last and not came:
+            return
+        if not (hurried and came):
+            due = max(due + pace, now)
+            stopping.wait(due - now)
+
+
+def _speed(lane: Lane) -> float:
+    return float(getattr(lane.source.feed, "speed", 1.0))
+
+
+@contextlib.contextmanager
+def ended_by_signals() -> Iterator[threading.Event]:
+    """Give an event that Ctrl-C and SIGTERM set; a second Ctrl-C interrupts at once."""
+    stopping = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stopping
+        return
+
+    def stop(*_: object) -> None:
+        if stopping.is_set():
+            raise KeyboardInterrupt
+        stopping.set()
+
+    before = {s: signal.signal(s, stop) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopping
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

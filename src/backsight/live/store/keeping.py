@@ -1,0 +1,174 @@
+"""Hand results to the store in parts, without making the estimator wait for the disk."""
+
+import concurrent.futures
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from backsight.errors import OutputError
+from backsight.live.engine import Checkpoint, LiveRows
+from backsight.live.store.writing import LiveStore
+from backsight.models.model import Model
+from backsight.problem.reading.tables import StoreTable
+from backsight.types import Array
+
+MOST_WAITING = 2_000_000
+"""Samples that wait for room on the disk; the oldest are given up beyond that."""
+
+_BY_SIGNAL = {
+    "x_hat": "states",
+    "x_std": "states",
+    "y_hat": "outputs",
+    "e": "outputs",
+    "e_std": "outputs",
+    "weight": "outputs",
+}
+
+
+def columns_of(
+    rows: LiveRows, model: Model, times: Array, labels: Mapping[str, Sequence[str]]
+) -> dict[str, np.ndarray]:
+    """Columns of a table: ``time``, ``u.NAME``, ``y.NAME``, ``x_hat.NAME``, ... and ``status``."""
+    found: dict[str, np.ndarray] = {"time": times}
+    found |= {_input(s.name): rows.u[:, k] for k, s in enumerate(model.inputs)}
+    found |= {f"y.{s.name}": rows.y[:, k] for k, s in enumerate(model.outputs) if s.dummy is None}
+    for name, values in rows.values.items():
+        if name in _BY_SIGNAL:
+            names = [s.name for s in getattr(model, _BY_SIGNAL[name])]
+        elif name in labels and values.ndim == 2:
+            names = list(labels[name])
+        elif values.ndim == 1:
+            found[name] = values
+            continue
+        else:
+            continue
+        found |= {f"{name}.{n}": values[:, k] for k, n in enumerate(names)}
+    return {n: np.ascontiguousarray(v) for n, v in found.items()}
+
+
+def _input(name: str) -> str:
+    """Column of an input; whether a parameter is seen is none of the user's inputs."""
+    return name.replace("__", ".", 1) if name.startswith("seen__") else f"u.{name}"
+
+
+def column_units(model: Model) -> dict[str, str]:
+    """Unit of every column that has one."""
+    found = {"time": "s"} | {_input(s.name): s.unit for s in model.inputs}
+    for name, kind in (("y", "outputs"), *_BY_SIGNAL.items()):
+        if name != "weight":
+            found |= {f"{name}.{s.name}": s.unit for s in getattr(model, kind)}
+    return found
+
+
+class Keeper:
+    """Rows that wait for the disk.
+
+    Parameters
+    ----------
+    store : LiveStore
+    settings : StoreTable
+        How often a part is written, and what is removed.
+    table : callable
+        Makes columns of rows.
+    units : dict
+        Unit of every column.
+    tell : callable
+        Told what is wrong, and when it is right again.
+    """
+
+    def __init__(
+        self,
+        store: LiveStore,
+        *,
+        settings: StoreTable,
+        table: Callable[[LiveRows], dict[str, np.ndarray]],
+        units: Mapping[str, str],
+        tell: Callable[[str], None],
+    ) -> None:
+        self.store, self._every, self._table, self._units = store, settings.every, table, units
+        self._keep = settings.keep_days, settings.keep_mb
+        self._tell = tell
+        self._pool = concurrent.futures.ThreadPoolExecutor(1, "store")
+        self._waiting: list[LiveRows] = []
+        self._writing: concurrent.futures.Future[None] | None = None
+        self._in_work: tuple[list[LiveRows], Callable[[], None]] | None = None
+        self._due = time.monotonic() + self._every
+        self.stored = self.given_up = 0
+        """Samples on the disk, and such for which there was no room for too long."""
+        self.failure = ""
+        """Why the last part could not be written."""
+
+    def add(self, rows: LiveRows) -> None:
+        """Take in samples that are settled."""
+        if len(rows):
+            self._waiting.append(rows)
+
+    def tick(
+        self, checkpoint: Callable[[], bytes], stored: Callable[[], Callable[[], None]]
+    ) -> None:
+        """Begin to write a part if it is time.
+
+        Parameters
+        ----------
+        checkpoint : callable
+            Gives what must be kept to go on after the samples that were added.
+        stored : callable
+            Gives what is to be called when that is on the disk.
+        """
+        self._look()
+        if self._writing is not None or time.monotonic() < self._due or not self._waiting:
+            return
+        self._due = time.monotonic() + self._every
+        rows, self._waiting = self._waiting, []
+        self._in_work = (rows, stored())
+        self._writing = self._pool.submit(self._write, rows, checkpoint())
+
+    def close(
+        self, checkpoint: Callable[[], bytes], stored: Callable[[], Callable[[], None]]
+    ) -> None:
+        """Write what is left."""
+        if self._writing is not None:
+            concurrent.futures.wait([self._writing])
+        self._due = 0.0
+        self.tick(checkpoint, stored)
+        self._pool.shutdown(wait=True)
+        self._look()
+
+    def _look(self) -> None:
+        """See whether a part has been written."""
+        if self._writing is None or not self._writing.done() or self._in_work is None:
+            return
+        (rows, told), error = self._in_work, self._writing.exception()
+        self._writing = self._in_work = None
+        if error is None:
+            self.stored += sum(map(len, rows))
+            if self.failure:
+                self._tell("the store can be written again")
+                self.failure = ""
+            told()
+            return
+        if not isinstance(error, OutputError):
+            raise error
+        if not self.failure:
+            self._tell(f"{error}; results are kept in memory meanwhile")
+        self.failure = str(error)
+        self._waiting = rows + self._waiting
+        while sum(map(len, self._waiting)) > MOST_WAITING:
+            self.given_up += len(self._waiting.pop(0))
+
+    def _write(self, rows: list[LiveRows], memory: bytes) -> None:
+        tables = [self._table(part) for part in rows]
+        joined = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
+        self.store.add(rows[0].start, joined, self._units, memory)
+        days, size = self._keep
+        self.store.thin_out(
+            before=None if days is None else 86400.0 * days,
+            largest=None if size is None else int(1e6 * size),
+            now=time.time(),
+        )
+
+
+def checkpoint_bytes(checkpoint: Checkpoint, *, origin: float, newest: int, clocks: str) -> bytes:
+    """What is kept with a part: the memory, and the clock."""
+    return checkpoint.packed(origin=origin, newest=float(newest), clocks=clocks)

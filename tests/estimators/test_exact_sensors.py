@@ -1,0 +1,166 @@
+"""Sensors without noise: R is only positive semidefinite."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import backsight as bs
+from backsight.errors import TuningError
+from backsight.estimators import ESTIMATORS
+from backsight.schema import Status
+from backsight.testing import CASES
+
+DT, N = 0.05, 40
+A = np.array([[1.0, DT], [-4.0 * DT, 1.0 - 0.4 * DT]])
+Q, P0 = np.diag([0.0, 0.02**2]), np.diag([0.04, 1.0])
+FILTERS = (bs.KalmanFilter, bs.EKF, bs.UKF)
+
+SENSORS = {
+    "one": ([[1.0, 0.0]], np.zeros((1, 1))),
+    "with a noisy one": ([[1.0, 0.0], [1.0, 0.0]], np.diag([0.0, 1e-4])),
+    "noisy one first": ([[0.3, 1.0], [1.0, 0.0]], np.diag([1e-4, 0.0])),
+    "both states": (np.eye(2), np.zeros((2, 2))),
+    "two of one thing": ([[1.0, 0.0], [2.0, 0.0]], np.zeros((2, 2))),
+    "their difference": ([[1.0, 0.1], [1.0, 0.0]], np.full((2, 2), 1e-4)),
+    "two with the same noise": ([[1.0, 0.0], [1.0, 0.0]], np.full((2, 2), 1e-4)),
+}
+
+
+def plant(C):
+    states, outputs = {"q": "m", "v": "m/s"}, {f"y{i}": "m" for i in range(len(C))}
+    return bs.lti(A, np.zeros((2, 0)), C, states=states, inputs={}, outputs=outputs, dt=DT)
+
+
+def drawn(C, R, seed=0):
+    """A motion and what is measured of it, of which the sensors are exact combinations."""
+    rng = np.random.default_rng(seed)
+    values, axes = np.linalg.eigh(R)
+    root, x, y = axes * np.sqrt(np.maximum(values, 0)), np.array([0.1, 0.5]), []
+    for _ in range(N):
+        y.append(C @ x + root @ rng.standard_normal(len(C)))
+        x = A @ x + np.sqrt(np.diag(Q)) * rng.standard_normal(2)
+    y = np.array(y)
+    y[5:8, 0] = np.nan
+    return y
+
+
+def conditioned(C, R, y):
+    """Estimates given all measurements so far: the least deviations that explain them exactly.
+
+    The start, the noise of every sample and that of the sensors are L z with z of variance one;
+    measurements are M z = y, so that z = M^+ y and what is left of it is I - M^+ M.
+    """
+    n, ny = len(y), len(C)
+    walk, sensor = np.diag(np.sqrt(np.diag(Q))), np.linalg.eigh(R)
+    root = sensor.eigenvectors * np.sqrt(np.maximum(sensor.eigenvalues, 0))
+    effect = np.zeros((2, 2 * n + ny * n))
+    effect[:, :2] = np.diag(np.sqrt(np.diag(P0)))
+    rows, goal, means, covariances = [], [], [], []
+    for k in range(n):
+        shown = C @ effect
+        shown[:, 2 * n + ny * k : 2 * n + ny * (k + 1)] = root
+        rows += list(shown[np.isfinite(y[k])])
+        goal += list(y[k][np.isfinite(y[k])])
+        inverse = np.linalg.pinv(np.array(rows), rcond=1e-12)
+        means.append(effect @ inverse @ goal)
+        left = effect - effect @ inverse @ np.array(rows)
+        covariances.append(left @ left.T)
+        effect = A @ effect
+        if k + 1 < n:
+            effect[:, 2 * (k + 1) : 2 * (k + 2)] = walk
+    return np.array(means), np.array(covariances)
+
+
+@pytest.mark.parametrize("method", FILTERS, ids=lambda method: method.key)
+@pytest.mark.parametrize("sensors", SENSORS)
+def test_estimates_are_those_of_conditioning(sensors, method):
+    C, R = (np.array(given) for given in SENSORS[sensors])
+    y = drawn(C, R)
+    names = {f"y{i}": "m" for i in range(len(C))}
+    recording = bs.from_arrays(y=y, dt=DT, inputs={}, outputs=names)
+    estimator = method(bs.Noise(R=R, Q=Q), bs.Prior(P0=P0))
+    result = bs.estimate(estimator, plant(C), recording, engine="vm", throw=False)
+    x, P = conditioned(C, R, y)
+    np.testing.assert_allclose(result["x_hat"].values, x, atol=1e-11)
+    np.testing.assert_allclose(result["P"].values, P, atol=1e-11)
+    told = result["status"].values & int(Status.REDUNDANT)
+    if sensors.startswith("two"):  # as soon as both are there
+        assert np.array_equal(told > 0, np.isfinite(y).all(axis=1))
+    elif sensors != "both states":
+        assert not told.any()
+
+
+@pytest.mark.parametrize("method", FILTERS, ids=lambda method: method.key)
+def test_what_is_known_exactly_stays_so(method):
+    """Two exact readings of a motion without noise tell all of it; the others are left out."""
+    C = np.array([[1.0, 0.0]])
+    x = np.array([[0.1, 0.5]])
+    for _ in range(N - 1):
+        x = np.vstack([x, A @ x[-1]])
+    recording = bs.from_arrays(y=x[:, :1], dt=DT, inputs={}, outputs={"y0": "m"})
+    estimator = method(bs.Noise(sigma_y=0.0), bs.Prior(P0=P0))
+    result = bs.estimate(estimator, plant(C), recording, engine="vm", throw=False)
+    np.testing.assert_allclose(result["x_hat"][1:], x[1:], atol=1e-12)
+    assert np.abs(result["P"][1:]).max() < 1e-22
+    assert np.array_equal(result["status"] > 0, np.arange(N) > 1)
+    assert int(result["status"][-1]) == Status.REDUNDANT
+
+
+def test_contradicting_sensors_say_so():
+    y = drawn(np.array([[1.0, 0.0]]), np.zeros((1, 1)))
+    both = np.hstack([y, y + 0.3])
+    names = {"y0": "m", "y1": "m"}
+    recording = bs.from_arrays(y=both, dt=DT, inputs={}, outputs=names)
+    kf = bs.KalmanFilter(bs.Noise(sigma_y=0.0, Q=Q), bs.Prior(P0=P0))
+    result = bs.estimate(kf, plant([[1.0, 0.0], [1.0, 0.0]]), recording, engine="vm", throw=False)
+    assert np.isfinite(result["x_hat"]).all()
+    assert (result["status"].values[np.isfinite(both).all(axis=1)] & int(Status.REDUNDANT)).all()
+    assert np.isnan(bs.check.nis(result).values[np.isfinite(both).all(axis=1)]).all()
+
+
+def test_a_pendulum_with_an_exact_encoder_is_the_limit_of_small_noise():
+    pendulum = bs.Model(
+        f=lambda x, u, p: [x.w, -p.g * np.sin(x.phi) - 0.1 * x.w],
+        h=lambda x, u, p: [x.phi],
+        states={"phi": "rad", "w": "rad/s"},
+        outputs={"phi": "rad"},
+        parameters={"g": bs.Signal(value=8.0)},
+    )
+    joint = bs.augment(pendulum, ["g"])
+    recording = bs.simulate(
+        pendulum, np.zeros((60, 0)), dt=DT, x0=[1.0, 0.0], parameters={"g": 10.0}
+    )
+    prior = bs.Prior(sigma_x0=[0.5, 1.0, 3.0])
+    for method in (bs.EKF, bs.UKF):
+        found = [
+            bs.estimate(
+                method(bs.Noise(sigma_y=sigma, sigma_w={"w": 0.02}), prior),
+                joint,
+                recording,
+                engine="vm",
+            )
+            for sigma in (0.0, 1e-9)
+        ]
+        np.testing.assert_allclose(found[0]["x_hat"], found[1]["x_hat"], atol=1e-5)
+        np.testing.assert_allclose(found[0]["x_std"], found[1]["x_std"], atol=1e-5)
+
+
+@pytest.mark.parametrize("key", sorted(ESTIMATORS))
+def test_every_estimator_takes_exact_sensors_or_says_who_does(key):
+    problem = CASES[key].problem
+    estimator = CASES[key].build(problem, bs.Integrator("rk4", 1))
+    without = bs.Noise(sigma_y=0.0, sigma_w=estimator.noise.sigma_w, Q=estimator.noise.Q)
+    exact = dataclasses.replace(estimator, noise=without)
+    if ESTIMATORS[key] in FILTERS:
+        exact.compile(problem.model, 0.02)
+    else:
+        with pytest.raises(TuningError, match=r"'position' has no noise .* EKF and UKF"):
+            exact.compile(problem.model, 0.02)
+
+
+def test_smoothers_refuse_exact_sensors():
+    kf = bs.KalmanFilter(bs.Noise(sigma_y=0.0, Q=Q), bs.Prior(P0=P0))
+    recording = bs.from_arrays(y=np.zeros((5, 1)), dt=DT, inputs={}, outputs={"y0": "m"})
+    with pytest.raises(TuningError, match="no smoother; give it a small sigma_y"):
+        bs.smooth(kf, plant([[1.0, 0.0]]), recording)

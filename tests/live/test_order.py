@@ -1,0 +1,107 @@
+"""Samples that come late, twice, never, or from another time."""
+
+import numpy as np
+from tests.live.conftest import DT, STORED, N, fed, message, stored
+
+
+def shuffled(samples, reach: int, seed: int) -> list[np.ndarray]:
+    """Samples that are overtaken by others up to `reach` later."""
+    rng = np.random.default_rng(seed)
+    return [samples[k] for k in np.argsort(np.arange(N) + rng.uniform(0, reach, N))]
+
+
+def check(folder, expected, slack: float = 1e-12) -> None:
+    found = stored(folder, ["time", "x_hat.k", "x_std.k", "y_hat.y", "y.y"])
+    assert np.allclose(found["time"], DT * np.arange(N), rtol=0, atol=1e-9)
+    for name, variable in (("x_hat.k", "x_hat"), ("x_std.k", "x_std")):
+        right = expected[variable].sel(state="k").values
+        assert np.allclose(found[name], right, rtol=slack, atol=0)
+    assert np.allclose(found["y_hat.y"], expected["y_hat"].values[:, 0], rtol=0, atol=slack)
+    assert np.array_equal(found["y.y"], expected["y"].values[:, 0], equal_nan=True)
+
+
+def test_in_order_it_is_what_estimate_finds(tmp_path, samples, expected):
+    with fed(tmp_path, STORED) as live:
+        live.feed(map(message, samples))
+    check(tmp_path, expected)
+    assert live.counts.late == live.counts.too_late == 0
+
+
+def test_within_the_reorder_buffer_nothing_is_late(tmp_path, samples, expected):
+    with fed(tmp_path, STORED) as live:
+        live.feed(map(message, shuffled(samples, 8, seed=1)), at_once=7)
+    check(tmp_path, expected)
+    assert live.counts.late == 0
+
+
+def test_late_within_the_lag_is_as_if_in_order(tmp_path, samples, expected):
+    with fed(tmp_path, STORED) as live:
+        live.feed(map(message, shuffled(samples, 90, seed=2)), at_once=23)
+    check(tmp_path, expected)
+    assert live.counts.late > 100
+    assert live.counts.too_late == 0
+
+
+def test_twice_is_counted_and_changes_nothing(tmp_path, samples, expected):
+    doubled = [row for row in samples for _ in range(2)]
+    with fed(tmp_path, STORED) as live:
+        live.feed(map(message, doubled))
+    check(tmp_path, expected)
+    assert live.counts.duplicates == 2 * N - 2
+
+
+def test_later_than_the_lag_is_counted_and_left_out(tmp_path, samples):
+    order = [*range(200), *range(201, N), 200]
+    with fed(tmp_path, STORED) as live:
+        live.feed(message(samples[k]) for k in order)
+    assert live.counts.too_late == 1
+    found = stored(tmp_path, ["y.y"])["y.y"]
+    assert np.isnan(found[200])
+    assert np.isfinite(found[199])
+
+
+def test_times_that_cannot_be_are_counted(tmp_path, samples, expected):
+    wild = samples[10].copy()
+    payloads = list(map(message, samples))
+    for t in (1e6, -1e300, 1e300):
+        wild[0] = t
+        payloads.insert(500, message(wild))
+    with fed(tmp_path, STORED) as live:
+        live.feed(payloads)
+    check(tmp_path, expected)
+    assert live.counts.implausible + live.counts.too_late == 3
+
+
+def test_after_a_long_gap_the_estimator_begins_anew(tmp_path, samples):
+    later = samples.copy()
+    later[500:, 0] += 3600.0
+    with fed(tmp_path, STORED) as live:
+        live.feed(map(message, later))
+    found = stored(tmp_path, ["time", "x_std.k"])
+    assert np.allclose(found["time"], later[:, 0])
+    assert found["x_std.k"][500] > 10 * found["x_std.k"][499]
+    assert sum("begins anew" in sentence for sentence in live.told) == 1
+
+
+def test_a_short_gap_is_bridged_by_the_model(tmp_path, samples):
+    with fed(tmp_path, STORED) as live:
+        live.feed(map(message, np.delete(samples, range(400, 420), axis=0)))
+    found = stored(tmp_path, ["time", "x_hat.k", "y.y"])
+    assert len(found["time"]) == N
+    assert np.isnan(found["y.y"][400:420]).all()
+    assert np.isfinite(found["x_hat.k"]).all()
+
+
+def test_a_clock_that_is_set_back_is_said_and_followed(tmp_path, samples):
+    live_tables = STORED.replace("bridge = 5.0", "bridge = 0.2")
+    later = samples.copy()
+    later[400:, 0] -= 1000.0
+    with fed(tmp_path, live_tables) as live:
+        inbox = live.session.lanes[0].source.inbox
+        for k in range(0, N, 10):
+            inbox.put_many(list(map(message, later[k : k + 10])), moment=1e9 + DT * k)
+            live.session.round()
+    assert any("set back" in sentence for sentence in live.told)
+    assert 0 < live.counts.too_late <= 40
+    times = stored(tmp_path, ["time"])["time"]
+    assert (np.diff(times) > 0).all()
