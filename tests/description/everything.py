@@ -59,7 +59,7 @@ def example(kind: type) -> dict[str, object]:
     if issubclass(kind, Noise):
         return {"sigma_y": 1.0}
     if kind is NoisePart:
-        return {"factor": "name", "Q": np.eye(2)}
+        return {"factors": ("a", "a"), "Q": np.eye(2)}
     if kind is Choice:
         return {"name": "N", "options": (5, 10)}
     if kind is Prior:

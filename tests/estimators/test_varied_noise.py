@@ -67,7 +67,8 @@ def test_factor_is_that_of_the_standard_deviation(name, word):
     wide = with_factor(model)
     rest = np.diag([1e-3, 0.0])
     fixed = bs.Noise(sigma_y=0.3, **{word: rest + FACTOR**2 * Q})
-    varied = VariedNoise(sigma_y=0.3, parts=(NoisePart("factor", **{word: Q}),), **{word: rest})
+    part = NoisePart(("factor", "factor"), **{word: Q})
+    varied = VariedNoise(sigma_y=0.3, parts=(part,), **{word: rest})
     a = bs.estimate(make(fixed, prior), model, recording(model), engine="vm")
     b = bs.estimate(make(varied, prior), wide, recording(wide, FACTOR), engine="vm")
     for variable in ("x_hat", "P", "S"):
@@ -76,7 +77,7 @@ def test_factor_is_that_of_the_standard_deviation(name, word):
 
 def test_methods_that_would_not_see_it_refuse():
     model = with_factor(plant())
-    varied = VariedNoise(sigma_y=0.3, parts=(NoisePart("factor", Q=Q),))
+    varied = VariedNoise(sigma_y=0.3, parts=(NoisePart(("factor", "factor"), Q=Q),))
     for method in (bs.MHE(varied, bs.Prior(sigma_x0=1.0), N=3),
                    bs.KalmanFilter(varied, bs.Prior(sigma_x0=1.0), steady_state=True)):  # fmt: skip
         with pytest.raises(TuningError, match="takes no process noise that inputs multiply"):
@@ -84,7 +85,7 @@ def test_methods_that_would_not_see_it_refuse():
 
 
 def test_a_factor_must_be_an_input():
-    varied = VariedNoise(sigma_y=0.3, parts=(NoisePart("factor", Q=Q),))
+    varied = VariedNoise(sigma_y=0.3, parts=(NoisePart(("factor", "factor"), Q=Q),))
     with pytest.raises(TuningError, match="no input 'factor'"):
         bs.EKF(varied, bs.Prior(sigma_x0=1.0)).compile(plant(), DT)
 

@@ -8,8 +8,7 @@ import backsight as bs
 from backsight.analysis.consistency import log_likelihood
 from backsight.run.estimation import match
 from backsight.tune import Prediction, fit
-from backsight.tune.fitting._lanes import lanes_of
-from backsight.tune.fitting._rebuilt import Rebuilt
+from backsight.tune.fitting.runners import Rebuilt, lanes_of
 from backsight.tune.fitting.values import Free, unknowns_of
 from tune import noisy_motion
 
@@ -85,6 +84,6 @@ def test_predictions_are_those_of_samples_that_are_not_there():
 def test_parameters_of_a_linear_model_make_it_an_extended_filter(recording):
     unknowns = unknowns_of([Free("k")], bs.KalmanFilter(NOISE, PRIOR), MODEL)
     lanes = lanes_of(bs.KalmanFilter(NOISE, PRIOR), MODEL, 0.01, unknowns)
-    assert isinstance(lanes.varied, bs.EKF)
+    assert isinstance(lanes.wide.varied, bs.EKF)
     steady = bs.KalmanFilter(NOISE, PRIOR, steady_state=True)
-    assert not lanes_of(steady, MODEL, 0.01, unknowns).varied.constant_gain
+    assert not lanes_of(steady, MODEL, 0.01, unknowns).wide.varied.constant_gain

@@ -23,7 +23,7 @@ from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators._inspection import Inspection
 from backsight.estimators._sizes import with_scales
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.estimators.varied_noise import ScaledPart, scaled_parts
+from backsight.estimators.varied_noise import ScaledPart, noise_at, scaled_parts
 from backsight.kernels import library
 from backsight.models.model import Model
 from backsight.models.views.scale import scale
@@ -130,7 +130,7 @@ class Setting:
     sx, su, sy : arrays
         Scales of states, inputs, outputs.
     parts : tuple of ScaledPart
-        Process noise that inputs multiply, beside `Q` and `Qc`.
+        Process noise that inputs multiply, beside `Q` and `Qc`, and measurement noise.
     """
 
     model: Model
@@ -187,8 +187,13 @@ class Setting:
     def with_noise(self, change: Callable[[Array, Array], tuple[Array, Array]]) -> Setting:
         """The same with other Q and Qc, which are linear in Q and Qc; of the parts, too."""
         Q, Qc = change(self.Q, self.Qc)
-        parts = [ScaledPart(p.index, *change(p.Q, p.Qc)) for p in self.parts]
+        parts = [ScaledPart(p.index, *change(p.Q, p.Qc), p.R) for p in self.parts]
         return dataclasses.replace(self, Q=Q, Qc=Qc, parts=tuple(parts))
+
+    def R_at(self, u: ca.SX) -> ca.SX:
+        """R at inputs (nu,): constant, unless inputs are what it is made of."""
+        parts = [(p.index, p.R) for p in self.parts if p.R.any()]
+        return ca.SX(noise_at(0 * self.R if parts else self.R, parts, u))
 
     def unsolved(self, x: ca.SX, u: ca.SX) -> ca.SX:
         """1 if the equations of the model, or of a sub-step from x, are not solved there."""
@@ -218,9 +223,8 @@ def setting(
 ) -> Setting:
     """Check noise and prior against the model, all messages at once, and scale everything.
 
-    A state without a `Signal.scale` is scaled by the size of its prior and of its random walk, an
-    output by its noise. The integrator settles what it leaves open. Sensors without noise are
-    refused unless they may be `noiseless`.
+    A state without a `Signal.scale` is scaled by its prior and random walk, an output by its noise.
+    The integrator settles what it leaves open. Sensors need noise, unless `noiseless` is set.
 
     Raises
     ------
@@ -276,7 +280,7 @@ def setting(
         sx=sx,
         su=su,
         sy=sy,
-        parts=scaled_parts(noise, model, sx),
+        parts=scaled_parts(noise, model, sx, sy),
     )
 
 

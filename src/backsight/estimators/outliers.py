@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from backsight.description import Called, Description, Positive, Range
+from backsight.estimators.varied_number import number_at
 
 DOUBTED = 0.5
 """A weight below this counts as an outlier: its noise is taken at least twice as large."""
@@ -47,13 +48,21 @@ class AbstractOutlierRule(Description, abc.ABC):
         """Standard deviations of the innovation beyond which a sample counts as an outlier."""
 
     @property
+    def varied_settings(self) -> tuple[str, ...]:
+        """Settings that may be inputs, see `backsight.estimators.varied_number`."""
+        return ()
+
+    @property
     def leaves_out(self) -> bool:
         """Whether a weight is 0 or 1, never between."""
         return False
 
     @abc.abstractmethod
-    def weight(self, z2: ca.SX) -> ca.SX:
-        """Weights of squared normalised innovations (ny,), each from 0 to 1."""
+    def weight(self, z2: ca.SX, u: ca.SX) -> ca.SX:
+        """Weights of squared normalised innovations (ny,), each from 0 to 1, at inputs (nu,).
+
+        Inputs matter only where they are settings, see `backsight.estimators.varied_number`.
+        """
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,8 +99,9 @@ class Gate(AbstractOutlierRule):
         """See `AbstractOutlierRule.leaves_out`."""
         return True
 
-    def weight(self, z2: ca.SX) -> ca.SX:
+    def weight(self, z2: ca.SX, u: ca.SX) -> ca.SX:
         """See `AbstractOutlierRule.weight`."""
+        del u
         return ca.if_else(z2 > self.threshold**2, 0, 1)
 
 
@@ -123,13 +133,19 @@ class StudentT(AbstractOutlierRule):
     nu: Positive = 4.0
 
     @property
+    def varied_settings(self) -> tuple[str, ...]:
+        """See `AbstractOutlierRule.varied_settings`."""
+        return ("nu",)
+
+    @property
     def threshold(self) -> float:
         """See `AbstractOutlierRule.threshold`."""
         return float(np.sqrt((self.nu + 1) / DOUBTED**2 - self.nu))
 
-    def weight(self, z2: ca.SX) -> ca.SX:
+    def weight(self, z2: ca.SX, u: ca.SX) -> ca.SX:
         """See `AbstractOutlierRule.weight`."""
-        return ca.fmin(1, ca.sqrt((self.nu + 1) / (self.nu + z2)))
+        nu = number_at(self.nu, u)
+        return ca.fmin(1, ca.sqrt((nu + 1) / (nu + z2)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,10 +173,16 @@ class Huber(AbstractOutlierRule):
     k: Positive = 1.345
 
     @property
+    def varied_settings(self) -> tuple[str, ...]:
+        """See `AbstractOutlierRule.varied_settings`."""
+        return ("k",)
+
+    @property
     def threshold(self) -> float:
         """See `AbstractOutlierRule.threshold`."""
         return self.k / DOUBTED**2
 
-    def weight(self, z2: ca.SX) -> ca.SX:
+    def weight(self, z2: ca.SX, u: ca.SX) -> ca.SX:
         """See `AbstractOutlierRule.weight`."""
-        return ca.sqrt(self.k / ca.fmax(self.k, ca.sqrt(z2)))
+        k = number_at(self.k, u)
+        return ca.sqrt(k / ca.fmax(k, ca.sqrt(z2)))

@@ -1,9 +1,11 @@
-r"""Process noise whose size is an input of the model, so that it can be tried without compiling.
+r"""Noise whose size is an input of the model, so that it can be tried without compiling.
 
-.. math:: Q(u) = Q + \sum_j u_{i(j)}^2 \, Q_j, \qquad Q_c(u) = Q_c + \sum_j u_{i(j)}^2 \, Q_{c,j}
+.. math:: Q(u) = Q + \sum_j u_{a(j)} u_{b(j)} Q_j, \qquad
+    Q_c(u) = Q_c + \sum_j u_{a(j)} u_{b(j)} Q_{c,j}, \qquad R(u) = \sum_j u_{a(j)} u_{b(j)} R_j
 
-The inputs are factors of standard deviations. `backsight.tune.fit` makes them of a `Noise` and
-keeps them constant over a recording; they are no part of what a user describes.
+The inputs are factors of standard deviations, a = b, or entries of the root of a covariance.
+`backsight.tune.fit` makes them of a `Noise` and keeps them constant over a recording; they are no
+part of what a user describes.
 """
 
 import dataclasses
@@ -15,32 +17,37 @@ import numpy as np
 
 from backsight.description import Description, Sound
 from backsight.errors import TuningError
-from backsight.estimators.uncertainty import Noise, covariance
+from backsight.estimators.uncertainty import Noise
 from backsight.models.model import Model
 from backsight.types import Array
 
 
 @dataclasses.dataclass(frozen=True)
 class NoisePart(Description):
-    """Process noise that an input multiplies, physical units.
+    """Noise that inputs multiply, physical units.
 
     Parameters
     ----------
-    factor : str
-        Input of the model that is the factor of its standard deviation.
+    factors : (str, str)
+        Inputs of the model whose product multiplies it: twice the factor of its standard deviation,
+        or two entries of the root of the covariance.
     Q, Qc : (nx, nx) array
-        Covariance per sample, or spectral density, at the factor 1.
+        Covariance per sample, or spectral density, at the factors 1.
+    R : (ny, ny) array
+        Covariance of the measurement noise; all parts together are all of it.
     """
 
-    factor: str
+    factors: tuple[str, ...]
     Q: Array | None = None
     Qc: Array | None = None
+    R: Array | None = None
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
-        del sound
-        if (self.Q is None) == (self.Qc is None):
-            yield "a part of the process noise: give either Q or Qc"
+        if sound("factors") and len(self.factors) != 2:
+            yield "a part of the noise: give two factors"
+        if sum(k is not None for k in (self.Q, self.Qc, self.R)) != 1:
+            yield "a part of the noise: give one of Q, Qc, R"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,18 +56,39 @@ class VariedNoise(Noise):
 
     parts: tuple[NoisePart, ...] = ()
 
+    def beyond(self, able: Sequence[str]) -> str:
+        """Which noise a method does not take, whose `varies_noise` these are; empty if all."""
+        if "Q" not in able or self.beyond_additive:
+            return "process"
+        of_sensors = any(part.R is not None for part in self.parts)
+        return "measurement" if of_sensors and "R" not in able else ""
+
 
 @dataclasses.dataclass(frozen=True)
 class ScaledPart:
-    """A `NoisePart` in scaled variables; `index` is the place of its factor among the inputs."""
+    """A `NoisePart` in scaled variables; `index` are the places of its factors among the inputs."""
 
-    index: int
+    index: tuple[int, int]
     Q: Array
     Qc: Array
+    R: Array
+
+    @property
+    def factor(self) -> int:
+        """The input that is the factor of its standard deviation.
+
+        Raises
+        ------
+        TuningError
+            If it is a product of two.
+        """
+        if self.index[0] != self.index[1]:
+            raise TuningError("correlations of noise cannot be inputs here")
+        return self.index[0]
 
 
-def scaled_parts(noise: Noise, model: Model, sx: Array) -> tuple[ScaledPart, ...]:
-    """Parts of a noise for a model whose states have the scales `sx`; none of a plain `Noise`.
+def scaled_parts(noise: Noise, model: Model, sx: Array, sy: Array) -> tuple[ScaledPart, ...]:
+    """Parts of a noise for a model with these scales; none of a plain `Noise`.
 
     Raises
     ------
@@ -69,28 +97,38 @@ def scaled_parts(noise: Noise, model: Model, sx: Array) -> tuple[ScaledPart, ...
     """
     if not isinstance(noise, VariedNoise):
         return ()
-    inputs, nothing = [s.name for s in model.inputs], np.zeros((model.nx, model.nx))
+    inputs = [s.name for s in model.inputs]
 
-    def matrix(given: Array | None) -> Array:
+    def matrix(given: Array | None, scale: Array) -> Array:
+        size = len(scale)
         if given is None:
-            return nothing
-        return covariance(given, model.states, what="a part of Q", singular=True) / np.outer(sx, sx)
+            return np.zeros((size, size))
+        if given.shape != (size, size):
+            raise TuningError(
+                f"a part of the noise has the shape {given.shape}, not {(size, size)}"
+            )
+        return given / np.outer(scale, scale)
 
+    found = []
     for part in noise.parts:
-        if part.factor not in inputs:
-            raise TuningError(f"the model has no input '{part.factor}' to multiply noise")
-    return tuple(ScaledPart(inputs.index(p.factor), matrix(p.Q), matrix(p.Qc)) for p in noise.parts)
+        for factor in part.factors:
+            if factor not in inputs:
+                raise TuningError(f"the model has no input '{factor}' to multiply noise")
+        first, second = (inputs.index(factor) for factor in part.factors)
+        matrices = matrix(part.Q, sx), matrix(part.Qc, sx), matrix(part.R, sy)
+        found.append(ScaledPart((first, second), *matrices))
+    return tuple(found)
 
 
-def noise_at(constant: Array, parts: Sequence[tuple[int, Array]], u: Any) -> Any:
-    """Covariance at inputs u, SX or MX: a constant, and parts by the index of their factor."""
+def noise_at(constant: Array, parts: Sequence[tuple[tuple[int, int], Array]], u: Any) -> Any:
+    """Covariance at inputs u, SX or MX: a constant, and parts by the index of their factors."""
     moving = [(index, Q) for index, Q in parts if Q.any()]
     if not moving:
         return ca.DM(constant)
     v = ca.SX.sym("u", u.numel())
     total = ca.SX(ca.sparsify(ca.DM(constant)))
     for index, Q in moving:
-        total += v[index] ** 2 * ca.SX(ca.sparsify(ca.DM(Q)))
+        total += v[index[0]] * v[index[1]] * ca.SX(ca.sparsify(ca.DM(Q)))
     return ca.Function("noise_at", [v], [ca.densify(total)])(u)
 
 

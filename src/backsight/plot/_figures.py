@@ -132,8 +132,11 @@ def save(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 160) -> Pat
 
 
 def _png(figure: Figure, *, dpi: int) -> bytes:
-    picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=dpi)
+    # Not `savefig`, which lays out and draws everything twice.
+    picture, before = io.BytesIO(), figure.dpi
+    figure.set_dpi(dpi)
+    FigureCanvasAgg(figure).print_png(picture)
+    figure.set_dpi(before)
     return picture.getvalue()
 
 

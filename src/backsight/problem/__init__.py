@@ -62,7 +62,7 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     [tune]                        # [what `backsight tune` finds]
     free = ["sigma_y", "sigma_w"] # [or { name, spread, sigma, per, options }]
     estimator = "EKF"             # [the first that can if not given]
-    criterion = { kind = "Likelihood" }             # [or "Prediction", "Whiteness"]
+    criterion = { kind = "Likelihood" }             # [or "Prediction", "MultiStep", "Whiteness"]
     recordings = ["second.csv"]   # [further ones, with the same columns]
 
     [output]

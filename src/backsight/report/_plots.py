@@ -120,7 +120,9 @@ def _output(every: Sequence[Series], name: str, unit: str) -> Plot:
         "yaxis": {"domain": [0.45, 1], "range": upper},
         "yaxis2": {"domain": [0, 0.30], "range": lower},
     }
-    return Plot(f"output {name}: measured and estimated", traces, layout, height=400, wide=True)
+    return Plot(
+        f"output {name}: measured and estimated", traces, layout, height=400, wide=True, about=name
+    )
 
 
 def _residual(s: Series, name: str) -> Array:
@@ -148,6 +150,7 @@ def _innovations(
         {"annotations": [title, *_inside(e, bound)], "yaxis": {"range": span}},
         wide=wide,
         first=first,
+        about=name,
     )
 
 

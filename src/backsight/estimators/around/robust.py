@@ -60,7 +60,7 @@ def entering(plain: Recursion, rule: AbstractOutlierRule) -> ca.Function:
     inside, share, _ = ca.vertsplit(carry, ends)
     before = plain.innovation or innovation_alone(plain)
     e, S = before.call([inside, *data], True, False)
-    w, opened, share = _judged(rule, ny)(e, S, data[2], share)
+    w, opened, share = _judged(rule, ny, data[0].numel())(e, S, data[2], share, data[0])
     return ca.Function("entering", [carry, *data], [w, opened, e, S, share])
 
 
@@ -85,17 +85,17 @@ def innovation_alone(plain: Recursion) -> ca.Function:
     return ca.Function("innovation_alone", data, [named["e"], named["S"]])
 
 
-def _judged(rule: AbstractOutlierRule, ny: int) -> ca.Function:
-    """``(e, S, mask, share) -> (w, opened, share)``."""
+def _judged(rule: AbstractOutlierRule, ny: int, nu: int) -> ca.Function:
+    """``(e, S, mask, share, u) -> (w, opened, share)``."""
     e, vS = ca.SX.sym("e", ny), ca.SX.sym("S", ny * (ny + 1) // 2)
-    mask, share = ca.SX.sym("mask", ny), ca.SX.sym("share", ny)
+    mask, share, u = ca.SX.sym("mask", ny), ca.SX.sym("share", ny), ca.SX.sym("u", nu)
     ratio, seen = e**2 / ca.diag(unvech(vS)), mask > 0
     # What is not a number is no reason to leave a sample out; the status tells of it.
-    w = rule.weight(ca.if_else(ratio >= 0, ratio, 0))
+    w = rule.weight(ca.if_else(ratio >= 0, ratio, 0), u)
     outlier = ca.logic_and(seen, w < DOUBTED)
     kept = ca.if_else(seen, share + (outlier - share) / rule.patience, share)
     opens = ca.logic_and(seen, kept > SHARE)
     weight = ca.if_else(ca.logic_and(seen, ca.logic_not(opens)), w, 1)
     opened = ca.mmax(ca.logic_and(opens, outlier))
     results = [ca.densify(r) for r in (weight, opened, kept)]
-    return ca.Function("judged", [e, vS, mask, share], results)
+    return ca.Function("judged", [e, vS, mask, share, u], results)

@@ -95,7 +95,7 @@ class IEKF(AbstractEstimator):
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
     looks_back: ClassVar[bool] = True
-    varies_noise: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q", "R")
 
     noise: Noise
     prior: Prior
@@ -206,7 +206,7 @@ def _measurement(s: Setting) -> ca.Function:
 
     def formula(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_hat = s.model.output(x, u)
-        H, e, R = masked(ca.jacobian(y_hat, x), y - y_hat, ca.SX(s.R), mask)
+        H, e, R = masked(ca.jacobian(y_hat, x), y - y_hat, s.R_at(u), mask)
         return {"H": H, "e": e, "noise": R}
 
     return leaf("measurement", notation(s), formula)

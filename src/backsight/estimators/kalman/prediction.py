@@ -1,5 +1,6 @@
 """From sample to sample: state and covariance of the extended Kalman filter."""
 
+from collections.abc import Callable
 from typing import Literal, TypeAlias, get_args
 
 import casadi as ca
@@ -118,16 +119,23 @@ def _added(s: Setting, integrator: Integrator, Qc: Array) -> tuple[Array, Array]
     return 0 * Qc, discretise_noise(found[0], Qc, dt=h)[1]
 
 
-def transition(s: Setting, integrator: Integrator) -> ca.Function:
-    """One sub-step, see `predict`: ``(x, P, ua, ub) -> (x, P)``."""
-    moved = moved_by(s, integrator)
+def noise_between(
+    s: Setting, integrator: Integrator
+) -> Callable[[Term], tuple[ca.DM | Term, ca.DM | Term]]:
+    """The covariances of `substep_noise` at inputs."""
     before, after = substep_noise(s, integrator)
     added = [(part.index, *_added(s, integrator, part.Qc)) for part in s.parts]
+    firsts, lasts = ([(k[0], k[i]) for k in added] for i in (1, 2))
+    return lambda u: (noise_at(before, firsts, u), noise_at(after, lasts, u))
+
+
+def transition(s: Setting, integrator: Integrator) -> ca.Function:
+    """One sub-step, see `predict`: ``(x, P, ua, ub) -> (x, P)``."""
+    moved, noise = moved_by(s, integrator), noise_between(s, integrator)
 
     def formula(x: Term, P: Term, ua: Term, ub: Term) -> Results:
         x_next, Phi = moved(x, ua, ub)
-        first = noise_at(before, [(index, Q) for index, Q, _ in added], ua)
-        last = noise_at(after, [(index, Q) for index, _, Q in added], ua)
+        first, last = noise(ua)
         start = P + first if integrator.scheme != "exact" else P
         return {"x_next": x_next, "P_next": congruence(Phi, start, last)}
 

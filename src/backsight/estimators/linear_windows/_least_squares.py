@@ -11,6 +11,7 @@ from backsight.estimators.linear_windows.stacked import gains, product
 from backsight.estimators.parts.covariance import packed
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.linear import Linear, Varying
+from backsight.estimators.varied_number import number_at
 
 Window = Sequence[ca.MX]
 """Inputs, outputs, masks and presence of the samples, side by side."""
@@ -37,7 +38,7 @@ def least_squares(
     U, Y, M, present = window
     through = window_filter(system, N)
     whole = _all(M) if isinstance(system, Linear) else ca.MX(0)
-    go, diffuse, P_lead = start_of(system.s, arrival_weight)(whole, present[0], start[1])
+    go, diffuse, P_lead = start_of(system.s, arrival_weight)(whole, present[0], start[1], U[:, -1])
     results = [through.size_out(i) for i in range(through.n_out()) if i != DEFICIENT]
     found = [ca.MX.zeros(*size) for size in results[: 2 * len(samples)]]
     if arrival_weight == 0 and isinstance(system, Linear):
@@ -68,14 +69,17 @@ def _all(M: ca.MX) -> ca.MX:
 
 
 def start_of(s: Setting, arrival_weight: float) -> ca.Function:
-    """Whether to go through the window, whether its start is unknown, and its covariance."""
+    """Whether to go through the window, whether its start is unknown, and its covariance.
+
+    ``(measured, full, P, u) -> (go, diffuse, P)``
+    """
     measured, full = ca.SX.sym("measured"), ca.SX.sym("full")
-    P = ca.SX.sym("P", len(packed(s.P0)))
+    P, u = ca.SX.sym("P", len(packed(s.P0))), ca.SX.sym("u", s.model.nu)
     if arrival_weight == 0:
         plan = [1 - full * measured, full, P]
     else:
-        plan = [ca.SX(1), ca.SX(0), P / ca.if_else(full, arrival_weight, 1)]
-    return ca.Function("plan", [measured, full, P], plan)
+        plan = [ca.SX(1), ca.SX(0), P / ca.if_else(full, number_at(arrival_weight, u), 1)]
+    return ca.Function("plan", [measured, full, P, u], plan)
 
 
 def _pass(through: ca.Function, wanted: int) -> ca.Function:

@@ -99,6 +99,7 @@ class LinearMHE(AbstractEstimator):
     title: ClassVar[str] = "Least-squares moving horizon estimator"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    varied_settings: ClassVar[tuple[str, ...]] = ("arrival_weight",)
 
     noise: Noise
     prior: Prior
@@ -234,7 +235,8 @@ def _with_limits(
         start = choose(wide, first, start)
     else:
         lacking = wide = ca.MX(0)
-        start = [start[0], start_of(system.s, e.arrival_weight)(1, full, start[1])[2]]
+        u = window[0][:, -1]
+        start = [start[0], start_of(system.s, e.arrival_weight)(1, full, start[1], u)[2]]
         free = start
     found = by_name(limited(system, limits, e.N), [*start, wide, *window, tried])
     course = [found[k] for k in ("x", "P", "side", "held", "conflict", "open")]

@@ -10,6 +10,7 @@ from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.leaf import Results, Symmetric, leaf, notation
 from backsight.estimators.parts.substeps import flow, substep_inputs
+from backsight.estimators.varied_number import number_at
 from backsight.models.canonical.affine import moving_states
 
 
@@ -78,7 +79,7 @@ def _accumulate(s: Setting, moving: list[int], alpha: float) -> ca.Function:
         y_model = s.model.output(x, u)
         H, e, R = masked(ca.jacobian(y_model, x), y - y_model, ca.SX(s.R), mask)
         HS = H @ _full(rows, moving, nx)
-        weighted = alpha * solve_spd(R, ca.horzcat(e, HS))
+        weighted = number_at(alpha, u) * solve_spd(R, ca.horzcat(e, HS))
         return {
             "cost": cost + ca.dot(e, weighted[:, 0]) / 2,
             "c": c + HS.T @ weighted[:, 0],

@@ -21,6 +21,7 @@ from backsight.estimators.base import Setting
 from backsight.estimators.mho._linearised import LinearisedSteps
 from backsight.estimators.parts.covariance import Covariance, Term, transposed
 from backsight.estimators.parts.leaf import Results, Symmetric, half
+from backsight.estimators.varied_number import number_at
 from backsight.types import Array
 
 
@@ -54,9 +55,12 @@ def no_errors(s: Setting, N: int) -> dict[str, Array]:
 
 
 def true_covariance(
-    s: Setting, errors: Errors, steps: LinearisedSteps, *, N: int, alpha: float
+    s: Setting, errors: Errors, steps: LinearisedSteps, u: ca.MX, *, N: int, alpha: float
 ) -> tuple[ca.MX, Errors]:
-    """Covariance of the estimate at the end of the window, and the errors of the next start."""
+    """Covariance of the estimate at the end of the window, and the errors of the next start.
+
+    u are the inputs of a sample of the window; only those that are settings matter.
+    """
     nx, ny = s.model.nx, s.model.ny
     first, later, Phi, Q = steps.first, steps.later, steps.Phi, steps.Q
     eye, none = ca.MX(ca.DM.eye(nx).full()), ca.MX.zeros(nx, nx)
@@ -64,8 +68,8 @@ def true_covariance(
     # 1. gains of the optimiser, L_i = alpha Sigma Phi_i0' H_i' R_i^-1
     Sigma = Covariance(nx).of_triangle()(steps.Sigma)
     gain = _gain(s, alpha)
-    _, L0 = gain(eye, eye, first.weighted, Sigma)
-    _, (L,) = scan(gain, N, carry=[eye], xs=[Phi, later.weighted], constants=[Sigma])
+    _, L0 = gain(eye, eye, first.weighted, Sigma, u)
+    _, (L,) = scan(gain, N, carry=[eye], xs=[Phi, later.weighted], constants=[Sigma, u])
 
     # 2. what process noise adds to the residuals: M_j = sum of L_i H_i Phi_i,j+1 over i > j
     (ahead,), (M,) = scan(_residuals(s), N, carry=[none], xs=[L, later.H, Phi], backward=True)
@@ -113,11 +117,11 @@ def _sizes(s: Setting) -> dict[str, int | tuple[int, int] | Symmetric]:
 
 
 def _gain(s: Setting, alpha: float) -> ca.Function:
-    """``(T, Phi, weighted, Sigma) -> (T, L)``: transition from the start, gain of a sample."""
+    """``(T, Phi, weighted, Sigma, u) -> (T, L)``: transition from the start, gain of a sample."""
 
-    def formula(T: Term, Phi: Term, weighted: Term, Sigma: Term) -> Results:
+    def formula(T: Term, Phi: Term, weighted: Term, Sigma: Term, u: Term) -> Results:
         T_next = _times(Phi, T)
-        L = alpha * _times(Sigma, transposed(_times(weighted, T_next)))
+        L = number_at(alpha, u) * _times(Sigma, transposed(_times(weighted, T_next)))
         return {"T_next": T_next, "L": L}
 
     return half("optimiser_gain", s, formula, _sizes(s))

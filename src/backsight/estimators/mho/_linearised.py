@@ -9,7 +9,12 @@ from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
-from backsight.estimators.kalman.prediction import Propagation, moved_by, substep_noise
+from backsight.estimators.kalman.prediction import (
+    Propagation,
+    moved_by,
+    noise_between,
+    per_sample,
+)
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -87,17 +92,19 @@ def variation(s: Setting, integrator: Integrator, propagation: Propagation) -> c
         def mapped(x: ca.SX, u: ca.SX) -> Results:
             return {"Phi": ca.densify(ca.jacobian(s.model.rhs(x, u), x))}
 
-        return ca.Function(*names, [leaf("mapped", notation(s), mapped)(x, u), kept.kept(s.Q)])
+        walk = _with_walk(s)(ca.DM(kept.kept(0 * s.Q)), u)
+        return ca.Function(*names, [leaf("mapped", notation(s), mapped)(x, u), walk])
     spread = propagation != "discrete" or integrator.scheme == "exact"
-    before, after = substep_noise(s, integrator)
+    noise = noise_between(s, integrator)
     step = moved_by(s, integrator)
 
     def formula(x: Term, Phi: Term, Q: Term, ua: Term, ub: Term) -> Results:
         x_next, F = step(x, ua, ub)
+        before, after = noise(ua)
         return {
             "x_next": x_next,
             "Phi_next": ca.densify(matrix_product(F, Phi)),
-            "Q_next": congruence(F, Q + ca.DM(before), ca.DM(after)),
+            "Q_next": congruence(F, Q + before, after),
         }
 
     xs, held = substep_inputs(integrator, u, u_next)
@@ -105,5 +112,10 @@ def variation(s: Setting, integrator: Integrator, propagation: Propagation) -> c
     (_, Phi, Q), _ = scan(
         half("varied", s, formula), integrator.steps, carry=start, xs=xs, constants=held
     )
-    whole = Q + ca.DM(kept.kept(s.Q)) if spread else ca.MX(ca.DM(kept.kept(s.sampled().Q)))
+    whole = _with_walk(s)(Q, u) if spread else _with_walk(s.sampled())(start[2], u)
     return ca.Function(*names, [Phi, whole])
+
+
+def _with_walk(s: Setting) -> ca.Function:
+    """``(Q, u) -> Q`` with what is added once per sample."""
+    return half("with_walk", s, lambda Q, u: {"Q_next": Q + per_sample(s, u)})

@@ -97,6 +97,8 @@ class MHO(AbstractEstimator):
     title: ClassVar[str] = "Moving horizon observer"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q",)
+    varied_settings: ClassVar[tuple[str, ...]] = ("alpha",)
 
     noise: Noise
     prior: Prior
@@ -164,7 +166,7 @@ class MHO(AbstractEstimator):
             steps = self._steps(s, (U, M), (x_start, P_start), passed, Sigma)
             (P_alone,) = choose(m.present[0], [m.P_alone], [P_start])
             before = Errors(P_alone, m.by_v, m.by_w)
-            P_true, after = true_covariance(s, before, steps, N=N, alpha=self.alpha)
+            P_true, after = true_covariance(s, before, steps, u, N=N, alpha=self.alpha)
             (P_now,) = choose(full, [P_true], [P_now])
             found = choose(full, [after.P, after.V, after.W], [P_alone, m.by_v, m.by_w])
             errors = dict(zip(("P_alone", "by_v", "by_w"), found, strict=True))

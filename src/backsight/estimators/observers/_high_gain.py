@@ -1,6 +1,7 @@
 """What the high-gain observers share: their own modes count for the integration step."""
 
 import functools
+from typing import ClassVar
 
 from backsight.discrete.modes import Modes
 from backsight.discrete.runge_kutta import Integrator
@@ -22,6 +23,8 @@ class AbstractHighGain(AbstractEstimator):
     poles : complex or tuple of complex
     integrator : Integrator
     """
+
+    varied_settings: ClassVar[tuple[str, ...]] = ("gain",)
 
     gain: float
     poles: complex | tuple[complex, ...]

@@ -8,6 +8,7 @@ import numpy as np
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
+from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.observers._excitation import Excitation, excitation, excitation_start
 from backsight.estimators.observers._formulas import (
@@ -26,6 +27,7 @@ from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, Size, Symmetric, leaf, named_results
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import ramp
+from backsight.estimators.varied_number import VariedNumber, number_at
 from backsight.types import Array
 
 
@@ -76,6 +78,9 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
     bridged by the model.
     """
     form, theta0 = plan.states.form, plan.states.theta0
+    varied = isinstance(plan.lam, VariedNumber)
+    if varied and plan.adaptive:
+        raise TuningError("a gain that adapts cannot be an input: free it without `adaptive`")
     u, y, mask = data = [ca.MX.sym("u", form.nu), ca.MX.sym("y"), ca.MX.sym("mask")]
     watch = excitation_start(plan.window, plan.dt, form.p) if form.p else {}
     gain = gain_start(plan.adaptive, plan.dt, x0=plan.x0, theta0=theta0) if plan.adaptive else {}
@@ -95,6 +100,8 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
         **gain,
     )
 
+    lam = number_at(plan.lam, u) if varied else m.lam
+
     # 1. innovation: the model alone, from the last sample to this one
     between, P_last = _Between(plan, (m.u_last, u)), _with_noise(plan)(m.P, m.B)
     free = choose(m.started, between.free(m.x, P_last, m.theta), [m.x, P_last])
@@ -103,7 +110,7 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
     # 2. observer, eq. 5 or eq. 10, with the interpolated measurement
     state = {"x": m.x, "theta": m.theta, "Upsilon": m.Upsilon, "P": m.P, "B": m.B}
     measured = _measured(plan).call([m.x, free[0], m.y_last, y, m.m_last, mask])
-    moved = between.corrected(state, measured, m.lam)
+    moved = between.corrected(state, measured, lam)
     after = dict(
         zip(state, choose(m.started, list(moved.values()), list(state.values())), strict=True)
     )
@@ -114,20 +121,20 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
     x, theta, flags = seen["x"], seen["theta"], Flags.of(seen["flags"])
     parameters = seen["parameters"]
     after |= {"x": x, "theta": theta, "parameters": parameters}
-    outputs, channels = {"lam": m.lam}, [*ESTIMATE_CHANNELS, Channel("lam")]
+    outputs, channels = {"lam": lam}, [*ESTIMATE_CHANNELS, Channel("lam")]
 
     # 4. excitation, eq. 9
     if form.p:
         measure = excitation(plan.window, form, dt=plan.dt, sigma=float(np.sqrt(plan.R)))
         memory = [getattr(m, name) for name in watch]
-        watched = named_results(measure, *memory, after["Upsilon"], m.lam, theta)
+        watched = named_results(measure, *memory, after["Upsilon"], lam, theta)
         outputs["excitation"] = watched["level"]
         channels.append(Channel("excitation", ("parameter",), labels=form.parameters))
         flags = dataclasses.replace(flags, not_excited=1 - watched["excited"])
         after |= watched
 
     # 5. gain of the next sample, eq. 17-19
-    after["lam"] = m.lam
+    after["lam"] = lam
     if plan.adaptive:
         after |= adapt(
             plan.adaptive,

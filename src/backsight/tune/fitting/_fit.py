@@ -9,12 +9,14 @@ import xarray as xr
 from backsight.description import Count, Whole, checked
 from backsight.errors import DataError, TuningError
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.run.estimation import check_window, match
 from backsight.tune.fitting._descent import Search
-from backsight.tune.fitting._lanes import Data
 from backsight.tune.fitting._tuning import Tuning
-from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood
+from backsight.tune.fitting._weight import tuned_weight
+from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood, MultiStep
+from backsight.tune.fitting.runners import Data
 from backsight.tune.fitting.tuned import Tuned
 from backsight.tune.fitting.values import Choice, Free, Unknown, unknowns_of
 from backsight.types import Array
@@ -87,7 +89,8 @@ def fit(
     -----
     Noise and prior of Kalman filters, `sigma_y` of all estimators that weigh samples, and
     parameters of models run in lanes. Anything else is built anew for every value, which takes as
-    long as it takes to build an estimator. Of a linear model with free parameters the filter is the
+    long as it takes to build an estimator. The weight `lam` of sparse forces is found by itself, by
+    `lambda_from_sensors`, or `lambda_from_whiteness` if there is one sensor. Of a linear model with free parameters the filter is the
     extended one with a Runge-Kutta method.
 
     References
@@ -109,15 +112,17 @@ def fit(
     if not given:
         raise DataError("there is no recording")
     wanted = [Free(f) if isinstance(f, str) else f for f in free]
+    if isinstance(estimator, AbstractForceEstimator) and [f.name for f in wanted] == ["lam"]:
+        return tuned_weight(estimator, model, given)
     choices = [f for f in wanted if isinstance(f, Choice)]
     unknowns: tuple[Unknown, ...] = ()
     if len(choices) < len(wanted) or not wanted:
         unknowns = unknowns_of([f for f in wanted if isinstance(f, Free)], estimator, model)
     _check_groups(unknowns, len(given))
-    if criterion is None:
-        criterion = Likelihood(outliers=OUTLIERS if estimator.outliers is not None else 0.0)
-    data = [_data(estimator, model, r, criterion) for r in given]
     periods = [float(r.attrs["dt"]) for r in given]
+    criterion = criterion or _usual(estimator, unknowns, choices)
+    criterion = criterion.fitted(estimator, model, periods[0])
+    data = [_data(estimator, model, r, criterion) for r in given]
     samples = sum(len(d[0]) for d in data)
     search = Search(passes, lambda done: progress(min(done / passes, 1.0)), samples)
     tuning = Tuning(estimator, model, tuple(data), tuple(periods), criterion, search)
@@ -140,6 +145,17 @@ def fit(
     return dataclasses.replace(found, before=before, chosen=options, choices=table)
 
 
+def _usual(
+    estimator: AbstractEstimator, unknowns: Sequence[Unknown], choices: Sequence[Choice]
+) -> AbstractCriterion:
+    """The likelihood; of settings of windows alone, whose covariances decide nothing, squares."""
+    settings = all(u.kind == "setting" for u in unknowns)
+    if estimator.horizon and settings and not isinstance(estimator, AbstractForceEstimator):
+        return MultiStep()
+    del choices
+    return Likelihood(outliers=OUTLIERS if estimator.outliers is not None else 0.0)
+
+
 def _check_groups(unknowns: Sequence[Unknown], recordings: int) -> None:
     for u in unknowns:
         if isinstance(u.per, tuple) and len(u.per) != recordings:
@@ -159,7 +175,9 @@ def _data(
         raise DataError("nothing was measured in the recording")
     hidden = np.asarray(criterion.hidden(len(u)), bool)
     if not hidden.any():
-        return u, y, mask, y, mask
+        judged = mask.copy()
+        judged[: criterion.alone] = 0
+        return u, y, mask, y, judged
     seen, judged = mask.copy(), mask.copy()
     seen[hidden] = 0
     judged[~hidden] = 0

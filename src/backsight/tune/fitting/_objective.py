@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from backsight.tune.fitting._lanes import Data
 from backsight.tune.fitting.criteria import AbstractCriterion, Measure, Piece
+from backsight.tune.fitting.runners import Data
 from backsight.tune.fitting.values import Unknown
 from backsight.types import Array
 

@@ -24,17 +24,23 @@ from backsight.tune.fitting._doubts import (
     doubts_of_search,
     profiles_of,
 )
-from backsight.tune.fitting._halving import Candidate, candidates_of, halve
-from backsight.tune.fitting._lanes import Data, LaneRunner, lanes_of
+from backsight.tune.fitting._halving import Candidate, Halving, candidates_of, halve
 from backsight.tune.fitting._objective import Objective, Runner, coordinates_of
-from backsight.tune.fitting._rebuilt import Rebuilt
 from backsight.tune.fitting.criteria import AbstractCriterion
+from backsight.tune.fitting.runners import (
+    Data,
+    LaneRunner,
+    Rebuilt,
+    able_settings,
+    delays_of,
+    lanes_of,
+)
 from backsight.tune.fitting.tuned import HeldOut, Tuned, correlation_of
 from backsight.tune.fitting.values import AbstractScale, Choice, Unknown, placed
 from backsight.types import Array
 
 SMALL, COARSE = 1e-5, 1e-3
-"""Steps of derivatives: of lanes, which share all rounding, and of runs of their own."""
+"""Steps of derivatives: of lanes, which share all rounding; of windows, and runs of their own."""
 
 ENOUGH = 400
 """Samples of a half from which on halves are compared."""
@@ -80,9 +86,15 @@ class Tuning:
                 raise TuningError("a Choice goes with values that all recordings share")
             values = objective.values(place, 0)
             pairs = [placed(c.estimator, self.model, unknowns, values) for c in candidates]
-            trials = [Candidate(c.options, p[0]) for c, p in zip(candidates, pairs, strict=True)]
+            trials = [
+                dataclasses.replace(c, estimator=p[0])
+                for c, p in zip(candidates, pairs, strict=True)
+            ]
             model = pairs[0][1]
-        best, table = halve(trials, model, self.data, self.periods, self.criterion)
+        able = able_settings(self.estimator)
+        open_to_inputs = tuple(c.name for c in choices if c.name in able)
+        halving = Halving(open_to_inputs, model, self.periods, self.criterion)
+        best, table = halve(trials, halving, self.data)
         return next(c for c in candidates if c.options == best.options), table
 
     def tuned(
@@ -119,6 +131,10 @@ class Tuning:
         return Tuned(
             estimators=tuple(e for e, _ in ends),
             models=tuple(m for _, m in ends),
+            late=tuple(
+                delays_of(self.model, unknowns, objective.values(best.place, k))
+                for k in range(len(self.data))
+            ),
             values={
                 n: s.value(float(t)) for n, s, t in zip(names, scales, best.place, strict=True)
             },
@@ -172,15 +188,26 @@ class Tuning:
         known: dict[float, Runner] = {}
         for dt in self.periods:
             if dt not in known:
-                lanes = lanes_of(self.estimator, self.model, dt, unknowns) if unknowns else None
-                known[dt] = lanes or Rebuilt(self.estimator, self.model, tuple(unknowns), dt)
+                given, ahead = (self.estimator, self.model, dt), self.criterion.alone
+                lanes = lanes_of(*given, unknowns, ahead=ahead) if unknowns else None
+                rebuilt = Rebuilt(self.estimator, self.model, tuple(unknowns), dt, ahead)
+                known[dt] = lanes or rebuilt
         runners = tuple(known[dt] for dt in self.periods)
+        if any(u.late_output for u in unknowns) and not all(
+            isinstance(r, LaneRunner) for r in runners
+        ):
+            raise TuningError(
+                f"{self.estimator.title} cannot find the delay of one output of several: tune an "
+                "EKF"
+            )
         fast = all(isinstance(r, LaneRunner) for r in runners)
+        # What iterates to a tolerance has derivatives no better than that.
+        smooth = fast and not self.estimator.horizon
         return Objective(
             runners,
             self.data,
             coordinates_of(unknowns, len(self.data)),
             self.criterion,
-            SMALL if fast else COARSE,
+            SMALL if smooth else COARSE,
             fast,
         )

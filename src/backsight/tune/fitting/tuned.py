@@ -42,6 +42,8 @@ class Tuned(Printed):
     estimators, models : tuple
         With the values found, one for every recording; the same ones unless values are free per
         recording or group.
+    late : tuple of dict
+        By how much the samples of channels come late [s], for every recording.
     values, start, std : dict
         Every value by its name, what it was before, and the standard deviation of its error.
     units : dict
@@ -73,6 +75,7 @@ class Tuned(Printed):
 
     estimators: tuple[AbstractEstimator, ...]
     models: tuple[Model, ...]
+    late: tuple[Mapping[str, float], ...]
     values: Mapping[str, float]
     start: Mapping[str, float]
     std: Mapping[str, float]
@@ -109,6 +112,17 @@ class Tuned(Printed):
         if any("[" in name for name in self.values):
             raise TuningError("values differ from recording to recording: use tuned.models[i]")
         return self.models[0]
+
+    @property
+    def delays(self) -> Mapping[str, float]:
+        """Delays found by channel [s], for `backsight.data.remove_delays`; as `estimator`.
+
+        If the only output is late, it is the inputs that are early: these have no noise that
+        would be smoothed.
+        """
+        if any("[" in name for name in self.values):
+            raise TuningError("values differ from recording to recording: use tuned.late[i]")
+        return self.late[0]
 
     def __str__(self) -> str:
         head = f"Tuned: {self.estimators[0].title}"

@@ -6,6 +6,9 @@ from typing import Annotated, Literal
 
 from backsight.description import Description, Positive, Range, Sound
 
+MATRICES = ("R", "Q", "Qc")
+"""What has a structure."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Free(Description):
@@ -19,7 +22,8 @@ class Free(Description):
         behind a dot (``sigma_y.q``) one of them. ``R``, ``Q``, ``Qc``, ``P0``: a factor of the
         whole covariance; ``Q.v``, ``Qc.v``: one variance or density on its diagonal. The name of a
         parameter of the model. The name of a setting of the estimator that is a number, such as
-        ``alpha``.
+        ``alpha``. ``delay.y``: by how much the samples of an input or output come late [s];
+        `sigma` must say how much that may be.
     spread : float, optional
         Factor by which the value given may be wrong, one standard deviation: the prior of its
         logarithm is normal. 30 for noise and prior, 3 for parameters of the model, 10 for settings
@@ -30,6 +34,11 @@ class Free(Description):
     per : "all", "recording", or sequence of str
         One value for all recordings, one for each, or one for each group of recordings: the group
         of every recording.
+    structure : "scale", "diagonal", "full", or sequence of str
+        Of ``R``, ``Q``, ``Qc``: one factor for all that is there; every variance; every variance
+        and correlation; or the block of every signal, in each of which all is free and between
+        which there are no correlations ("" leaves a signal without noise). A value ``Q.v.q`` is
+        the partial correlation of v and q, given the signals of the block before q.
 
     Examples
     --------
@@ -41,6 +50,7 @@ class Free(Description):
     spread: Annotated[float | None, Range("be above 1", 1.0, above=True, infinite=True)] = None
     sigma: Positive | None = None
     per: Literal["all", "recording"] | tuple[str, ...] = "all"
+    structure: Literal["scale", "diagonal", "full"] | tuple[str, ...] = "scale"
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -48,6 +58,10 @@ class Free(Description):
             yield f"'{self.name}': give either spread or sigma"
         if sound("name") and not self.name:
             yield "a free value needs a name"
+        if sound("name", "structure") and self.structure != "scale" and self.name not in MATRICES:
+            yield f"'{self.name}' has no structure; that is for {', '.join(MATRICES)}"
+        if sound("structure", "sigma") and self.structure != "scale" and self.sigma is not None:
+            yield f"'{self.name}': the prior of a structure is given by spread"
 
 
 @dataclasses.dataclass(frozen=True)

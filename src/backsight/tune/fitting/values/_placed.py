@@ -10,9 +10,13 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.tune.fitting.values._matrix import matrices_of
 from backsight.tune.fitting.values._settings import number_at, with_setting
-from backsight.tune.fitting.values._unknowns import Unknown
+from backsight.tune.fitting.values._unknown import Unknown
 from backsight.types import Array
+
+LEAST = 1e-3
+"""Share of a variance that is left to a sensor whose readings are rounded, at least."""
 
 
 def placed(
@@ -24,7 +28,7 @@ def placed(
     """Estimator and model with the values of all unknowns by their names."""
     changes: dict[str, Any] = {}
     kinds = {u.kind for u in unknowns}
-    if kinds & {"sigma_y", "R", "walk"}:
+    if kinds & {"sigma_y", "R", "walk", "matrix"}:
         changes["noise"] = _noise(estimator.assumed[0], model, unknowns, values)
     if kinds & {"sigma_x0", "P0", "x0"}:
         changes["prior"] = _prior(estimator.assumed[1], model, unknowns, values)
@@ -54,7 +58,7 @@ def walk_parts(noise: Noise, model: Model, unknown: Unknown) -> tuple[str, Array
     """Whether a part of the process noise is a ``Q`` or a ``Qc``, and the part as it is given."""
     group, _, state = unknown.entry.partition(".")
     word = "Qc" if group == "Qc" else "Q"
-    whole = noise.density(model) if word == "Qc" else noise.process(model)
+    whole = noise.stated_density(model) if word == "Qc" else noise.stated_process(model)
     if not state:
         return word, whole
     part = np.zeros_like(whole)
@@ -74,14 +78,21 @@ def _noise(
 ) -> Noise:
     changes: dict[str, Any] = {}
     if any(u.kind in ("sigma_y", "R") for u in unknowns):
-        R, factor = noise.measurement(model), sensor_factors(model, unknowns, values)
+        factor = sensor_factors(model, unknowns, values)
+        R = _without_rounding(noise.measurement(model) * np.outer(factor, factor), model)
         if noise.R is not None:
-            changes["R"] = R * np.outer(factor, factor)
+            changes["R"] = R
         else:
-            changes["sigma_y"] = _by_name(model.outputs, factor * np.sqrt(np.diag(R)))
+            changes["sigma_y"] = _by_name(model.outputs, np.sqrt(np.diag(R)))
+    for matrix in matrices_of(unknowns):
+        found = matrix.matrix(values)
+        if matrix.word == "R":
+            changes |= {"sigma_y": None, "R": _without_rounding(found, model)}
+        else:
+            changes |= {"sigma_w": None, matrix.word: found}
     walks = [u for u in unknowns if u.kind == "walk"]
     if walks:
-        whole = noise.process(model) + noise.density(model)
+        whole = noise.stated_process(model) + noise.stated_density(model)
         for u in walks:
             part, f = walk_parts(noise, model, u)[1], walk_factor(u, values[u.name])
             whole = whole + (f**2 - 1) * part
@@ -91,6 +102,13 @@ def _noise(
         else:
             changes["Qc" if noise.Qc is not None else "Q"] = whole
     return dataclasses.replace(noise, **changes)
+
+
+def _without_rounding(R: Array, model: Model) -> Array:
+    """What of a covariance is left beside the rounding of readings, which `measurement` adds."""
+    steps = np.array([0.0 if s.resolution is None else s.resolution for s in model.outputs])
+    left = np.maximum(np.diag(R) - steps**2 / 12, LEAST * np.diag(R))
+    return R - np.diag(np.diag(R) - left)
 
 
 def _prior(

@@ -1,9 +1,11 @@
 """Numbers among the settings of an estimator, by their paths: ``alpha``, ``arrival.forgetting``."""
 
 import dataclasses
+import math
+import typing
 from typing import Any
 
-from backsight.description import Description
+from backsight.description import Description, Range
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise, Prior
@@ -36,6 +38,17 @@ def number_at(description: Description, path: str) -> float:
     if not isinstance(value, int | float):
         raise TuningError(f"'{path}' is no number")
     return value
+
+
+def range_at(description: Description, path: str) -> tuple[float, float]:
+    """Ends of the numbers that the field of a setting may be."""
+    *above, name = path.split(".")
+    owner: object = description
+    for part in above:
+        owner = getattr(owner, part)
+    hint = typing.get_type_hints(type(owner), include_extras=True)[name]
+    ranges = [extra for extra in typing.get_args(hint)[1:] if isinstance(extra, Range)]
+    return (ranges[0].lower, ranges[0].upper) if ranges else (-math.inf, math.inf)
 
 
 def with_setting(description: Any, path: str, value: Any) -> Any:
