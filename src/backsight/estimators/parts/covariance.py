@@ -70,8 +70,14 @@ class Covariance:
 
     def of_triangle(self) -> ca.Function:
         """Lower triangle to what is kept."""
+        if self.whole:
+            n, triangle = self.n, ca.MX.sym("P", self.n * (self.n + 1) // 2)
+            places = np.zeros((n, n), int)
+            rows, columns = np.triu_indices(n)
+            places[rows, columns] = places[columns, rows] = np.arange(len(rows))
+            return ca.Function("kept", [triangle], [triangle[places.ravel().tolist()]])
         P = ca.SX.sym("P", self.n * (self.n + 1) // 2)
-        return ca.Function("kept", [P], [ca.vec(unvech(P)) if self.whole else P])
+        return ca.Function("kept", [P], [P])
 
 
 def packed(P: Array) -> Array:
