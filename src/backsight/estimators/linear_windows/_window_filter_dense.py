@@ -54,10 +54,9 @@ def dense_absorb(system: Linear | Varying) -> ca.Function:
     now = corrected_covariance(P, C, s.R, weight)
     CX = matrix_product(C, X)
     # Its innovations, white, are equations for the first state.
-    m = ca.repmat(weight, 1, nx + 1)
-    rows = ca.horzcat(CX, missed) * m
+    rows = dense.scaled_rows(ca.horzcat(CX, missed), weight)
     both = dense.product_of(weight, weight, turned=(False, True))
-    S = now.S * both + ca.densify(ca.diag(1 - seen))
+    S = now.S * both + dense.diagonal(1 - seen)
     white = solve_lower(cholesky(S), rows)
     equations = dense.compressed(ca.horzcat(L, dense.transpose(white)))
     X_next = dense.plus_product(X, now.K, CX, minus=True)

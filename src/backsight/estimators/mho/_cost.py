@@ -84,7 +84,7 @@ def _accumulate_dense(s: Setting, alpha: float) -> ca.Function:
     _, _, R = masked(ca.SX.eye(ny), ca.SX.zeros(ny), ca.SX(ca.DM(s.R)), weights)
     noise = ca.Function("noise_seen", [weights], [ca.densify(R)])(mask)
     factor = dense.cholesky_of(noise)
-    rows = ca.repmat(mask, 1, nx + 1) * ca.horzcat(y - expected, HS)
+    rows = dense.scaled_rows(ca.horzcat(y - expected, HS), mask)
     white = dense.solve_triangular(factor, rows)
     e, W = white[:, 0], white[:, 1:]
     by = ca.Function("alpha", [v], [number_at(alpha, v)])(u)

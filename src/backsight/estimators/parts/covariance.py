@@ -71,11 +71,8 @@ class Covariance:
     def of_triangle(self) -> ca.Function:
         """Lower triangle to what is kept."""
         if self.whole:
-            n, triangle = self.n, ca.MX.sym("P", self.n * (self.n + 1) // 2)
-            places = np.zeros((n, n), int)
-            rows, columns = np.triu_indices(n)
-            places[rows, columns] = places[columns, rows] = np.arange(len(rows))
-            return ca.Function("kept", [triangle], [triangle[places.ravel().tolist()]])
+            triangle = ca.MX.sym("P", self.n * (self.n + 1) // 2)
+            return ca.Function("kept", [triangle], [ca.vec(dense.unpacked(triangle, self.n))])
         P = ca.SX.sym("P", self.n * (self.n + 1) // 2)
         return ca.Function("kept", [P], [P])
 

@@ -10,11 +10,14 @@ import numpy as np
 
 from backsight.engine.dense import (
     cholesky_of,
+    diagonal,
     plus_product,
     product_of,
+    scaled_rows,
     solve_triangular,
     transpose,
     triangle,
+    unpacked,
 )
 
 
@@ -29,7 +32,7 @@ def dense_trial(nx: int) -> ca.Function:
 def dense_hessian(nx: int) -> ca.Function:
     """Hessian I + L' G L of the whole cost in z, ``(G, L) -> A``."""
     vG, L = ca.MX.sym("G", nx * (nx + 1) // 2), ca.MX.sym("L", nx, nx)
-    half = product_of(L, whole(vG, nx), turned=(True, False))
+    half = product_of(L, unpacked(vG, nx), turned=(True, False))
     A = plus_product(ca.MX(ca.DM(np.eye(nx))), half, L)
     return ca.Function("dense_hessian", [vG, L], [triangle(A)])
 
@@ -38,7 +41,7 @@ def dense_step(nx: int, bounded: list[int]) -> ca.Function:
     """Gauss-Newton step without bounds, and what the bounds need: columns V, M = Sigma_bb."""
     z, x_bar, L = ca.MX.sym("z", nx), ca.MX.sym("x_bar", nx), ca.MX.sym("L", nx, nx)
     c, vA = ca.MX.sym("c", nx), ca.MX.sym("A", nx * (nx + 1) // 2)
-    A = whole(vA, nx)
+    A = unpacked(vA, nx)
     factor = cholesky_of(A)
     right = plus_product(plus_product(-z, A, z), L, c, turned=(True, False))
     rows = _rows(L, bounded)
@@ -57,7 +60,7 @@ def dense_step(nx: int, bounded: list[int]) -> ca.Function:
 def dense_covariance(nx: int) -> ca.Function:
     """Covariance L A^-1 L' of x, ``(A, L) -> Sigma``."""
     vA, L = ca.MX.sym("A", nx * (nx + 1) // 2), ca.MX.sym("L", nx, nx)
-    W = solve_triangular(cholesky_of(whole(vA, nx)), transpose(L))
+    W = solve_triangular(cholesky_of(unpacked(vA, nx)), transpose(L))
     return ca.Function(
         "dense_covariance", [vA, L], [triangle(product_of(W, W, turned=(True, False)))]
     )
@@ -67,11 +70,11 @@ def dense_held(nx: int, bounded: list[int]) -> ca.Function:
     """Covariance when the states at a bound are held there, ``(Sigma, side) -> Sigma``."""
     n = len(bounded)
     vSigma, side = ca.MX.sym("Sigma", nx * (nx + 1) // 2), ca.MX.sym("side", n)
-    Sigma = whole(vSigma, nx)
+    Sigma = unpacked(vSigma, nx)
     rows, active = _rows(Sigma, bounded), side * side
     both = product_of(active, active, turned=(False, True))
-    system = rows[:, bounded] * both + ca.densify(ca.diag(1 - active))
-    W = solve_triangular(cholesky_of(system), rows * ca.repmat(active, 1, nx))
+    system = rows[:, bounded] * both + diagonal(1 - active)
+    W = solve_triangular(cholesky_of(system), scaled_rows(rows, active))
     left = plus_product(Sigma, W, W, turned=(True, False), minus=True)
     return ca.Function("dense_held", [vSigma, side], [triangle(left)])
 
@@ -82,17 +85,9 @@ def dense_products(k: Mapping[str, ca.MX]) -> tuple[ca.MX, ...]:
     free = plus_product(k["z_free"], V, k["lam"]) if V.shape[1] else k["z_free"]
     d_try = free - z_try
     Ld = product_of(L, d_try)
-    GLd = product_of(whole(k["G_try"], z.shape[0]), Ld)
+    GLd = product_of(unpacked(k["G_try"], z.shape[0]), Ld)
     Lc = product_of(L, k["c"], turned=(True, False))
     return d_try, Lc, Ld, GLd, product_of(L, z_try - z), product_of(L, z)
-
-
-def whole(vech: ca.MX, n: int) -> ca.MX:
-    """All entries of a symmetric matrix, from its lower triangle."""
-    places = np.zeros((n, n), int)
-    rows, columns = np.triu_indices(n)
-    places[rows, columns] = places[columns, rows] = np.arange(len(rows))
-    return ca.reshape(vech[places.ravel().tolist()], n, n)
 
 
 def _rows(A: ca.MX, which: list[int]) -> ca.MX:
