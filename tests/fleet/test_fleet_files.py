@@ -1,10 +1,10 @@
 """What a fleet file may say, and what is refused before anything runs."""
 
 import pytest
+from tests.fleet.springs import FLEET, PROBLEM, write_fleet
 
 from backsight.errors import ProblemError
 from backsight.fleet import load_fleet
-from tests.fleet.springs import FLEET, PROBLEM, write_fleet
 
 
 def test_every_combination_of_lists_and_ranges(tmp_path):

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from backsight.errors import WorkerError
-from backsight.fleet._work import Landed, Work, done, version_here
+from backsight.fleet.items import Work, done, version_here
+from backsight.fleet.rows import Landed
 
 Answer = tuple[list[Landed], float]
 """What `done` returns."""
@@ -116,7 +117,7 @@ class DaskWorkers(Workers):
                     ended = wait(
                         [*self._futures], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED"
                     ).done
-            except (TimeoutError, asyncio.TimeoutError):
+            except TimeoutError:
                 continue
             except (asyncio.CancelledError, concurrent.futures.CancelledError, OSError):
                 raise WorkerError(GONE) from None

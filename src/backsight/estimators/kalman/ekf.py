@@ -98,8 +98,7 @@ class EKF(AbstractEstimator):
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
     looks_back: ClassVar[bool] = True
-    varies_noise: ClassVar[bool] = True
-    varies_sensors: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q", "R")
 
     noise: Noise
     prior: Prior

@@ -88,8 +88,7 @@ class KalmanFilter(AbstractEstimator):
     title: ClassVar[str] = "Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
-    varies_noise: ClassVar[bool] = True
-    varies_sensors: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q", "R")
 
     noise: Noise
     prior: Prior
