@@ -20,6 +20,7 @@ import scipy.io
 import scipy.sparse
 
 import backsight as bs
+from backsight import plot
 
 ELEMENTS, LENGTH, EI, MASS = 40, 20.0, 2.1e11 * 4e-4, 280.0  # [m], [N m2], [kg/m]
 a = LENGTH / ELEMENTS
