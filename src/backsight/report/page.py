@@ -65,8 +65,8 @@ def write_page(
         notes=_notes(every, thinning(details)),
         origin=" 'self' file:" if library == "beside" else "",
         library=_library(library, Path(path)),
-        figures=packed(_data(figures, every)),
-        details=packed(_details(details)),
+        figures=gzipped(_data(figures, every)),
+        details=gzipped(_details(details)),
         script=_resource("page.js"),
     )
     return write_whole(path, page.encode("utf-8"))
@@ -170,7 +170,7 @@ def _library(library: Library, page: Path) -> str:
     """What brings plotly.js: itself, packed, or a file beside the page that many pages share."""
     text = _plotly_js()
     if library == "inside":
-        return f'<script type="application/gzip" id="plotly">{packed(text)}</script>'
+        return f'<script type="application/gzip" id="plotly">{gzipped(text)}</script>'
     name = f"backsight-plotly-{hashlib.sha256(text.encode()).hexdigest()[:12]}.js"
     if not (page.parent / name).is_file():
         write_whole(page.parent / name, text.encode("utf-8"))
@@ -184,7 +184,7 @@ def style() -> str:
     )
 
 
-def packed(text: str) -> str:
+def gzipped(text: str) -> str:
     """Return text as base64 of its gzip, which the page's script unpacks: nothing in it is HTML."""
     return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
 

@@ -90,7 +90,7 @@ class UKF(AbstractEstimator):
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
     looks_back: ClassVar[bool] = True
-    varies_noise: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q",)
 
     noise: Noise
     prior: Prior

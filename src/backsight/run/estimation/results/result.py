@@ -24,12 +24,14 @@ from backsight.schema import (
     AGO,
     EVERY,
     INNOVATIONS,
+    LOWER,
     POSITIVE,
     RESULT_VARIABLES,
     ROLE,
     SCHEMA_VERSION,
     SIGMA_FACTOR,
     UNKNOWN,
+    UPPER,
     VIRTUAL_TRUE,
     Status,
 )
@@ -226,6 +228,9 @@ def coordinates(model: Model, channels: Iterable[Channel]) -> xr.Coordinates:
         "output_unit": ("output", [s.unit for s in model.outputs]),
         "input_unit": ("input", [s.unit for s in model.inputs]),
     }
+    lower, upper = ([getattr(s, end) for s in model.states] for end in ("lower", "upper"))
+    if np.isfinite([*lower, *upper]).any():
+        found |= {LOWER: ("state", lower), UPPER: ("state", upper)}
     found |= {c.dims[0]: list(c.labels) for c in channels if c.labels}
     if model.virtual is not None and "virtual" in found:
         found["virtual_unit"] = ("virtual", [s.unit for s in model.virtual.signals])
