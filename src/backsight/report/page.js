@@ -116,6 +116,7 @@
   let range = span; // of the time axis, common to all plots; null is whatever each has
   let dragmode = touch ? false : "zoom"; // a finger scrolls the page until told otherwise
   let linking = false;
+  let width; // of every plot on paper [px]; on a screen it is that of its place
 
   // Colours are names of CSS variables; everything else passes through.
   const css = getComputedStyle(document.documentElement); // of the medium: paper is light
@@ -140,7 +141,7 @@
     const xaxis = { ...layout.xaxis };
     if (range && over === "time") xaxis.range = [...range];
     // uirevision keeps what the reader zoomed when colours or visibility change.
-    const view = { ...layout, xaxis, dragmode, template: coloured(template), uirevision: "kept" };
+    const view = { ...layout, xaxis, dragmode, width, template: coloured(template), uirevision: "kept" };
     drawn.add(place);
     Plotly.react(place, data, view, config);
     if (first && over === "time") place.on("plotly_relayout", (change) => follow(place, change));
@@ -215,6 +216,7 @@
       closed.push(part);
       part.open = true;
     });
+    width = paper;
     places.forEach((place) => {
       place.style.width = `${paper}px`;
       draw(place);
@@ -222,6 +224,7 @@
   });
   addEventListener("afterprint", () => {
     closed.splice(0).forEach((part) => (part.open = false));
+    width = undefined;
     places.forEach((place) => (place.style.width = ""));
     redraw();
   });
