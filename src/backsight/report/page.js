@@ -132,7 +132,7 @@
   function draw(place) {
     const first = !drawn.has(place);
     const { traces, layout, over } = coloured(figures[places.indexOf(place)]);
-    const near = details && closer();
+    const near = details?.length && closer();
     const data = traces.map((t) => ({
       ...t,
       ...(near && t.detail !== undefined ? detailed(t, ...range, 4000) : {}),
@@ -245,7 +245,7 @@
     const names = [over === "time" ? "time_s" : "frequency_Hz"];
     const rows = new Map();
     for (const trace of traces.filter((t) => t.name && t.x && t.y && t.type === "scatter")) {
-      const whole = trace.detail === undefined ? null : detailedLine(details[trace.detail], -Infinity, Infinity, Infinity);
+      const whole = trace.detail === undefined || !details.length ? null : detailedLine(details[trace.detail], -Infinity, Infinity, Infinity);
       const { x, y } = whole ?? { x: trace.x, y: typeof trace.y.bdata === "string" ? plain(trace.y) : trace.y };
       for (let k = 0; k < x.length; k++) {
         if (Number.isNaN(x[k])) continue;
