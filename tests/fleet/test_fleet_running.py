@@ -11,7 +11,7 @@ from tests.fleet.springs import FLEET, PROBLEM, write_fleet, write_recording
 import backsight as bs
 from backsight.errors import OutputError
 from backsight.fleet import load_fleet, problem_of_item, read_rows, run_fleet
-from backsight.fleet.store import ROWS
+from backsight.fleet.rows.store import ROWS
 from backsight.output import holding
 from backsight.problem import load
 from backsight.problem.recorded import recording_of
@@ -124,10 +124,10 @@ def test_a_file_that_is_not_there_is_tried_again(tmp_path):
 
 
 def test_a_recording_that_changes_while_it_is_read(tmp_path, monkeypatch):
-    from backsight.fleet import _work
+    from backsight.fleet.items import _reading
 
     path, out = write_fleet(tmp_path, count=2), tmp_path / "store"
-    read = _work.recording_of
+    read = _reading.recording_of
 
     def growing(problem, **given):
         with open(problem.recording.path, "a", encoding="utf-8") as file:
@@ -135,7 +135,7 @@ def test_a_recording_that_changes_while_it_is_read(tmp_path, monkeypatch):
         return read(problem, **given)
 
     with monkeypatch.context() as patch:
-        patch.setattr(_work, "recording_of", growing)
+        patch.setattr(_reading, "recording_of", growing)
         run(path, out)
     assert read_rows(out)["failure"].str.contains("changes while it is read").all()
     assert run(path, out).before == 0
@@ -204,7 +204,7 @@ def test_another_version_is_refused(fleet, monkeypatch):
 
 
 def test_a_full_disk_says_what_is_missing_and_goes_on_later(tmp_path, monkeypatch):
-    from backsight.fleet import store
+    from backsight.fleet.rows import store
 
     path, out = write_fleet(tmp_path), tmp_path / "store"
     connected = store._connected

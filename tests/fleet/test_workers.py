@@ -14,7 +14,7 @@ from tests.fleet.springs import write_fleet
 
 from backsight.errors import WorkerError
 from backsight.fleet import _workers, load_fleet, run_fleet
-from backsight.fleet.store import ROWS
+from backsight.fleet.rows.store import ROWS
 
 distributed = pytest.importorskip("distributed")
 
@@ -65,7 +65,7 @@ def test_a_worker_with_another_version_is_refused(tmp_path, scheduler, monkeypat
 
 def test_a_worker_that_comes_later_with_another_version_is_refused(tmp_path, monkeypatch):
     fleet = load_fleet(write_fleet(tmp_path))
-    monkeypatch.setattr("backsight.fleet._work.version_here", lambda: "0.0.1")
+    monkeypatch.setattr("backsight.fleet.items._doing.version_here", lambda: "0.0.1")
     with pytest.raises(WorkerError, match=r"a worker has version 0\.0\.1"):
         run_fleet(fleet, tmp_path / "store", workers=0)
 

@@ -23,7 +23,7 @@ Stamp = tuple[int, int]
 
 
 @dataclasses.dataclass(frozen=True)
-class Listed:
+class FleetRecording:
     """A recording of a fleet.
 
     Parameters
@@ -44,7 +44,7 @@ class Listed:
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @classmethod
-    def at(cls, path: Path, folder: Path, **known: Any) -> "Listed":
+    def at(cls, path: Path, folder: Path, **known: Any) -> "FleetRecording":
         """A recording by its path; `folder` is that of the fleet file."""
         inside = path.is_relative_to(folder)
         return cls((path.relative_to(folder) if inside else path).as_posix(), str(path), **known)
@@ -65,7 +65,7 @@ class Listed:
 
 def listed_in(
     file: Path, table: RecordingsTable, folder: Path, env: Collection[str]
-) -> list[Listed]:
+) -> list[FleetRecording]:
     """Recordings of a table.
 
     Raises
@@ -97,7 +97,7 @@ def listed_in(
         )
         path = folder / expanded(name, f"recordings.table, row {k + 1}", env=env)
         metadata = {c: columns[c][k] for c in others}
-        found.append(Listed.at(path, folder, changes=changes, metadata=metadata))
+        found.append(FleetRecording.at(path, folder, changes=changes, metadata=metadata))
     _check_once(found, file)
     return found
 
@@ -109,7 +109,7 @@ def _value(key: str, value: Any, folder: Path, env: Collection[str]) -> Any:
     return str(folder / expanded(str(value), f"recordings.settings.{key}", env=env))
 
 
-def _check_once(found: Sequence[Listed], file: Path) -> None:
+def _check_once(found: Sequence[FleetRecording], file: Path) -> None:
     seen: set[tuple[str, Changes]] = set()
     for k, one in enumerate(found):
         if (one.name, one.changes) in seen:

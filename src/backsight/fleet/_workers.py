@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from backsight.errors import WorkerError
-from backsight.fleet._work import Landed, Work, done, version_here
+from backsight.fleet.items import Work, done, version_here
+from backsight.fleet.rows import Landed
 
 Answer = tuple[list[Landed], float]
 """What `done` returns."""

@@ -21,7 +21,7 @@ from backsight.report import report
 from backsight.run.estimation import estimate
 from backsight.tune import Choice, Free, Likelihood, MultiStep, Prediction, Tuned, Whiteness, fit
 
-OF_NOISE = ("sigma_y", "sigma_w", "sigma_x0", "x0", "R", "Q", "Qc", "P0")
+OF_NOISE = ("sigma_y", "sigma_w", "sigma_x0", "x0", "R", "Q", "Qc", "P0", "delay")
 """Values that a filter with the same noise and prior can find in place of another method."""
 
 
@@ -136,8 +136,13 @@ def tune_problem(
 
 
 def _first(problem: Problem) -> str:
-    able = [name for name, e in problem.estimators.items() if e.varies_noise]
+    able = [name for name, e in problem.estimators.items() if _is_filter(e)]
     return able[0] if able else next(iter(problem.estimators))
+
+
+def _is_filter(estimator: AbstractEstimator) -> bool:
+    """Whether its innovations say what its noise is: it looks at every measurement once."""
+    return bool(estimator.varies_noise) and not estimator.horizon
 
 
 def _free(entry: FreeTable) -> Free | Choice:
@@ -172,7 +177,7 @@ def _by(
         isinstance(f, Free) and (f.name.partition(".")[0] in OF_NOISE or f.name in parameters)
         for f in free
     )
-    if estimator.varies_noise or not shared:
+    if _is_filter(estimator) or not shared:
         return estimator, estimator.title
     with at("tune"):
         stand_in = yardstick(estimator, problem.model)

@@ -148,7 +148,7 @@ def _able(estimator: AbstractEstimator, unknowns: Sequence[Unknown]) -> bool:
     if "walk" in kinds or words:
         if not estimator.varies_noise or noise.beyond_additive:
             return False
-        if "R" in words and not estimator.varies_sensors:
+        if "R" in words and "R" not in estimator.varies_noise:
             return False
     if kinds & {"sigma_y", "R"} and not estimator.weighs:
         return False
