@@ -4,8 +4,6 @@ import importlib.util
 import json
 from pathlib import Path
 
-import pytest
-
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
 
