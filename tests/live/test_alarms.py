@@ -40,7 +40,7 @@ def test_with_hysteresis_it_does_not_flutter(tmp_path, samples):
     for hysteresis in (0.0, 0.5):
         alarm = f'[alarm.y]\nkind = "range"\nof = "y"\nupper = 0.05\nhysteresis = {hysteresis}\n'
         with fed(tmp_path, IN_ORDER + COLUMNS + alarm) as live:
-            live.feed(map(message, swinging), at_once=5)
+            live.feed(map(message, swinging), at_once=20)
         counts.append(len(events(live)))
     assert counts[0] >= 6
     assert counts[1] == 1

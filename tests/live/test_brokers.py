@@ -102,6 +102,7 @@ def test_nothing_that_was_acknowledged_is_lost_by_a_kill(tmp_path, samples, expe
 
 
 @needs_broker
+@pytest.mark.slow
 def test_a_broker_that_goes_and_comes_back(tmp_path, samples, expected):
     port = free_port()
     with contextlib.ExitStack() as stack:
@@ -153,6 +154,7 @@ def test_cbor(samples):
     assert len(faults) == 2
 
 
+@pytest.mark.slow
 def test_an_opc_ua_server(tmp_path, samples):
     """Values are written with the times of the samples; each variable by itself."""
     asyncua = pytest.importorskip("asyncua")

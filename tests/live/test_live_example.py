@@ -4,12 +4,15 @@ import importlib.util
 import json
 from pathlib import Path
 
+import pytest
+
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "live"
 
 
+@pytest.mark.slow
 def test_friction_and_load_of_the_simulated_motor(tmp_path):
     spec = importlib.util.spec_from_file_location("simulate", EXAMPLE / "simulate.py")
     assert spec is not None

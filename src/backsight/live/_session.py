@@ -93,6 +93,13 @@ class LiveSession:
                 self._leap(before, int(placed.slots.min()))
             lane.put(placed, self.estimation)
             before = max(before, int(placed.slots.max()))
+        if lane.too_fast is not None:
+            self.tell(
+                f"source {lane.name} sends {lane.too_fast:.4g} samples a second, faster than "
+                f"live.dt takes them ({1 / self.grid.dt:.4g}): one in a period is used, the others "
+                "are counted as duplicates"
+            )
+            lane.too_fast = None
         if lane.placing.set_back and not lane.replayed:
             moved = lane.set_clock()
             self.tell(f"source {lane.name}: its clock was set back; {moved:.6g} s are added now")

@@ -16,8 +16,9 @@ from backsight.live._freezing import SEEN
 from backsight.live._problem import LiveProblem
 from backsight.live.engine import LiveRows
 from backsight.output import write_whole
-from backsight.problem import load, run_problem
-from backsight.problem.running import PAGE
+
+PAGE = "report.html"
+"""What `run_problem` writes."""
 
 MOST_BYTES = 256 * 2**20
 """Of samples in memory; beyond that fewer minutes are kept."""
@@ -143,6 +144,8 @@ class Recent:
         return tomlkit.dumps(document)
 
     def _estimate(self, saved: Saved) -> None:
+        from backsight.problem import load, run_problem  # as heavy as all else at the start
+
         try:
             problem = load(saved.folder / "problem.toml")
             run_problem(problem, saved.folder, progress=lambda *_: None, force=False)
