@@ -17,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from backsight.engine.parallel import cores
+
 DT, DISTINCT, AT_ONCE = 0.01, 50, 64
 
 PROBLEM = """\
@@ -105,7 +107,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fleets", description=main.__doc__)
     parser.add_argument("--recordings", type=int, default=1000)
     parser.add_argument("--samples", type=int, default=10_000)
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--workers", type=int, default=cores())
     parser.add_argument("--rounds", type=int, default=2)
     given = parser.parse_args()
     os.environ["OPENBLAS_NUM_THREADS"] = "1"

@@ -5,10 +5,10 @@ import collections
 import contextlib
 import importlib.metadata
 import logging
-import os
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from backsight.engine.parallel import cores
 from backsight.errors import WorkerError
 from backsight.fleet.items import Work, done, version_here
 from backsight.fleet.rows import Landed
@@ -181,7 +181,7 @@ def workers_of(
             local: Any = distributed.LocalCluster
             scheduler = stack.enter_context(
                 local(
-                    n_workers=number or os.cpu_count() or 1,
+                    n_workers=number or cores(),
                     threads_per_worker=1,
                     dashboard_address=None,
                     silence_logs=logging.CRITICAL,
