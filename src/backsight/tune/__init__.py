@@ -10,6 +10,7 @@ from backsight.tune.fitting import Free as Free
 from backsight.tune.fitting import HeldOut as HeldOut
 from backsight.tune.fitting import Likelihood as Likelihood
 from backsight.tune.fitting import MultiStep as MultiStep
+from backsight.tune.fitting import OutputError as OutputError
 from backsight.tune.fitting import Prediction as Prediction
 from backsight.tune.fitting import Tuned as Tuned
 from backsight.tune.fitting import Whiteness as Whiteness
