@@ -6,7 +6,7 @@ import scipy
 
 import backsight as bs
 from backsight.errors import TuningError
-from backsight.tune import OutputError, fit
+from backsight.tune import Simulation, fit
 
 DT, N = 0.1, 600
 LAG = bs.Model(
@@ -38,7 +38,7 @@ def test_output_error_is_the_least_squares_fit_of_a_simulation(recording):
     ekf = bs.EKF(bs.Noise(sigma_y=0.1, sigma_w=1e-3), PRIOR)
     free = [bs.tune.Free(n, spread=float("inf")) for n in ("a", "c", "sigma_y")]
     free.append(bs.tune.Free("x0", sigma=100.0))
-    found = fit(ekf, LAG, recording, free=free, criterion=OutputError(), check=False)
+    found = fit(ekf, LAG, recording, free=free, criterion=Simulation(), check=False)
     u, y = recording["u"].values[:, 0], recording["y"].values[:, 0]
     best = scipy.optimize.least_squares(lambda p: simulated(*p, u) - y, [0.5, 1.5, 0.0])
     for name, value in zip(("a", "c", "x0.x"), best.x, strict=True):
@@ -62,4 +62,4 @@ def test_parameters_that_simulate_badly_are_told(recording):
 def test_a_simulation_has_no_process_noise(recording):
     ekf = bs.EKF(bs.Noise(sigma_y=0.1, sigma_w=1e-3), PRIOR)
     with pytest.raises(TuningError, match="a simulation has no process noise"):
-        fit(ekf, LAG, recording, free=["a", "sigma_w"], criterion=OutputError())
+        fit(ekf, LAG, recording, free=["a", "sigma_w"], criterion=Simulation())

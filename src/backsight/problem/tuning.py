@@ -24,8 +24,8 @@ from backsight.tune import (
     Free,
     Likelihood,
     MultiStep,
-    OutputError,
     Prediction,
+    Simulation,
     Tuned,
     Whiteness,
     fit,
@@ -107,7 +107,7 @@ def tune_problem(
     chosen, by = _by(problem.estimators[name], problem, free)
     criterion = None
     if problem.tune.criterion:
-        kinds = [Likelihood, Prediction, MultiStep, OutputError, Whiteness]
+        kinds = [Likelihood, Prediction, MultiStep, Simulation, Whiteness]
         criterion = part(kinds, problem.tune.criterion, where="tune.criterion")
     if problem.tune.recordings and problem.recording.sources:
         raise ProblemError(

@@ -1,4 +1,4 @@
-"""Parameters that predict the next sample, but not a whole recording: beside an output-error fit."""
+"""Parameters that predict the next sample but not a whole recording, and an output-error fit."""
 
 import dataclasses
 from typing import Any
@@ -100,7 +100,7 @@ def doubts_of_simulation(objective: Objective, passes: float = PASSES) -> list[s
             found.append(
                 f"a simulation with these parameters misses {what} {significant(a / b, 3)} times "
                 f"as much as that of an output-error fit{moved}: they predict the next sample; to "
-                "simulate with them take the criterion OutputError() or Prediction()"
+                "simulate with them take the criterion Simulation() or Prediction()"
             )
     return found
 

@@ -31,7 +31,7 @@ from backsight.tune.fitting._output_error import (
     simulating,
     unknowns_of_simulation,
 )
-from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood, OutputError
+from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood, Simulation
 from backsight.tune.fitting.runners import (
     Data,
     LaneRunner,
@@ -174,7 +174,7 @@ class Tuning:
         found = placed(self.estimator, self.model, unknowns, objective.values(best.place, 0))
         free = unknowns_of_simulation(*found, tuple(unknowns), recordings=len(self.data))
         outliers = self.criterion.outliers if isinstance(self.criterion, Likelihood) else 0.0
-        criterion = OutputError(outliers=outliers)
+        criterion = Simulation(outliers=outliers)
         data = tuple((u, y, mask, y, mask) for u, y, mask, *_ in self.data)
         other = dataclasses.replace(
             self, estimator=found[0], model=found[1], criterion=criterion, data=data

@@ -131,7 +131,7 @@ class Prediction(Likelihood):
 
 
 @dataclasses.dataclass(frozen=True)
-class OutputError(Likelihood):
+class Simulation(Likelihood):
     """Likelihood of a simulation of the whole recording, which no measurement corrects.
 
     For parameters with which the model shall simulate: there is no process noise, and the start is
@@ -144,7 +144,7 @@ class OutputError(Likelihood):
 
     Examples
     --------
-    >>> bs.tune.OutputError().simulates
+    >>> bs.tune.Simulation().simulates
     True
     """
 
