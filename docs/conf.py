@@ -9,6 +9,7 @@ from figures import scrape  # docs/_extensions
 
 project = "Backsight"
 author = "The Backsight developers"
+project_copyright = "the Backsight developers"
 extensions = [
     "mathml",
     "myst_parser",
@@ -20,7 +21,7 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["images", "tutorials/README.txt"]
+exclude_patterns = ["images", "tutorials/README.txt", "theory/README.txt"]
 suppress_warnings = ["myst.xref_missing", "config.cache"]
 
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
@@ -39,13 +40,14 @@ html_theme = "furo"
 html_title = "Backsight"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
+html_favicon = "_static/icon.svg"
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
 html_theme_options = {"top_of_page_buttons": []}  # the sources are not there to be viewed
 
 sphinx_gallery_conf = {
-    "examples_dirs": "tutorials",
-    "gallery_dirs": "gallery",
+    "examples_dirs": ["tutorials", "theory"],
+    "gallery_dirs": ["gallery", "chapters"],
     "filename_pattern": r"\.py$",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": (scrape,),

@@ -221,3 +221,16 @@ def test_files_that_are_cut_off(tmp_path):
             read_matrix(path)
     with pytest.raises(DataError, match="there is no file"):
         read_matrix(tmp_path / "none.mtx")
+
+
+def test_numbers_that_happen_to_be_short_are_exact(tmp_path):
+    """Entries of an even mesh with round properties: no rounding that could hide a mode."""
+    path = tmp_path / "short.mtx"
+    round_ones = np.array(
+        [[8.064e7, -2.016e7, 0], [-2.016e7, 1.6128e8, 6.72e6], [0, 6.72e6, 3.36e6]]
+    )
+    for written in ({}, {"precision": 9}):
+        scipy.io.mmwrite(path, sparse.coo_array(round_ones), **written)
+        assert read_matrix(path).precision < 1e-15
+    scipy.io.mmwrite(path, sparse.coo_array(round_ones / 11), precision=9)
+    assert read_matrix(path).precision == pytest.approx(5e-9)

@@ -135,3 +135,6 @@ def test_an_estimator_takes_no_millimetres_for_metres():
     with pytest.raises(DataError, match=r"output 'y' is in mm, the model takes m; .*convert_units"):
         bs.estimate(ekf, model, data, engine="vm")
     assert bs.estimate(ekf, model, convert_units(data, {"y": "m"}), engine="vm").sizes["time"] == 5
+    other = data.assign_coords(output_unit=("output", ["Pa"]))
+    with pytest.raises(DataError, match="output 'y' is in Pa, the model takes m, which is another"):
+        bs.estimate(ekf, model, other, engine="vm")

@@ -11,8 +11,9 @@ import pytest
 import xarray as xr
 
 import backsight as bs
+from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
-from backsight.live._session import LiveSession, opened_session
+from backsight.live._session import LiveSession
 
 DT, N = 0.01, 900
 

@@ -12,10 +12,10 @@ import pytest
 from tests.live.conftest import COLUMNS, N, fed, message, written
 
 from backsight.errors import BacksightError, OutputError, ProblemError
+from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
-from backsight.live._session import opened_session
 from backsight.live.sources._cutting import Cutter
-from backsight.live.sources._decoding import decoder
+from backsight.live.sources._decoding import payload_decoder
 from backsight.problem.reading.tables import MessageTable
 
 LIVE = "[live]\ndt = 0.01\nlag = 1.0\n[source.rig]\ntime = 't'\n"
@@ -148,7 +148,7 @@ def table(**given) -> MessageTable:
     ],
 )
 def test_lines_of_numbers(lines, values, faults):
-    read = decoder(table(format="text", columns=["t", "u", "y"]), "source.rig")
+    read = payload_decoder(table(format="text", columns=["t", "u", "y"]), "source.rig")
     found, owner, wrong = read(lines)
     assert np.array_equal(found, np.array(values, float), equal_nan=True)
     assert len(owner) == len(found)
@@ -157,7 +157,7 @@ def test_lines_of_numbers(lines, values, faults):
 
 def test_records_of_every_kind_of_number():
     feed = table(format="packed", columns=["t", "n", "u", "y"], struct=">Qhfd")
-    found, _, _ = decoder(feed, "source.rig")([struct.pack(">Qhfd", 2**40, -3, 0.5, 1e-9)])
+    found, _, _ = payload_decoder(feed, "source.rig")([struct.pack(">Qhfd", 2**40, -3, 0.5, 1e-9)])
     assert found.tolist() == [[2**40, 0.5, 1e-9]]
 
 

@@ -64,7 +64,7 @@ def test_plotly_is_there_once_and_sends_nothing_away(page):
 
 def test_every_place_for_a_plot_has_its_figure(page):
     places = [a for t, a in Elements(page).tags if t == "figure"]
-    assert len(places) == len(figures_of(page)) == 2 + 1 + 2 + 4 + 1
+    assert len(places) == len(figures_of(page)) == 2 + 1 + 2 + 4 + 1 + 2
     assert all(a["aria-label"] for a in places)
 
 
@@ -102,7 +102,7 @@ def test_hostile_names_are_only_text(filtered, tmp_path):
     assert HOSTILE not in page
     assert "<!--" not in page.split("<script>")[0]
     parsed = Elements(page)
-    assert [t for t, _ in parsed.tags].count("script") == 3  # library, figures, program
+    assert [t for t, _ in parsed.tags].count("script") == 4  # library, figures, details, program
     assert parsed.text.count(HOSTILE) >= 5
     shown = [f["layout"]["annotations"][0]["text"] for f in figures_of(page)]
     names = [t["name"] for f in figures_of(page) for t in f["traces"] if "name" in t]

@@ -36,10 +36,14 @@ study = typer.Typer(
     context_settings=SHORT,
 )
 app.add_typer(study, name="study")
-app.command("columns")(_recordings.show_columns)
+app.command("columns", short_help="Show the columns of a recording and what looks wrong.")(
+    _recordings.show_columns
+)
 app.command("init")(_recordings.write_problem)
-app.command("open")(_workbench.open_page)
-app.command("live")(_live.live)
+app.command("open", short_help="Open the workbench in a browser; no Python needed.")(
+    _workbench.open_page
+)
+app.command("live", short_help="Estimate while samples come, from the wire or a file.")(_live.live)
 
 
 @app.callback(invoke_without_command=True)
@@ -58,7 +62,7 @@ def main(
         raise typer.Exit
 
 
-@app.command("run")
+@app.command("run", short_help="Run the estimators of a problem file and compare them.")
 def run_file(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     out: Out,
@@ -70,7 +74,8 @@ def run_file(
 
     The exit code is 0 if all went well, 1 if an estimator failed (the
     others are written), and 2 if the problem, the recording or the folder
-    is at fault and nothing is written.
+    is at fault and nothing is written. After an interrupt it is 130, and
+    what had finished is written.
     """
     with told():
         from backsight.problem import load, run_problem
@@ -80,8 +85,10 @@ def run_file(
 
         for sentence in refusals():
             warn(sentence)
-        read = load(problem)
         with bar() as advance:
+            advance("reading", 0.0)
+            read = load(problem)
+            advance("reading", 1.0)
             results = run_problem(
                 read,
                 out,
@@ -90,6 +97,10 @@ def run_file(
                 force=force,
                 outside=outside or (),
                 env=env or (),
+                interrupted=lambda names: warn(
+                    f"interrupted: {', '.join(names)} left out; the others are written, unless "
+                    "there is another interrupt"
+                ),
             )
         say(f"{read.title}\n\n{results.table(read.reference, width=width())}\n")
         for sentence in results.verdicts(read.reference):
@@ -99,11 +110,13 @@ def run_file(
     for name, reason in failures.items():
         if reason:
             tell(f"{name}: {reason}")
+    if len(results) < len(read.estimators):
+        raise typer.Exit(130)
     if any(failures.values()):
         raise typer.Exit(1)
 
 
-@app.command()
+@app.command(short_help="Say whether the recording can show what is asked for.")
 def check(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     certify: Annotated[
@@ -162,15 +175,15 @@ def check(
         raise typer.Exit(1)
 
 
-app.command()(tune)
-app.command()(export)
+app.command(short_help="Find noise, prior and settings from the recording.")(tune)
+app.command(short_help="Write an estimator as C99 or FMU for a controller.")(export)
 app.command()(fleet)
 
 
 app.command("report")(report_again)
 
 
-@app.command("methods")
+@app.command("methods", short_help="List the estimators and their settings.")
 def list_methods(
     name: Annotated[
         str | None, typer.Argument(help="A kind, such as ekf: what every setting means.")
@@ -183,7 +196,7 @@ def list_methods(
         say(methods(tell=warn) if name is None else method(name))
 
 
-@app.command("schema")
+@app.command("schema", short_help="Print a JSON schema of problem files for editors.")
 def print_schema() -> None:
     """Print a JSON schema of problem files, for editors that complete and check TOML.
 

@@ -21,6 +21,13 @@ def report_again(
     ] = None,
     outside: Outside = None,
     env: Env = None,
+    shared: Annotated[
+        bool,
+        typer.Option(
+            "--shared",
+            help="Put the program that draws, 1.5 MB, beside the page: a folder shares it.",
+        ),
+    ] = False,
 ) -> None:
     """Draw the report again from results, of several runs side by side.
 
@@ -29,14 +36,14 @@ def report_again(
     """
     with told():
         page = (
-            _of_results(estimates, out)
+            _of_results(estimates, out, shared=shared)
             if item is None
             else _of_item(estimates, item, out, outside or (), env or ())
         )
         say(f"Report: {page}")
 
 
-def _of_results(estimates: Sequence[Path], out: Path) -> Path:
+def _of_results(estimates: Sequence[Path], out: Path, *, shared: bool) -> Path:
     from backsight.problem.results_file import read_estimates
     from backsight.report import report
 
@@ -44,15 +51,28 @@ def _of_results(estimates: Sequence[Path], out: Path) -> Path:
         if folder.is_dir():
             raise ProblemError(f"'{folder}' is a folder; of a fleet, say which item: --item ITEM")
     read = {file: read_estimates(file) for file in estimates}
+    runs = _names_of_runs(list(read))
     results = {
-        name if len(read) == 1 else f"{file.parent.name or file.stem}: {name}": result
+        name if len(read) == 1 else f"{runs[file]}: {name}": result
         for file, found in read.items()
         for name, result in found.results.items()
     }
     first = next(iter(read.values()))
     title = " | ".join(dict.fromkeys(found.title for found in read.values() if found.title))
     problem = first.problem if len(read) == 1 else None
-    return report(results, out, title=title or None, problem=problem)
+    return report(
+        results,
+        out,
+        title=title or None,
+        problem=problem,
+        library="beside" if shared else "inside",
+    )
+
+
+def _names_of_runs(files: Sequence[Path]) -> dict[Path, str]:
+    """Name runs by their folders; by their paths where folders have the same name."""
+    names = {file: file.absolute().parent.name or file.stem for file in files}
+    return names if len(set(names.values())) == len(files) else {f: str(f) for f in files}
 
 
 def _of_item(

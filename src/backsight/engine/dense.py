@@ -156,3 +156,9 @@ def gain_of(PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.M
     inputs = [PHt, HPHt, R, mask]
     K, S, N = foreign.call("matrix_gain", (nx, ny), inputs=inputs, outputs=outputs)
     return K, S, N
+
+
+def near_to(A: ca.MX, B: ca.MX, size: np.ndarray, most: float) -> ca.MX:
+    """1 if the norm of (A - B) / (size size'), of symmetric matrices, is at most that, else 0."""
+    given = [A, B, ca.MX(ca.DM(size)), ca.MX(most)]
+    return foreign.call("matrix_near", (A.shape[0],), inputs=given, outputs=[(1, 1)])[0]

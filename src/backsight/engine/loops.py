@@ -135,9 +135,10 @@ def iterate(
     skip = ca.Function(f"{body.name()}_skip", symbols, symbols[:n_carry])
     guarded = ca.Function.if_else(f"{body.name()}_or_skip", body, skip)
     once = ca.Function(f"{body.name()}_guarded", symbols, guarded.call([symbols[0], *symbols]))
-    accumulate = once.mapaccum(
-        f"{body.name()}_upto_{limit}", limit, list(range(n_carry)), list(range(n_carry))
-    )
+    accumulate = once
+    if limit > 1:
+        places = list(range(n_carry))
+        accumulate = once.mapaccum(f"{body.name()}_upto_{limit}", limit, places, places)
     mapped = [ca.repmat(s, 1, limit) for s in symbols[n_carry:]]
     results = accumulate.call([*symbols[:n_carry], *mapped])
     final = [r[:, (limit - 1) * c.shape[1] :] for r, c in zip(results, carry, strict=True)]

@@ -10,6 +10,9 @@ from backsight.types import Array
 BLOCK = 1000
 """Samples per call. One call for a whole recording takes long to build; one per sample is slow."""
 
+MOST_NUMBERS = 10**7
+"""In the memories after all samples of a call, which the virtual machine keeps."""
+
 
 def run(
     recursion: Recursion,
@@ -31,7 +34,8 @@ def run(
     progress : callable
         Told the number of samples done.
     block : int, optional
-        Samples per call of the virtual machine, `BLOCK` by default; does not change the result.
+        Samples per call of the virtual machine, at most `BLOCK` by default; does not change the
+        result.
 
     Returns
     -------
@@ -39,7 +43,7 @@ def run(
         The memory after the last sample.
     outputs : list of (n, l_j) arrays
     """
-    n, block = len(data[0]), block or BLOCK
+    n, block = len(data[0]), block or max(1, min(BLOCK, MOST_NUMBERS // max(len(carry), 1)))
     outputs = [np.empty((n, size)) for size in recursion.output_sizes]
     steps = {size: recursion.step.mapaccum(size) for size in {min(block, n), n % block} - {0}}
     for start in range(0, n, block):

@@ -221,8 +221,7 @@ class Compilable(Description, abc.ABC):
             return self, model
         given, (_, prior) = ", ".join(noise.beyond_additive), self.assumed
         if not self.noise_states:
-            able = "KalmanFilter, EKF, IEKF, UKF, MHO, LinearMHE or MHE"
-            raise TuningError(f"{self.title} cannot take {given} of the noise; use {able}")
+            raise TuningError(f"{self.title} cannot take {given} of the noise; use EKF or MHE")
         if self.input_hold != "zoh":
             raise TuningError(f"{given} of the noise needs inputs that are held: hold = 'zoh'")
         if getattr(self, "measurement", "sampled") != "sampled":

@@ -20,6 +20,7 @@ from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
 from backsight.estimators._compiling import Spread as Spread
+from backsight.estimators._inspection import Inspection
 from backsight.estimators._sizes import with_scales
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import ScaledPart, noise_at, scaled_parts
@@ -68,8 +69,8 @@ class AbstractEstimator(Compilable, abc.ABC):
         """The estimator itself, first, and with other arrival costs; by their names."""
         return {"": self}
 
-    def inspect(self, model: Model, dt: float) -> ca.Function:  # noqa: ARG002 - none has a window
-        """Build the whole window of a sample, see `backsight.estimators.mhe._inspect`.
+    def inspect(self, model: Model, dt: float) -> Inspection:  # noqa: ARG002 - none has a window
+        """Build the whole window of a sample, see `Inspection`.
 
         Raises
         ------
@@ -222,9 +223,8 @@ def setting(
 ) -> Setting:
     """Check noise and prior against the model, all messages at once, and scale everything.
 
-    A state without a `Signal.scale` is scaled by the size of its prior and of its random walk, an
-    output by its noise. The integrator settles what it leaves open. Sensors without noise are
-    refused unless they may be `noiseless`.
+    A state without a `Signal.scale` is scaled by its prior and random walk, an output by its noise.
+    The integrator settles what it leaves open. Sensors need noise, unless `noiseless` is set.
 
     Raises
     ------

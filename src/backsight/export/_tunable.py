@@ -9,7 +9,6 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from backsight.engine import vm
@@ -20,6 +19,7 @@ from backsight.estimators.base import AbstractEstimator, setting
 from backsight.estimators.uncertainty import Noise
 from backsight.estimators.varied_noise import NoisePart, VariedNoise
 from backsight.export._opened import PARAMETERS, SIGMA, WALK, opened_step
+from backsight.models.augment import with_idle_inputs
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.models.structures import forces_as_inputs
@@ -183,26 +183,13 @@ def _with_inputs(
     wide = forces_as_inputs(wide, names) if names else wide
     changes: dict[str, Any] = {} if chosen is None else {"integrator": chosen}
     if walks:
-        wide = _with_idle_inputs(wide, [FACTOR + s.name for s in walks])
+        wide = with_idle_inputs(wide, [FACTOR + s.name for s in walks])
         changes["noise"] = _varied(estimator.assumed[0], model, walks)
     try:
         return dataclasses.replace(estimator, **changes).compile(wide, dt)
     except BacksightError as error:
         what = ", ".join([*names, *([WALK] if walks else [])])
         raise EngineError(f"{what} cannot be made changeable: {error}") from error
-
-
-def _with_idle_inputs(model: Model, names: Sequence[str]) -> Model:
-    """The model with further inputs that do nothing in it."""
-    x, p = ca.SX.sym("x", model.nx), ca.SX.sym("p", len(model.parameters))
-    u = ca.SX.sym("u", model.nu + len(names))
-    given = [x, u[: model.nu], p]
-    return dataclasses.replace(
-        model,
-        f=ca.Function("f", [x, u, p], model.f.call(given)),
-        h=ca.Function("h", [x, u, p], model.h.call(given)),
-        inputs=(*model.inputs, *(Signal(name=n) for n in names)),
-    )
 
 
 def _varied(noise: Noise, model: Model, walks: Sequence[Signal]) -> VariedNoise:

@@ -2,7 +2,7 @@
 
 from backsight.fleet.fleet import Fleet as Fleet
 from backsight.fleet.fleet import load_fleet as load_fleet
+from backsight.fleet.rows import read_rows as read_rows
+from backsight.fleet.rows import write_table as write_table
 from backsight.fleet.running import run_fleet as run_fleet
 from backsight.fleet.single import problem_of_item as problem_of_item
-from backsight.fleet.table import read_rows as read_rows
-from backsight.fleet.table import write_table as write_table

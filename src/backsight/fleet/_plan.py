@@ -5,10 +5,10 @@ import importlib.metadata
 from collections.abc import Iterator, Mapping, Sequence
 
 from backsight.fleet._changes import Changes
-from backsight.fleet._recordings import Listed
-from backsight.fleet._work import Piece, Work
+from backsight.fleet._recordings import FleetRecording
 from backsight.fleet.fleet import Fleet, item_of
-from backsight.fleet.store import Known, stamp_text
+from backsight.fleet.items import Item, Work
+from backsight.fleet.rows import Known, stamp_text
 from backsight.run.estimation import Outputs
 
 SECONDS = 2.0
@@ -35,7 +35,7 @@ class Order:
     outside: tuple[str, ...]
     env: tuple[str, ...]
 
-    def work(self, setting: Changes, pieces: Sequence[Piece]) -> Work:
+    def work(self, setting: Changes, pieces: Sequence[Item]) -> Work:
         """Some recordings with a setting."""
         return Work(
             version=importlib.metadata.version("backsight"),
@@ -50,7 +50,7 @@ class Order:
         )
 
 
-class Plan:
+class FleetPlan:
     """What is missing, cut into pieces of work as it is asked for.
 
     Their size follows from what recordings have cost so far, and towards the end from how many
@@ -63,7 +63,7 @@ class Plan:
     order : Order
     """
 
-    def __init__(self, missing: Sequence[tuple[Changes, Sequence[Piece]]], order: Order) -> None:
+    def __init__(self, missing: Sequence[tuple[Changes, Sequence[Item]]], order: Order) -> None:
         self._missing = [(setting, list(pieces)) for setting, pieces in missing if pieces]
         self._order = order
         self._place = 0
@@ -103,7 +103,7 @@ class Plan:
         return max(round(size / LANES), 1) * LANES
 
 
-def _fitting(pieces: Sequence[Piece]) -> int:
+def _fitting(pieces: Sequence[Item]) -> int:
     """How many of them have files that go into memory together."""
     total, count = 0, 0
     for piece in pieces:
@@ -114,7 +114,7 @@ def _fitting(pieces: Sequence[Piece]) -> int:
     return count
 
 
-def missing_of(fleet: Fleet, known: Mapping[str, Known]) -> Iterator[tuple[Changes, list[Piece]]]:
+def missing_of(fleet: Fleet, known: Mapping[str, Known]) -> Iterator[tuple[Changes, list[Item]]]:
     """Recordings by setting that are not in the store, or whose files look different now."""
     stamps = [stamp_text(listed.stamp()) for listed in fleet.recordings]
     for setting in fleet.settings:
@@ -123,9 +123,9 @@ def missing_of(fleet: Fleet, known: Mapping[str, Known]) -> Iterator[tuple[Chang
             item = item_of(listed, setting)
             there = known.get(item)
             if there is None or not there.digest:
-                pieces.append(Piece(item, listed))
+                pieces.append(Item(item, listed))
             elif there.stamp != stamp:  # touched only, if the digest is the same
-                pieces.append(Piece(item, listed, there.digest))
+                pieces.append(Item(item, listed, there.digest))
         yield setting, pieces
 
 
@@ -137,7 +137,7 @@ def catalogued(fleet: Fleet) -> Iterator[tuple[str, int, int]]:
             yield item_of(listed, setting), k, j
 
 
-def told_of(listed: Listed) -> dict[str, object]:
+def told_of(listed: FleetRecording) -> dict[str, object]:
     """A recording as the store keeps it."""
     return {
         "name": listed.name,

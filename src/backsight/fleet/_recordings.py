@@ -23,7 +23,7 @@ Stamp = tuple[int, int]
 
 
 @dataclasses.dataclass(frozen=True)
-class Listed:
+class FleetRecording:
     """A recording of a fleet.
 
     Parameters
@@ -44,7 +44,7 @@ class Listed:
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @classmethod
-    def at(cls, path: Path, folder: Path, **known: Any) -> "Listed":
+    def at(cls, path: Path, folder: Path, **known: Any) -> "FleetRecording":
         """A recording by its path; `folder` is that of the fleet file."""
         inside = path.is_relative_to(folder)
         return cls((path.relative_to(folder) if inside else path).as_posix(), str(path), **known)
@@ -65,7 +65,7 @@ class Listed:
 
 def listed_in(
     file: Path, table: RecordingsTable, folder: Path, env: Collection[str]
-) -> list[Listed]:
+) -> list[FleetRecording]:
     """Recordings of a table.
 
     Raises
@@ -97,7 +97,7 @@ def listed_in(
         )
         path = folder / expanded(name, f"recordings.table, row {k + 1}", env=env)
         metadata = {c: columns[c][k] for c in others}
-        found.append(Listed.at(path, folder, changes=changes, metadata=metadata))
+        found.append(FleetRecording.at(path, folder, changes=changes, metadata=metadata))
     _check_once(found, file)
     return found
 
@@ -109,7 +109,7 @@ def _value(key: str, value: Any, folder: Path, env: Collection[str]) -> Any:
     return str(folder / expanded(str(value), f"recordings.settings.{key}", env=env))
 
 
-def _check_once(found: Sequence[Listed], file: Path) -> None:
+def _check_once(found: Sequence[FleetRecording], file: Path) -> None:
     seen: set[tuple[str, Changes]] = set()
     for k, one in enumerate(found):
         if (one.name, one.changes) in seen:
@@ -131,11 +131,15 @@ def _read(file: Path) -> "pd.DataFrame":
                 return pd.read_parquet(file)
             case ".xlsx":
                 return pd.read_excel(file)
-        return pd.read_csv(file, sep=None, engine="python", encoding="utf-8-sig")
+        with file.open(encoding="utf-8-sig") as text:
+            first = text.readline()
+        # Not pandas' own guess, which takes a letter where there is one column.
+        separator = max(",;\t|", key=first.count)
+        return pd.read_csv(file, sep=separator, encoding="utf-8-sig")
     except (OSError, ValueError, ImportError, pd.errors.ParserError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ProblemError(f"recordings.table: cannot read '{file}': {reason}") from None
-    except Exception as error:  # of the libraries: a zip that is none, a sniffer that finds nothing
+    except Exception as error:  # of the libraries, as a zip that is none
         raise ProblemError(f"recordings.table: cannot read '{file}': {error}") from None
 
 

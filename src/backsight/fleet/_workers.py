@@ -1,7 +1,9 @@
 """Who does the work: this process, workers on this computer, or a cluster that is there."""
 
 import abc
+import asyncio
 import collections
+import concurrent.futures
 import contextlib
 import importlib.metadata
 import logging
@@ -10,13 +12,17 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from backsight.errors import WorkerError
-from backsight.fleet._work import Landed, Work, done
+from backsight.fleet.items import Work, done, version_here
+from backsight.fleet.rows import Landed
 
 Answer = tuple[list[Landed], float]
 """What `done` returns."""
 
 LOOK_SECONDS = 0.5
 """How often the driver looks whether the scheduler is still there and can be interrupted."""
+
+CONNECT = "15s"
+"""For how long an answer of a scheduler is waited for."""
 
 DEATHS = 1
 """Workers that a piece of work may take along before it is cut into single recordings."""
@@ -99,8 +105,6 @@ class DaskWorkers(Workers):
 
     def finished(self) -> Iterator[tuple[Work, Answer | str]]:
         """See `Workers.finished`."""
-        import asyncio
-
         import distributed
 
         wait: Any = distributed.wait
@@ -108,13 +112,15 @@ class DaskWorkers(Workers):
         while not ended:
             if self._client.status not in ("running", "connecting"):
                 raise WorkerError(GONE)
-            with (
-                contextlib.suppress(TimeoutError, asyncio.TimeoutError),
-                self._client.as_current(),
-            ):
-                ended = wait(
-                    [*self._futures], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED"
-                ).done
+            try:
+                with self._client.as_current():
+                    ended = wait(
+                        [*self._futures], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED"
+                    ).done
+            except TimeoutError:
+                continue
+            except (asyncio.CancelledError, concurrent.futures.CancelledError, OSError):
+                raise WorkerError(GONE) from None
         for future in ended:
             work = self._futures.pop(future)
             yield work, self._answer(future)
@@ -179,10 +185,11 @@ def workers_of(
     settings = {
         "logging.distributed": "critical",
         "distributed.scheduler.allowed-failures": DEATHS,
-        "distributed.comm.timeouts.connect": "10s",
+        "distributed.comm.timeouts.connect": CONNECT,
         "distributed.admin.large-graph-warning-threshold": "100MB",
     }
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in [n for n in logging.root.manager.loggerDict if n.startswith("distributed")]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.config.set(settings), contextlib.ExitStack() as stack:
         if scheduler is None:
             local: Any = distributed.LocalCluster
@@ -207,7 +214,7 @@ def workers_of(
 
 def _check_versions(client: Any) -> None:
     """Ask workers with nothing but Python which version they have."""
-    here = importlib.metadata.version("backsight")
+    here = version_here()
     found = client.run(importlib.metadata.version, "backsight", on_error="return")
     for address, version in found.items():
         if version != here:

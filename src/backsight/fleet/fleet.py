@@ -12,7 +12,7 @@ from typing import Any
 from backsight.description import Printed, digest
 from backsight.errors import BacksightError, ProblemError
 from backsight.fleet._changes import Changes, axes_of, changed, settings_of
-from backsight.fleet._recordings import Listed, listed_in
+from backsight.fleet._recordings import FleetRecording, listed_in
 from backsight.fleet._tables import FleetTable, RecordingsTable
 from backsight.problem.problem import Problem
 from backsight.problem.reading.checking import at, validated
@@ -33,7 +33,7 @@ class Fleet(Printed):
         The fleet file.
     problem : Problem
         That of one recording.
-    recordings : tuple of Listed
+    recordings : tuple of FleetRecording
         The recordings with what is known of each.
     axes : dict
         Key of the problem file to the values that it takes.
@@ -44,7 +44,7 @@ class Fleet(Printed):
     title: str
     path: Path
     problem: Problem
-    recordings: tuple[Listed, ...]
+    recordings: tuple[FleetRecording, ...]
     axes: Mapping[str, tuple[Any, ...]]
     keep: Outputs | None
 
@@ -69,7 +69,7 @@ class Fleet(Printed):
             raise ProblemError(f"an estimator cannot be told from others: {error}") from None
 
 
-def item_of(recording: Listed, setting: Changes) -> str:
+def item_of(recording: FleetRecording, setting: Changes) -> str:
     """Name of a recording with a setting: the same in every process, and after every restart."""
     said = json.dumps([recording.name, recording.changes, setting], default=str)
     return hashlib.sha256(said.encode()).hexdigest()[:20]
@@ -140,7 +140,9 @@ def _kept(table: FleetTable) -> Outputs:
         return Outputs(chosen, every=given.every, dtype=given.dtype)
 
 
-def _recordings(table: RecordingsTable, folder: Path, env: Collection[str]) -> tuple[Listed, ...]:
+def _recordings(
+    table: RecordingsTable, folder: Path, env: Collection[str]
+) -> tuple[FleetRecording, ...]:
     if bool(table.files) == (table.table is not None):
         raise ProblemError("recordings: give files (a pattern) or a table")
     if table.table is not None:
@@ -154,7 +156,7 @@ def _recordings(table: RecordingsTable, folder: Path, env: Collection[str]) -> t
             paths |= dict.fromkeys(sorted(p for p in glob.glob(full, recursive=True)))
             if not paths:
                 raise ProblemError(f"recordings.files: there is no file '{pattern}'")
-        found = [Listed.at(Path(p), folder) for p in paths if Path(p).is_file()]
+        found = [FleetRecording.at(Path(p), folder) for p in paths if Path(p).is_file()]
     if not found:
         raise ProblemError("recordings: there is none")
     return tuple(found)

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from backsight.fleet.store import reading_store
-from backsight.fleet.table import BECAUSE, OUTLYING, judged
+from backsight.fleet.rows import BECAUSE, OUTLYING, judged, reading_store
 from backsight.output import write_whole
-from backsight.report.page import packed, style
+from backsight.report.page import gzipped, style
 from backsight.rounding import grouped
 
 PAGE = "fleet.html"
@@ -59,7 +58,7 @@ def write_fleet_page(store: Path, rows: pd.DataFrame) -> Path:
         title=escape(about["title"]),
         style=style() + _view("view.css"),
         facts=escape(_facts(rows, shown)),
-        rows=packed(json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)),
+        rows=gzipped(json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)),
         script=_view("view.js"),
     )
     return write_whole(store / PAGE, page.encode("utf-8"))

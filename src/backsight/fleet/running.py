@@ -7,12 +7,11 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from backsight.errors import OutputError
-from backsight.fleet._numbers import failed_row
-from backsight.fleet._plan import Order, Plan, catalogued, missing_of, told_of
-from backsight.fleet._work import Landed, Work
+from backsight.fleet._plan import FleetPlan, Order, catalogued, missing_of, told_of
 from backsight.fleet._workers import Answer, Workers, workers_of
 from backsight.fleet.fleet import Fleet
-from backsight.fleet.store import RESULTS, FleetStore, opened_fleet_store
+from backsight.fleet.items import Work
+from backsight.fleet.rows import RESULTS, FleetStore, Landed, failed_row, opened_fleet_store
 
 AHEAD = 2
 """Pieces of work for each worker: one to do, and one that is there when it is done."""
@@ -118,7 +117,7 @@ def run_fleet(
             [dict(setting) for setting in fleet.settings],
             catalogued(fleet),
         )
-        plan = Plan(list(missing_of(fleet, store.known())), order)
+        plan = FleetPlan(list(missing_of(fleet, store.known())), order)
         items = len(fleet.recordings) * len(fleet.settings)
         before = items - plan.left
         progress(before, items)
@@ -141,7 +140,7 @@ def _counting(store: FleetStore):
 
 
 def _carry_out(
-    plan: Plan, crew: Workers, store: FleetStore, progress: Callable[[int], None]
+    plan: FleetPlan, crew: Workers, store: FleetStore, progress: Callable[[int], None]
 ) -> None:
     landed = 0
     while True:
@@ -157,7 +156,7 @@ def _carry_out(
                 progress(landed)
 
 
-def _outcome(work: Work, answer: Answer | str, plan: Plan, crew: Workers) -> list[Landed]:
+def _outcome(work: Work, answer: Answer | str, plan: FleetPlan, crew: Workers) -> list[Landed]:
     """What can be landed; work that took its workers along is tried again one by one."""
     if not isinstance(answer, str):
         found, seconds = answer

@@ -6,6 +6,7 @@ import time
 import numpy as np
 
 from backsight.errors import ProblemError
+from backsight.live._freezing import SEEN
 from backsight.live._problem import Channels, LiveProblem, channels_of
 from backsight.live.clock import Placed, Placing, SourceClock, TimeGrid
 from backsight.live.engine import LiveEstimation
@@ -58,7 +59,7 @@ class Lane:
             return channels_of(self.name, feed, model, self._grid.dt, columns=wanted_columns(feed))
         signals = self.source.signals
         names = [
-            *(s.name for s in model.inputs),
+            *(s.name for s in model.inputs if not s.name.startswith(SEEN)),
             *(s.name for s in model.outputs if s.dummy is None),
         ]
         absent = [n for n in names if n not in signals]

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,15 +14,21 @@ from backsight.problem.problem import Problem
 from backsight.problem.reading.checking import validated
 from backsight.problem.reading.loading import problem_of, text_of, tree_of
 from backsight.problem.reading.tables import (
+    ALARMS,
     FEEDS,
+    AlarmTable,
     ColumnTable,
+    DashboardTable,
     FeedTable,
     LiveTable,
     ReplayFeed,
     StoreTable,
+    StrictTable,
 )
 from backsight.types import Array
 from backsight.units import conversion, convertible
+
+T = TypeVar("T", bound=StrictTable)
 
 RECORDING = "recording"
 """Name of the source that replays the recording of the file, where none is given."""
@@ -39,12 +45,20 @@ class LiveProblem:
     feeds : dict
         Sources by name.
     store : StoreTable, optional
+    alarms : dict
+        By name.
+    parameters : tuple of str
+        Parameters that are estimated.
+    dashboard : DashboardTable, optional
     """
 
     problem: Problem
     settings: LiveTable
     feeds: Mapping[str, FeedTable]
     store: StoreTable | None
+    alarms: Mapping[str, AlarmTable]
+    parameters: tuple[str, ...]
+    dashboard: DashboardTable | None
 
     @property
     def model(self) -> Model:
@@ -101,38 +115,49 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
     if settings.estimator is not None and settings.estimator not in known:
         hint = nearest(settings.estimator, known)
         raise ProblemError(f"live.estimator: there is no '{settings.estimator}', {hint}")
-    store = given.get("store")
+    store, shown = given.get("store"), given.get("dashboard")
     return LiveProblem(
         problem=problem,
         settings=settings,
         feeds=feeds,
         store=None if store is None else validated(StoreTable, store, where="store"),
+        alarms=_by_kind(given, "alarm", ALARMS),
+        parameters=tuple(given.get("estimate", {})),
+        dashboard=None if shown is None else validated(DashboardTable, shown, where="dashboard"),
     )
 
 
 def _feeds(given: Mapping[str, Any], speed: float | None) -> dict[str, FeedTable]:
-    sources = given.get("source", {})
-    if not isinstance(sources, Mapping) or any(
-        not isinstance(s, Mapping) for s in sources.values()
-    ):
-        raise ProblemError("source: give every source a name, [source.NAME], with its kind")
-    if not sources:
+    if not given.get("source"):
         if "recording" not in given:
             raise ProblemError(
                 "source: is missing; say where samples come from, [source.NAME], or name a "
                 "[recording] to replay"
             )
-        sources = {RECORDING: {"kind": "replay"}}
-    feeds = {}
-    for name, entry in sources.items():
+        given = {"source": {RECORDING: {"kind": "replay"}}}
+    feeds = _by_kind(given, "source", FEEDS)
+    if speed is None:
+        return feeds
+    return {
+        name: feed.model_copy(update={"speed": speed}) if isinstance(feed, ReplayFeed) else feed
+        for name, feed in feeds.items()
+    }
+
+
+def _by_kind(given: Mapping[str, Any], key: str, kinds: Mapping[str, type[T]]) -> dict[str, T]:
+    """Tables with names of their own, each of a kind."""
+    entries = given.get(key, {})
+    tables = entries.values() if isinstance(entries, Mapping) else [None]
+    if any(not isinstance(table, Mapping) for table in tables):
+        raise ProblemError(f"{key}: give every one a name, [{key}.NAME], with its kind")
+    found = {}
+    for name, entry in entries.items():
         kind = str(entry.get("kind"))
-        if kind not in FEEDS:
-            hint = nearest(kind, FEEDS)
-            raise ProblemError(f"source.{name}.kind: unknown kind '{kind}', {hint}")
-        feeds[name] = validated(FEEDS[kind], dict(entry), where=f"source.{name}")
-        if isinstance(feeds[name], ReplayFeed) and speed is not None:
-            feeds[name] = feeds[name].model_copy(update={"speed": speed})
-    return feeds
+        if kind not in kinds:
+            what = f"unknown kind '{kind}'" if "kind" in entry else "is missing"
+            raise ProblemError(f"{key}.{name}.kind: {what}, {nearest(kind, kinds)}")
+        found[name] = validated(kinds[kind], dict(entry), where=f"{key}.{name}")
+    return found
 
 
 def _as_recording(

@@ -1,49 +1,31 @@
 """A run: sources, clock, estimator and store, one round after the other."""
 
-import contextlib
-import dataclasses
-import functools
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
-import xarray as xr
 
-from backsight.description import digest
-from backsight.engine.dense import UNROLL
-from backsight.engine.execute import Engine
-from backsight.errors import ProblemError
+from backsight.live._freezing import Freezer
 from backsight.live._lanes import Lane
 from backsight.live._nis import with_nis
 from backsight.live._problem import LiveProblem
+from backsight.live.alarms import Alarms
 from backsight.live.clock import TimeGrid
-from backsight.live.engine import Checkpoint, LiveEstimation, LiveRows
-from backsight.live.sources import Batch, source_of
-from backsight.live.store.keeping import Keeper, checkpoint_bytes, column_units, columns_of
-from backsight.live.store.writing import LiveStore, opened_live_store
-from backsight.problem.reading.tables import FeedTable, RecordingTable, ReplayFeed
-from backsight.problem.recorded import recording_of
-from backsight.run.estimation import Outputs, Prepared, compile_once
-from backsight.run.estimation.results.outputs import JUDGED
-
-SHOWN = (*JUDGED, "z_hat", "z_std", "d_hat", "d_std", "weight")
-"""Variables that are kept of every sample, where the estimator has them."""
+from backsight.live.engine import LiveEstimation, LiveRows
+from backsight.live.sources import Batch
+from backsight.live.store import Keeper, checkpoint_bytes
 
 
 class LiveSession:
-    """A run, see `opened_session`.
+    """A run, see `backsight.live._opening.opened_session`.
 
     Parameters
     ----------
     live : LiveProblem
-    dt : float
-        Sampling period [s].
     lanes : list of Lane
     grid : TimeGrid
     estimation : LiveEstimation
-    labels : dict
-        Names along dimensions of the estimator's own.
     keeper : Keeper, optional
     tell : callable
         Told, a sentence at a time, what the user should know.
@@ -67,6 +49,8 @@ class LiveSession:
         self._arrived = time.monotonic()
         self.newest: LiveRows | None = None
         """Samples of the last round in which there were any."""
+        self.alarms: Alarms | None = None
+        self.freezer: Freezer | None = None
         self.listeners: list[Callable[[LiveRows], None]] = []
         """Told the newest samples of every round."""
         self.sensors = sum(s.dummy is None for s in live.model.outputs)
@@ -132,6 +116,10 @@ class LiveSession:
         rows = estimation.newest(self._shown)
         if len(rows):
             self.newest, self._shown = with_nis(rows), rows.start + len(rows)
+            if self.freezer is not None:
+                self.freezer.look(self.newest)
+            if self.alarms is not None:
+                self.alarms.see(self.newest, lambda slot: float(self.grid.time(slot)))
             for listener in self.listeners:
                 listener(self.newest)
         self._keep(estimation.settle())
@@ -149,6 +137,8 @@ class LiveSession:
         self._keep(self.estimation.finish())
         if self.keeper is not None:
             self.keeper.close(self._checkpoint, self._acknowledging)
+        if self.alarms is not None:
+            self.alarms.close()
 
     def _checkpoint(self) -> bytes:
         clocks = {lane.name: lane.clock.shift for lane in self.lanes}
@@ -179,106 +169,3 @@ class LiveSession:
             shown = fault.payload[:80].decode(errors="replace")
             self.tell(f"source {lane.name}: cannot read {shown!r}: {fault.reason}")
         source.faults.clear()
-
-
-@contextlib.contextmanager
-def opened_session(
-    live: LiveProblem, *, tell: Callable[[str], None], engine: Engine = "native"
-) -> Iterator[LiveSession]:
-    """Start a run: compile, open the store, go on from its last part, start the sources.
-
-    Raises
-    ------
-    ProblemError, DataError
-        If something that is needed is missing.
-    OutputError
-        If a port is taken, or the store cannot be used.
-    PluginError
-        If a package is not installed.
-    """
-    with contextlib.ExitStack() as stack:
-        dt = _period(live)
-        prepared = compiled_live(live, dt)
-        store = checkpoint = None
-        if live.store is not None:
-            folder = live.problem.path.parent / live.store.path
-            said = digest(live.estimator, live.model, dt)
-            store = stack.enter_context(opened_live_store(folder, said=said))
-            checkpoint = store.checkpoint()
-        bridge = max(1, round(live.settings.bridge / dt))
-        lag = round(live.settings.lag / dt)
-        before = lag + round(live.settings.reorder / dt)
-        grid = TimeGrid(dt, bridge=bridge, before=before)
-        memory: Checkpoint | None = None
-        if checkpoint is not None:
-            memory, others = checkpoint
-            grid.origin, grid.newest = float(others["origin"]), int(others["newest"])
-        estimation = LiveEstimation(
-            prepared.recursion, live.model, lag=lag, engine=engine, memory=memory
-        )
-        keeper = None
-        if store is not None:
-            keeper = _keeper(live, store, prepared, grid, tell=tell)
-        lanes = []
-        for name, feed in live.feeds.items():
-            source = source_of(name, feed, functools.partial(_replayed, live, feed))
-            lanes.append(Lane(source, live, grid))
-        if checkpoint is not None:
-            shifts = json.loads(str(checkpoint[1]["clocks"]))
-            for lane in lanes:
-                lane.clock.shift = shifts.get(lane.name, lane.clock.shift)
-            tell(f"goes on from {float(grid.time(estimation.base)):.6f} s")
-        session = LiveSession(live, lanes, grid, estimation, keeper=keeper, tell=tell)
-        for lane in lanes:
-            lane.source.start()
-            stack.callback(lane.source.stop)
-            lane.channels  # noqa: B018 - what is missing is said before the first sample
-        yield session
-
-
-def compiled_live(live: LiveProblem, dt: float) -> Prepared:
-    """The estimator as it runs: what is shown of it, and begun anew when it diverges."""
-    needed = (*SHOWN, "S") if live.model.ny <= UNROLL else SHOWN
-    return compile_once(
-        live.estimator, live.model, dt, outputs=Outputs(("x_std",)), restart=True, needed=needed
-    )
-
-
-def _keeper(
-    live: LiveProblem,
-    store: LiveStore,
-    prepared: Prepared,
-    grid: TimeGrid,
-    tell: Callable[[str], None],
-) -> Keeper:
-    labels = {c.name: c.labels for c in prepared.recursion.channels if c.labels}
-    if live.model.virtual is not None:
-        names = tuple(s.name for s in live.model.virtual.signals)
-        labels |= {"z_hat": names, "z_std": names}
-
-    def table(rows: LiveRows) -> dict[str, np.ndarray]:
-        times = grid.time(np.arange(rows.start, rows.start + len(rows)))
-        return columns_of(rows, live.model, times, labels)
-
-    assert live.store is not None
-    return Keeper(
-        store, settings=live.store, table=table, units=column_units(live.model), tell=tell
-    )
-
-
-def _period(live: LiveProblem) -> float:
-    if live.settings.dt is not None:
-        return live.settings.dt
-    for feed in live.feeds.values():
-        if isinstance(feed, ReplayFeed):
-            return float(_replayed(live, feed).attrs["dt"])
-    raise ProblemError("live.dt: is missing; give the sampling period [s] of the estimator")
-
-
-def _replayed(live: LiveProblem, feed: FeedTable) -> xr.Dataset:
-    if not isinstance(feed, ReplayFeed) or feed.path is None:
-        return recording_of(live.problem)
-    table = RecordingTable(
-        path=feed.path, inputs=feed.inputs, outputs=feed.outputs, time=feed.time, dt=feed.dt
-    )
-    return recording_of(dataclasses.replace(live.problem, recording=table))

@@ -164,3 +164,24 @@ def _rate_unit(model: Model, state: Signal) -> str:
     if not model.continuous or not state.unit:
         return state.unit
     return f"{state.unit[:-2]}/s2" if state.unit.endswith("/s") else f"{state.unit}/s"
+
+
+def with_idle_inputs(model: Model, names: Sequence[str]) -> Model:
+    """The model with further inputs that do nothing in it, as factors of noise."""
+    if not names:
+        return model
+    x, p, w = (
+        ca.SX.sym("x", model.nx),
+        ca.SX.sym("p", len(model.parameters)),
+        ca.SX.sym("w", model.nx),
+    )
+    u = ca.SX.sym("u", model.nu + len(names))
+    given = [x, u[: model.nu], p]
+    return dataclasses.replace(
+        model,
+        f=ca.Function("f", [x, u, p], model.f.call(given)),
+        h=ca.Function("h", [x, u, p], model.h.call(given)),
+        unsolved=model.unsolved_at([x, u, p], given),
+        virtual=along(model.virtual, [x, u, p, w], [*given, w]),
+        inputs=(*model.inputs, *(Signal(name=n) for n in names)),
+    )

@@ -104,8 +104,15 @@ def band(
     deviations : float
         Half the width of the band in standard deviations.
     """
-    low, high = values - deviations * std, values + deviations * std
-    axes.fill_between(time, low, high, color=colour(series), alpha=0.16, linewidth=0)
+    ends = (values - deviations * std, values + deviations * std)
+    shaded(axes, time, values, ends, name=name, series=series)
+
+
+def shaded(
+    axes: Axes, time: Array, values: Array, ends: tuple[Array, Array], *, name: str, series: int
+) -> None:
+    """Draw an estimate and what lies between both ends, (n,), of its band."""
+    axes.fill_between(time, *ends, color=colour(series), alpha=0.16, linewidth=0)
     line(axes, time, values, name=name, series=series)
 
 
@@ -125,8 +132,11 @@ def save(figure: Figure, path: str | os.PathLike[str], *, dpi: int = 160) -> Pat
 
 
 def _png(figure: Figure, *, dpi: int) -> bytes:
-    picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=dpi)
+    # Not `savefig`, which lays out and draws everything twice.
+    picture, before = io.BytesIO(), figure.dpi
+    figure.set_dpi(dpi)
+    FigureCanvasAgg(figure).print_png(picture)
+    figure.set_dpi(before)
     return picture.getvalue()
 
 

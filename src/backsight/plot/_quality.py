@@ -2,12 +2,10 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-import scipy
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from backsight.analysis.consistency import mean_nis, nis_band, normalised, windowed_nis
+from backsight.analysis.consistency import innovation_spectrum, mean_nis, nis_band, windowed_nis
 from backsight.description import checked
 from backsight.plot._choice import (
     Results,
@@ -20,7 +18,6 @@ from backsight.plot._choice import (
 from backsight.plot._figures import GRID, INK, colour, figure, label, legend, line
 
 _NIS_WINDOWS = 60
-_SEGMENTS = 16  # of a recording, for its spectrum
 
 
 @checked()
@@ -81,13 +78,7 @@ def draw_spectrum(results: Results, names: Sequence[str] = ()) -> Figure:
     made = figure(len(shown))
     for axes, name in zip(made.axes, shown, strict=True):
         for i, (who, result) in enumerate(having(every, "output", name)):
-            column = list(result["output"].values).index(name)
-            r = np.nan_to_num(normalised(result)[:, column])
-            rate = 1.0 / float(result.attrs["dt"])
-            segment = max(len(r) * 2 // (_SEGMENTS + 1), 8)
-            f, density = scipy.signal.welch(r, rate, nperseg=min(segment, len(r)))
-            # One-sided: white noise of variance 1 has 2 / rate.
-            line(axes, f[1:-1], density[1:-1] * rate / 2.0, name=who, series=i)
+            line(axes, *innovation_spectrum(result, name), name=who, series=i)
         axes.axhline(1.0, color=INK, linewidth=1.0, linestyle=":", label="white")
         axes.set_yscale("log")
         label(axes, f"density of the normalised innovations of {name}", "1")

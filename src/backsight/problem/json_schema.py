@@ -22,6 +22,7 @@ from backsight.models.text.equations import from_equations
 from backsight.problem.reading.kinds import ALL_KINDS, EquationsTable, LtiTable
 from backsight.problem.reading.settings import dataclasses_in, fields_of, required
 from backsight.problem.reading.tables import (
+    ALARMS,
     FEEDS,
     EstimatorTable,
     MovingTable,
@@ -82,9 +83,10 @@ def json_schema(*, tell: Callable[[str], None] = lambda _: None) -> Schema:
     own = {name: common[name] for name in EstimatorTable.model_fields if name != "kind"}
     settings = {key: _estimator(kind, own) for key, kind in _working(ALL_ESTIMATORS, tell).items()}
     properties["estimators"]["additionalProperties"] = _by_kind(settings)
-    properties["source"]["additionalProperties"] = _by_kind(
-        {kind: _named_by_kind(table, definitions) for kind, table in FEEDS.items()}
-    )
+    for name, tables in (("source", FEEDS), ("alarm", ALARMS)):
+        properties[name]["additionalProperties"] = _by_kind(
+            {kind: _named_by_kind(table, definitions) for kind, table in tables.items()}
+        )
     for table in _tables(StrictTable):
         if table.__name__ in definitions:
             _explain(definitions[table.__name__], table)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,6 +22,7 @@ def report(
     title: str | None = None,
     reference: Mapping[str, float] | None = None,
     profiles: xr.Dataset | None = None,
+    library: Literal["inside", "beside"] = "inside",
 ) -> Path:
     """Write one self-contained HTML page that compares results; it opens without a network.
 
@@ -39,6 +40,9 @@ def report(
         Known value of some states or parameters [their units].
     profiles : xarray.Dataset, optional
         Of the fit that the results are from, see `backsight.tune.Tuned`.
+    library : str
+        Where the program that draws is: inside, so that the page is one file; or beside, in a file
+        of 1.5 MB that all pages of a folder share.
 
     Returns
     -------
@@ -55,7 +59,8 @@ def report(
     Notes
     -----
     Long recordings are thinned for display to the smallest and largest value of every interval, so
-    that every peak is there; the tables use all samples.
+    that every peak is there, and zooming in brings out the samples between. Beyond 1 MB of them
+    they are thinned the same way. The tables use all samples.
 
     Examples
     --------
@@ -68,5 +73,11 @@ def report(
     from backsight.report.page import write_page
 
     return write_page(
-        results, path, problem=problem, title=title, reference=reference, profiles=profiles
+        results,
+        path,
+        problem=problem,
+        title=title,
+        reference=reference,
+        profiles=profiles,
+        library=library,
     )

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from backsight.analysis.bands import innovation_band
 from backsight.analysis.comparison import failed
 from backsight.analysis.consistency import windowed_nis
-from backsight.analysis.outliers import taken
 from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
 from backsight.report._traces import Trace, band_trace, limits, line_trace, literal_text
@@ -44,7 +44,7 @@ def innovation_plots(every: Sequence[Series]) -> list[Plot]:
     plots = []
     for name, unit in signal_units(every, "output").items():
         having = [s for s in every if s.has("output", name)]
-        sound = [_innovation(s, name) for s in sound_ones(having)]
+        sound = [innovation_band(s.result, name) for s in sound_ones(having)]
         span = view([bulk(e) for e, _ in sound], [b for _, bound in sound for b in (-bound, bound)])
         plots += [
             _innovations(s, name, unit, span=span, wide=len(having) == 1, first=s is having[0])
@@ -120,7 +120,9 @@ def _output(every: Sequence[Series], name: str, unit: str) -> Plot:
         "yaxis": {"domain": [0.45, 1], "range": upper},
         "yaxis2": {"domain": [0, 0.30], "range": lower},
     }
-    return Plot(f"output {name}: measured and estimated", traces, layout, height=400, wide=True)
+    return Plot(
+        f"output {name}: measured and estimated", traces, layout, height=400, wide=True, about=name
+    )
 
 
 def _residual(s: Series, name: str) -> Array:
@@ -140,7 +142,7 @@ def _short(name: str) -> str:
 def _innovations(
     s: Series, name: str, unit: str, *, span: list[float] | None, wide: bool, first: bool
 ) -> Plot:
-    e, bound = _innovation(s, name)
+    e, bound = innovation_band(s.result, name)
     title = heading(literal_text(f"{_short(s.name)}: {quantity(name, unit)}"))
     return Plot(
         f"innovation of {name}, {s.name}",
@@ -148,16 +150,8 @@ def _innovations(
         {"annotations": [title, *_inside(e, bound)], "yaxis": {"range": span}},
         wide=wide,
         first=first,
+        about=name,
     )
-
-
-def _innovation(s: Series, name: str) -> tuple[Array, Array]:
-    """Innovation and three of its standard deviations; NaN where none was taken in."""
-    i = list(s.result["output"].values).index(name)
-    variance = s.result["S"].values[:, i, i]
-    bound = 3.0 * np.sqrt(np.where(variance > 0, variance, np.nan))
-    there = taken(s.result).values[:, i]
-    return np.where(there, s.signal("e", "output", name), np.nan), np.where(there, bound, np.nan)
 
 
 def _inside(e: Array, bound: Array) -> list[dict[str, object]]:

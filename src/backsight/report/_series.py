@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import xarray as xr
 
@@ -64,6 +65,10 @@ class Plot:
         Whether it takes the whole width of the page.
     first : bool
         Whether it starts a new row.
+    over : str
+        Its horizontal axis; those over time share it.
+    about : str
+        Output that it is about; nothing if it is about something else.
     """
 
     label: str
@@ -72,6 +77,8 @@ class Plot:
     height: int = 230
     wide: bool = False
     first: bool = False
+    over: Literal["time", "frequency"] = "time"
+    about: str = ""
 
 
 def series(results: Mapping[str, xr.Dataset]) -> list[Series]:

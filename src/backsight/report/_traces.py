@@ -6,10 +6,12 @@ follow its light or dark scheme.
 
 import base64
 import html
+from typing import Literal
 
 import numpy as np
 
-from backsight.report.thin import Positions, envelope, thin
+from backsight.report._details import Detail
+from backsight.report.thin import POINTS, Positions, envelope, thin
 from backsight.types import Array
 
 Trace = dict[str, object]
@@ -31,6 +33,13 @@ def encoded(values: Array) -> dict[str, str]:
     return {"dtype": kind, "bdata": base64.b64encode(raw).decode("ascii")}
 
 
+def even_step(time: Array) -> float | None:
+    """Time between two samples; None if they are not evenly spaced."""
+    step = (time[-1] - time[0]) / max(len(time) - 1, 1)
+    even = np.abs(time - (time[0] + step * np.arange(len(time)))).max() <= 0.01 * step
+    return float(step) if even and step > 0 else None
+
+
 def moments(time: Array, kept: Positions) -> dict[str, object]:
     """Times of some samples: their numbers if the samples are evenly spaced, which is small.
 
@@ -43,9 +52,8 @@ def moments(time: Array, kept: Positions) -> dict[str, object]:
     kept : array of int
         Positions; negative where the line is interrupted.
     """
-    step = (time[-1] - time[0]) / max(len(time) - 1, 1)
-    even = np.abs(time - (time[0] + step * np.arange(len(time)))).max() <= 0.01 * step
-    if not even or not step > 0:
+    step = even_step(time)
+    if step is None:
         at = np.where(kept < 0, np.nan, time[kept])
         raw = np.ascontiguousarray(at, dtype="<f8").tobytes()
         return {"dtype": "f8", "bdata": base64.b64encode(raw).decode("ascii")}
@@ -53,7 +61,7 @@ def moments(time: Array, kept: Positions) -> dict[str, object]:
     largest = np.iinfo(kind).max
     raw = np.where(kept < 0, largest, kept).astype(f"<{kind}").tobytes()
     places = {"dtype": kind, "bdata": base64.b64encode(raw).decode("ascii")}
-    return {"start": float(time[0]), "step": float(step), "places": places}
+    return {"start": float(time[0]), "step": step, "places": places}
 
 
 def literal_text(text: str) -> str:
@@ -86,6 +94,7 @@ def line_trace(
         "line": {"color": colour, "width": width, "dash": dash},
         "marker": {"color": colour, "size": 3 + width},
         "hovertemplate": "%{y:.6~g}",
+        **_detail("line", time, values, gaps=kept[~np.isfinite(values[kept])]),
     }
     if std is None:
         return trace
@@ -93,6 +102,20 @@ def line_trace(
         "customdata": encoded(3.0 * std[kept]),
         "hovertemplate": "%{y:.6~g} ± %{customdata:.2~g}",
     }
+
+
+def _detail(
+    kind: Literal["line", "band", "limits"],
+    time: Array,
+    *values: Array,
+    gaps: Positions | None = None,
+) -> dict[str, Detail]:
+    """What zooming in brings out, under the key ``detail``; nothing if every sample is drawn."""
+    step = even_step(time)
+    if len(time) <= POINTS or step is None:
+        return {}
+    none = np.zeros(0, dtype=np.intp)
+    return {"detail": Detail(kind, values, float(time[0]), step, none if gaps is None else gaps)}
 
 
 def drawn(values: Array) -> Positions:
@@ -127,6 +150,7 @@ def band_trace(time: Array, lower: Array, upper: Array, *, colour: str, group: s
         "fill": "toself",
         "fillcolor": colour,
         "hoverinfo": "skip",
+        **_detail("band", time, lower, upper),
     }
 
 
@@ -142,4 +166,5 @@ def limits(time: Array, bound: Array, *, group: str = "") -> Trace:
         "legendgroup": group,
         "line": {"color": "--ink", "width": 1},
         "hoverinfo": "skip",
+        **_detail("limits", time, bound),
     }

@@ -1,8 +1,8 @@
 """The report: one HTML page that needs nothing but itself."""
 
 import base64
-import dataclasses
 import gzip
+import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -10,29 +10,26 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import Literal, TypeAlias
 
 import xarray as xr
 
-from backsight.analysis.comparison import Row, ranked_table
+from backsight.analysis.comparison import ranked_table
 from backsight.errors import DataError
 from backsight.output import write_whole
 from backsight.report import _html_tables as tables
-from backsight.report._answers import answers, asked, judgements
-from backsight.report._plots import (
-    innovation_plots,
-    input_plots,
-    nis_plot,
-    output_plots,
-    status_plots,
-)
-from backsight.report._series import Plot, Series, series, signal_units
+from backsight.report._answers import answers, judgements
+from backsight.report._details import Detail, thinning
+from backsight.report._sections import Section, contents, sections
+from backsight.report._series import Plot, Series, series
 from backsight.report._theme import TEMPLATE
-from backsight.report.figures.bands import state_plots, virtual_plots
-from backsight.report.figures.hit_maps import NOTE, force_maps, hit_tables
 from backsight.report.figures.profiles import profile_drawings
 from backsight.report.palette import ON_DARK, ON_LIGHT, series_variables
 from backsight.report.thin import POINTS, interval_length
 from backsight.rounding import grouped
+
+Library: TypeAlias = Literal["inside", "beside"]
+"""Where plotly.js is: in the page, or in a file beside it."""
 
 
 def write_page(
@@ -43,16 +40,18 @@ def write_page(
     title: str | None,
     reference: Mapping[str, float] | None,
     profiles: xr.Dataset | None,
+    library: Library,
 ) -> Path:
     """Write the page, see `backsight.report.report`."""
     if not results:
         raise DataError("there are no results to report: give at least one")
     rows = ranked_table(results, reference)
     every = series(results)
-    sections = _sections(rows, every, reference or {})
+    shown = sections(rows, every, reference or {})
     if profiles is not None:
-        sections.append(Section("Tuning", profile_drawings(profiles)))
-    plots = [plot for section in sections for plot in section.plots]
+        shown.append(Section("Tuning", profile_drawings(profiles)))
+    plots = [plot for section in shown for plot in section.plots]
+    figures, details = _figures(plots)
     heading = title or str(every[0].result.attrs.get("model", "Estimates"))
     page = Template(_resource("page.html")).substitute(
         title=escape(heading),
@@ -60,85 +59,17 @@ def write_page(
         facts=escape(_facts(every[0].result)),
         judgements=judgements(rows, every),
         answers=answers(rows, every, reference or {}),
-        contents=_contents(sections),
+        contents=contents(shown),
         legend=_legend(every, bool(reference)),
-        sections="".join(map(str, sections)) + _problem(problem),
-        notes=_notes(every),
-        plotly=packed(_plotly_js()),
-        figures=packed(_data(plots, every)),
+        sections="".join(map(str, shown)) + _problem(problem),
+        notes=_notes(every, thinning(details)),
+        origin=" 'self' file:" if library == "beside" else "",
+        library=_library(library, Path(path)),
+        figures=gzipped(_data(figures, every)),
+        details=gzipped(_details(details)),
         script=_resource("page.js"),
     )
     return write_whole(path, page.encode("utf-8"))
-
-
-@dataclasses.dataclass(frozen=True)
-class Section:
-    """A part of the page: a heading, text, plots, and what stands below them."""
-
-    name: str
-    text: str = ""
-    plots: Sequence[Plot] = ()
-    below: str = ""
-
-    @property
-    def anchor(self) -> str:
-        """Where links lead to."""
-        return self.name.lower().replace(" ", "-")
-
-    def __str__(self) -> str:
-        grid = f'<div class="plots">{"".join(map(_place, self.plots))}</div>' if self.plots else ""
-        return (
-            f'<details open class="section" id="{self.anchor}"><summary><h2>{self.name}</h2>'
-            f"</summary>{self.text}{grid}{self.below}</details>"
-        )
-
-
-def _sections(
-    rows: Sequence[Row], every: Sequence[Series], reference: Mapping[str, float]
-) -> list[Section]:
-    """Return pictures first, what was asked for before what moves, and statistics behind."""
-    states, outputs = signal_units(every, "state"), signal_units(every, "output")
-    maps = force_maps(rows, every)
-    first = [name for name in asked(every) if len(asked(every)) < len(states)]
-    moving = [name for name in states if name not in first]
-    happened = status_plots(every)
-    bands = "<p>Lines are estimates, bands three standard deviations either way.</p>"
-    found = [
-        Section("Unknown forces", NOTE if maps else "", maps, hit_tables(rows, every)),
-        Section("Where no sensor is", tables.virtual_table(rows, every), virtual_plots(every)),
-        Section("Unknowns", bands, state_plots(every, reference, first)),
-        Section("States", "" if first else bands, state_plots(every, reference, moving)),
-        Section("Measured and estimated", "", output_plots(every)),
-        Section("Inputs", "", input_plots(every)),
-        Section("Values", tables.final_values_table(rows, every, states)),
-        Section(
-            "Innovations",
-            "<p>Measurement minus its one-step prediction. Of a consistent estimator, 99.7 % lie "
-            "between the lines at three standard deviations, without a pattern.</p>",
-            innovation_plots(every),
-        ),
-        Section(
-            "Consistency",
-            "<p>Innovations measured with their own covariance. Of a consistent estimator, 95 % "
-            "lie in the band; above it the estimator is over-confident, below it too cautious. "
-            "They are neither correlated with each other nor explained by inputs.</p>"
-            + tables.consistency_table(rows, every),
-            [nis_plot(every)],
-        ),
-        Section("Comparison", tables.comparison(rows, every, outputs)),
-        Section("Status", tables.status_list(rows) if happened else "", happened),
-    ]
-    return [s for s in found if s.plots or s.below or (s.text and s.text != bands)]
-
-
-def _contents(sections: Sequence[Section]) -> str:
-    return "".join(f'<a href="#{s.anchor}">{s.name}</a>' for s in sections)
-
-
-def _place(plot: Plot) -> str:
-    kind = "wide" if plot.wide else "first" if plot.first else ""
-    label, style = escape(plot.label), f"height: {plot.height}px"
-    return f'<figure class="{kind}" role="group" aria-label="{label}" style="{style}"></figure>'
 
 
 def _problem(problem: str | Mapping[str, object] | None) -> str:
@@ -188,7 +119,7 @@ def _facts(result: xr.Dataset) -> str:
     return " · ".join(facts)
 
 
-def _notes(every: Sequence[Series]) -> str:
+def _notes(every: Sequence[Series], thinned: int) -> str:
     longest = max(len(s.time) for s in every)
     linked = (
         "Drag to zoom; all plots share the time axis. Double-click to zoom out, and again for the "
@@ -197,20 +128,53 @@ def _notes(every: Sequence[Series]) -> str:
     if longest <= POINTS:
         return f"<p>{linked} The plots show every sample.</p>"
     length = interval_length(longest)
+    out = "every sample" if thinned == 1 else f"the smallest and largest of every {thinned} samples"
     return (
-        f"<p>{linked} The recording is too long to draw every sample: the plots show the smallest "
-        f"and largest of every {length} samples, so no peak is lost, but zooming in does not "
-        "bring out more. The tables use all samples.</p>"
+        f"<p>{linked} The recording is too long to draw every sample at once: the plots show the "
+        f"smallest and largest of every {length} samples, so no peak is lost, and zooming in "
+        f"brings out {out}, and so do the CSV files. Where samples are not evenly spaced it does "
+        "not. The tables use all samples.</p>"
     )
 
 
-def _data(plots: Sequence[Plot], every: Sequence[Series]) -> str:
+def _figures(plots: Sequence[Plot]) -> tuple[list[dict[str, object]], list[Detail]]:
+    """Figures as plotly.js takes them; in place of its detail, a trace has the detail's number."""
+    details: list[Detail] = []
+    figures: list[dict[str, object]] = []
+    for plot in plots:
+        traces = [dict(trace) for trace in plot.traces]
+        for trace in traces:
+            detail = trace.pop("detail", None)
+            if isinstance(detail, Detail):
+                trace["detail"] = len(details)
+                details.append(detail)
+        figures.append({"traces": traces, "layout": plot.layout, "over": plot.over})
+    return figures, details
+
+
+def _details(details: Sequence[Detail]) -> str:
+    every = thinning(details)
+    return json.dumps([d.packed(every) for d in details], separators=(",", ":"))
+
+
+def _data(figures: Sequence[Mapping[str, object]], every: Sequence[Series]) -> str:
     data = {
         "template": TEMPLATE,
         "span": [min(s.time[0] for s in every), max(s.time[-1] for s in every)],
-        "figures": [{"traces": p.traces, "layout": p.layout} for p in plots],
+        "figures": figures,
     }
     return json.dumps(data, separators=(",", ":"))
+
+
+def _library(library: Library, page: Path) -> str:
+    """What brings plotly.js: itself, packed, or a file beside the page that many pages share."""
+    text = _plotly_js()
+    if library == "inside":
+        return f'<script type="application/gzip" id="plotly">{gzipped(text)}</script>'
+    name = f"backsight-plotly-{hashlib.sha256(text.encode()).hexdigest()[:12]}.js"
+    if not (page.parent / name).is_file():
+        write_whole(page.parent / name, text.encode("utf-8"))
+    return f'<script src="{name}"></script>'
 
 
 def style() -> str:
@@ -220,7 +184,7 @@ def style() -> str:
     )
 
 
-def packed(text: str) -> str:
+def gzipped(text: str) -> str:
     """Return text as base64 of its gzip, which the page's script unpacks: nothing in it is HTML."""
     return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
 

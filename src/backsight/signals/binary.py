@@ -1,7 +1,7 @@
 """Pseudo-random binary signals."""
 
 import numpy as np
-from scipy.signal import max_len_seq
+import scipy
 
 from backsight.errors import BacksightError
 from backsight.types import Array
@@ -79,7 +79,7 @@ def prbs(
     if bits not in TAPS:
         raise BacksightError(f"prbs: bits = {bits}; known: {min(TAPS)} to {max(TAPS)}")
     state = (37 * seed + 1) % (2**bits - 1) + 1
-    sequence, _ = max_len_seq(
+    sequence, _ = scipy.signal.max_len_seq(
         bits,
         state=[state >> k & 1 for k in range(bits)],
         length=-(-n // samples_per_bit),

@@ -11,7 +11,6 @@ import numpy as np
 import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.signal import bilinear, lfilter
 
 from backsight.description import Positive, checked
 from backsight.errors import BacksightError, DataError
@@ -70,7 +69,7 @@ def bandpass(
             f"{0.5 / dt:g} Hz"
         )
     omega = 2 * math.pi * frequency
-    b, a = bilinear(
+    b, a = scipy.signal.bilinear(
         [omega**2, 0.0],
         np.polymul([1.0, 2 * math.pi * cutoff], [1.0, 2 * damping * omega, omega**2]),
         fs=1 / dt,
@@ -109,7 +108,7 @@ def filtered(values: ArrayLike, *, b: Array, a: Array) -> Array:
             f"filtered: sample {int(np.argmax(wrong))} is not finite; interpolate missing samples "
             f"before filtering"
         )
-    return np.asarray(lfilter(b, a, values, axis=0))
+    return np.asarray(scipy.signal.lfilter(b, a, values, axis=0))
 
 
 @checked(DataError)

@@ -4,8 +4,8 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import PPoly
 
 from backsight.errors import BacksightError
 from backsight.types import Array
@@ -39,7 +39,7 @@ class Profile:
         After its end the profile begins anew; otherwise it stays at its end.
     """
 
-    path: PPoly
+    path: "scipy.interpolate.PPoly"
     repeats: bool = False
 
     @property
@@ -98,7 +98,7 @@ def quintic(start: float, end: float, *, duration: float) -> Profile:
     c = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0]) * (end - start)
     c = c / duration ** np.arange(5, -1, -1)
     c[-1] = start
-    return Profile(PPoly(c[:, None], np.array([0.0, duration])))
+    return Profile(scipy.interpolate.PPoly(c[:, None], np.array([0.0, duration])))
 
 
 def jerk_limited(
@@ -145,8 +145,8 @@ def jerk_limited(
     jerks = jerk * np.sign(end - start) * np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
     needed = lengths > 1e-9 * rise
     breaks = np.concatenate([[0.0], np.cumsum(lengths[needed])])
-    path = PPoly(jerks[None, needed], breaks).antiderivative(3)
-    return Profile(PPoly(path.c + start * (np.arange(4) == 3)[:, None], breaks))
+    path = scipy.interpolate.PPoly(jerks[None, needed], breaks).antiderivative(3)
+    return Profile(scipy.interpolate.PPoly(path.c + start * (np.arange(4) == 3)[:, None], breaks))
 
 
 def rest(position: float, *, duration: float) -> Profile:
@@ -159,7 +159,7 @@ def rest(position: float, *, duration: float) -> Profile:
     """
     _positive(duration=duration)
     _finite(position=position)
-    return Profile(PPoly(np.array([[position]]), np.array([0.0, duration])))
+    return Profile(scipy.interpolate.PPoly(np.array([[position]]), np.array([0.0, duration])))
 
 
 def sequence(profiles: Sequence[Profile], *, repeats: bool = False) -> Profile:
@@ -199,7 +199,9 @@ def sequence(profiles: Sequence[Profile], *, repeats: bool = False) -> Profile:
     pieces = [np.pad(p.path.c, ((degree - len(p.path.c), 0), (0, 0))) for p in profiles]
     begins = np.cumsum([0.0, *(p.duration for p in profiles)])
     breaks = [p.path.x[:-1] + begin for p, begin in zip(profiles, begins, strict=False)]
-    return Profile(PPoly(np.hstack(pieces), np.concatenate([*breaks, begins[-1:]])), repeats)
+    return Profile(
+        scipy.interpolate.PPoly(np.hstack(pieces), np.concatenate([*breaks, begins[-1:]])), repeats
+    )
 
 
 def punch_strokes() -> Profile:

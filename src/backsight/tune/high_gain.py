@@ -5,9 +5,9 @@ Both come from a motion: `simulate` one with the nominal model, or `estimate` on
 
 import casadi as ca
 import numpy as np
+import scipy
 import xarray as xr
 from scipy.linalg import expm
-from scipy.signal import dlsim
 
 from backsight.description import Positive, checked
 from backsight.discrete.runge_kutta import Hold
@@ -206,7 +206,7 @@ def _upsilon(begins: Array, ends: Array, step: float, k0: Array) -> Array:
     inputs = np.column_stack([constant - ramp, ramp])
     system = (response[:n, :n], inputs, np.eye(n)[:1], np.zeros((1, 2)), 1.0)
     columns = [np.column_stack(pair) for pair in zip(begins.T, ends.T, strict=True)]
-    return np.column_stack([dlsim(system, column)[1][:, 0] for column in columns])
+    return np.column_stack([scipy.signal.dlsim(system, column)[1][:, 0] for column in columns])
 
 
 def _check_excited(M: Array, form: AffineForm) -> None:

@@ -17,5 +17,6 @@ from backsight.analysis.consistency._noise_factors import FilterPath as FilterPa
 from backsight.analysis.consistency._noise_factors import NoiseFactors as NoiseFactors
 from backsight.analysis.consistency._noise_factors import filter_gains as filter_gains
 from backsight.analysis.consistency._noise_factors import noise_factors as noise_factors
+from backsight.analysis.consistency.spectrum import innovation_spectrum as innovation_spectrum
 from backsight.analysis.consistency.whiteness import autocorrelation as autocorrelation
 from backsight.analysis.consistency.whiteness import normalised as normalised

@@ -5,6 +5,8 @@ import numpy as np
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import over_sample
+from backsight.engine import vm
+from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import ModelError
 from backsight.models.model import Model
 from backsight.models.signals import Signal
@@ -32,27 +34,23 @@ def sensitivities(
     ModelError
         If the motion does not stay finite.
     """
-    step = _step(model, dt, integrator)
-    x, Phi = np.asarray(x0, float), np.eye(model.nx)
-    inputs = np.asarray(u, float).reshape(len(u), model.nu)
-    states, outputs, rows = [], [], []
-    for k in range(len(inputs)):
-        ahead = inputs[min(k + 1, len(inputs) - 1)]
-        moved, y, F, H = (np.array(v) for v in step.call([x, inputs[k], ahead]))
-        states.append(x)
-        outputs.append(y[:, 0])
-        rows.append(H @ Phi)
-        with np.errstate(over="ignore", invalid="ignore"):
-            x, Phi = moved[:, 0] + (0.0 if pushes is None else pushes[k]), F @ Phi
-        if not (np.isfinite(x).all() and np.isfinite(Phi).all()):
-            raise ModelError(
-                f"the motion of model '{model.name}' is not finite from sample {k + 1} on; give "
-                "another start, fewer samples or more sub-steps"
-            )
-    unit = _sizes(model.outputs, np.array(outputs))
+    n, nx = len(u), model.nx
+    inputs = np.asarray(u, float).reshape(n, model.nu)
+    moves = np.zeros((n, nx)) if pushes is None else pushes
+    recursion = _recursion(model, dt, integrator, x0=np.asarray(x0, float))
+    end, (before, outputs, rows) = vm.run(
+        recursion, [inputs, np.vstack([inputs[1:], inputs[-1:]]), moves], carry=recursion.carry0
+    )
+    finite = np.isfinite(np.vstack([before[1:], end])).all(axis=1)
+    if not finite.all():
+        raise ModelError(
+            f"the motion of model '{model.name}' is not finite from sample {finite.argmin() + 1} "
+            "on; give another start, fewer samples or more sub-steps"
+        )
+    unit = _sizes(model.outputs, outputs)
     unit[unit == 0] = 1.0
-    relative = np.array(rows) / unit[:, None]
-    size = _sizes(model.states, np.array(states))
+    relative = rows.reshape(n, nx, model.ny).transpose(0, 2, 1) / unit[:, None]
+    size = _sizes(model.states, before[:, :nx])
     effect = np.sqrt((relative**2).sum(axis=(0, 1)))
     size = np.where(size > 0, size, 1 / np.where(effect > 0, effect, 1.0))
     return relative * size, size
@@ -63,12 +61,17 @@ def _sizes(signals: tuple[Signal, ...], values: Array) -> Array:
     return np.array([s.scale or v for s, v in zip(signals, largest, strict=True)])
 
 
-def _step(model: Model, dt: float, integrator: Integrator) -> ca.Function:
-    """``(x, u, u_next) -> (x_next, y, F, H)``."""
+def _recursion(model: Model, dt: float, integrator: Integrator, *, x0: Array) -> Recursion:
+    """The motion and its derivatives Phi by the first state: memory, y and H Phi of each sample."""
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     y = model.output(x, u)
-    outputs = ca.Function("outputs", [x, u], [y, ca.jacobian(y, x)])
-    x, u, v = (ca.MX.sym(n, k) for n, k in (("x", model.nx), ("u", model.nu), ("v", model.nu)))
-    end, F, _ = over_sample(integrator, model, dt)(x, u, v)
-    y, H = outputs(x, u)
-    return ca.Function("step", [x, u, v], [end, y, F, H])
+    sensors = ca.Function("outputs", [x, u], [y, ca.jacobian(y, x)])
+    sizes = {"before": model.nx * (1 + model.nx), "u": model.nu, "ahead": model.nu, "w": model.nx}
+    before, u, ahead, w = given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+    x, Phi = before[: model.nx], ca.reshape(before[model.nx :], model.nx, model.nx)
+    end, F, _ = over_sample(integrator, model, dt)(x, u, ahead)
+    y, H = sensors(x, u)
+    after = ca.vertcat(end + w, ca.vec(F @ Phi))
+    step = ca.Function("motion", given, [after, before, y, ca.vec(H @ Phi)])
+    channels = tuple(Channel(name) for name in ("before", "y", "rows"))
+    return Recursion(step, np.concatenate([x0, np.eye(model.nx).ravel()]), channels, dt)

@@ -48,8 +48,8 @@ def _shorter(block: Block, uses: dict[str, int]) -> Block | None:
             first = _first_use(block, k, statement, uses)
             if first is not None:
                 source, target = statement.source.buffer, statement.target
-                renamed = (_renamed(s, source, target) for s in block[first:k])
-                kept = (s for s in renamed if not (isinstance(s, Copy) and s.source == s.target))
+                moved = (renamed(s, source, target) for s in block[first:k])
+                kept = (s for s in moved if not (isinstance(s, Copy) and s.source == s.target))
                 return (*block[:first], *kept, *block[k + 1 :])
         elif isinstance(statement, Loop | While):
             body = _shorter(statement.body, uses)
@@ -86,7 +86,9 @@ def _all(statement: Statement) -> Iterator[Slice]:
     return (s for x in flat([statement]) for s in operands(x))
 
 
-def _renamed(statement: Statement, old: Buffer, new: Slice) -> Statement:
+def renamed(statement: Statement, old: Buffer, new: Slice) -> Statement:
+    """The statement with a slice in the place of a buffer."""
+
     def slice_(s: Slice) -> Slice:
         if s.buffer != old:
             return s
@@ -104,9 +106,9 @@ def _renamed(statement: Statement, old: Buffer, new: Slice) -> Statement:
         case Copy(source, target):
             return Copy(slice_(source), slice_(target))
         case Loop(counter, length, body):
-            return Loop(counter, length, tuple(_renamed(s, old, new) for s in body))
+            return Loop(counter, length, tuple(renamed(s, old, new) for s in body))
         case While(flag, limit, body, update):
             updates = (Copy(slice_(c.source), slice_(c.target)) for c in update)
             return While(
-                slice_(flag), limit, tuple(_renamed(s, old, new) for s in body), tuple(updates)
+                slice_(flag), limit, tuple(renamed(s, old, new) for s in body), tuple(updates)
             )

@@ -6,10 +6,13 @@ import casadi as ca
 
 from backsight.engine.program._glue import positions
 from backsight.engine.program._scope import Scope
-from backsight.engine.program.program import Copy, Loop, Slice, Statement
+from backsight.engine.program.program import Copy, Loop, Slice, Statement, Table
 
 JOINING = {ca.OP_VERTCAT, ca.OP_HORZCAT, ca.OP_DIAGCAT}
 SPLITTING = {ca.OP_VERTSPLIT, ca.OP_HORZSPLIT, ca.OP_DIAGSPLIT}
+
+MANY = 256
+"""From so many numbers on, a leaf that takes some of them in no order takes long to write."""
 
 Regrouped = tuple[list[Statement], list[list[Slice]]]
 
@@ -19,7 +22,8 @@ def regroup(
 ) -> Regrouped | None:
     """Statements and results of a node that only moves numbers.
 
-    None of any other, or if a result would have more than `most` pieces without any order.
+    None of any other, or if a result would have more than `most` pieces of few numbers without any
+    order.
     """
     # CasADi joins and splits only so that entries of the parts follow each other in memory.
     if operation in (ca.OP_RESHAPE, ca.OP_SPARSITY_CAST):
@@ -36,7 +40,7 @@ def regroup(
 
 
 def _taken(places: list[int], value: Slice, scope: Scope, most: int) -> Regrouped | None:
-    """Numbers at some places: as pieces, or in a loop over as many at equal distances."""
+    """Numbers at some places: as pieces, or in a loop."""
     if not places or min(places) < 0:
         return None
     runs = [[places[0], 0]]
@@ -48,10 +52,15 @@ def _taken(places: list[int], value: Slice, scope: Scope, most: int) -> Regroupe
         return [], [[value.part(first, size) for first, size in runs]]
     sizes = {size for _, size in runs}
     strides = {b[0] - a[0] for a, b in itertools.pairwise(runs)}
-    if len(sizes) > 1 or len(strides) > 1 or (stride := strides.pop()) < 1:
+    if len(sizes) == 1 and len(strides) == 1 and (stride := strides.pop()) >= 1:
+        return _copied(value.part(places[0], sizes.pop()), stride, len(runs), scope)
+    if value.size < MANY:
         return None
-    size, counter = sizes.pop(), scope.name("k")
-    result = scope.buffer("taken", len(places)).whole()
-    source = value.part(places[0], size).moving(counter, stride)
-    copy = Copy(source, result.part(0, size).moving(counter, size))
-    return [Loop(counter, len(runs), (copy,))], [[result]]
+    return _copied(value.part(0, 1), scope.table("taken_from", tuple(places)), len(places), scope)
+
+
+def _copied(first: Slice, stride: int | Table, count: int, scope: Scope) -> Regrouped:
+    """Pieces of equal size, one after the other."""
+    counter, result = scope.name("k"), scope.buffer("taken", first.size * count).whole()
+    target = result.part(0, first.size).moving(counter, first.size)
+    return [Loop(counter, count, (Copy(first.moving(counter, stride), target),))], [[result]]

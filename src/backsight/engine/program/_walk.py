@@ -10,6 +10,7 @@ from backsight.engine.dense import dense_of
 from backsight.engine.foreign import Kernel, kernel_of
 from backsight.engine.program._coalesce import without_copies
 from backsight.engine.program._glue import ELEMENTWISE, glue, scalar
+from backsight.engine.program._in_place import in_place
 from backsight.engine.program._moves import in_order
 from backsight.engine.program._regroup import regroup
 from backsight.engine.program._scope import Scope
@@ -64,7 +65,7 @@ def walk(step: ca.Function) -> Program:
         body=(*body, *copies),
         update=tuple(in_order(_copies(carry, arguments[0].whole()), scope.scratch)),
     )
-    return without_copies(program)
+    return without_copies(in_place(program))
 
 
 def _function(function: ca.Function, arguments: Sequence[Slice], scope: Scope) -> Walked:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Annotated, final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from backsight.description import Description, Distinct, Sound
 from backsight.errors import TuningError
@@ -70,11 +70,13 @@ class ForceLine(Description):
         return np.where(on[:, None], self._spline(positions), 0.0)
 
     @functools.cached_property
-    def _spline(self) -> CubicSpline:
+    def _spline(self) -> "scipy.interpolate.CubicSpline":
         """Weights of the places; at the supports all of them are zero."""
         nodes = np.array([*self.places, *self.supports])
         order = np.argsort(nodes)
-        return CubicSpline(nodes[order], np.eye(len(nodes))[order][:, : len(self.places)])
+        return scipy.interpolate.CubicSpline(
+            nodes[order], np.eye(len(nodes))[order][:, : len(self.places)]
+        )
 
     def check(self, forces: int) -> None:
         """Raise `TuningError` unless there is a place for every force."""

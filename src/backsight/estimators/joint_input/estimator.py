@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,7 @@ from backsight.errors import ModelError, TuningError
 from backsight.estimators.around.virtual import CROSS
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread, setting
 from backsight.estimators.joint_input._extended import at_prior, extended_step
+from backsight.estimators.joint_input._reused import joint_limit, reusing_joint
 from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
@@ -72,6 +73,8 @@ class JointInput(AbstractEstimator):
         Standard deviation per sample, as white noise, of the forces at samples whose measurements
         do not determine them [their unit]; by default 1e4 times what the noise of the sensors alone
         would make of it.
+    gain : {"converged", "exact"}
+        Of linear models with more than a dozen states, as for `KalmanFilter`.
 
     Notes
     -----
@@ -109,6 +112,7 @@ class JointInput(AbstractEstimator):
     sigma_force: Annotated[
         Mapping[str, float] | float | None, Range("be positive", 0.0, above=True)
     ] = None
+    gain: Literal["converged", "exact"] = "converged"
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -128,6 +132,10 @@ class JointInput(AbstractEstimator):
             return _extended(self.key, forces, cross=model.virtual is not None)
         forces = self._forces(model, dt)
         refuse_too_wide(forces.system.s, "JointInput")
+        ends = joint_limit(forces) if self.gain == "converged" else None
+        if ends is not None:
+            channels = _channels(forces, cross=model.virtual is not None)
+            return reusing_joint(self.key, forces, ends, _data(forces), channels)
         return _recursion(self.key, forces, cross=model.virtual is not None)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:

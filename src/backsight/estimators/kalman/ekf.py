@@ -22,6 +22,7 @@ from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
     congruence,
+    corrected_covariance,
     joseph_form,
     kalman_gain,
     matrix_product,
@@ -30,7 +31,7 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import seen_outputs, within_bounds
+from backsight.estimators.parts.substeps import seen_outputs, settled
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
@@ -167,7 +168,12 @@ def ekf_halves(s: Setting, integrator: Integrator, covariance: Propagation) -> H
 def innovation(s: Setting) -> ca.Function:
     """Innovation, 0 where not measured, and its covariance: ``(x, P, u, y, mask) -> (e, S)``."""
     if Covariance(s.model.nx).whole:
-        return half("innovation", s, lambda x, P, u, y, mask: _gain(s, x, P, u, y, mask).told)
+
+        def told(x: Term, P: Term, u: Term, y: Term, mask: Term) -> Results:
+            e, H = _looked(s, x, u, y, mask)
+            return {"e": e, "S": weighted_gain(P, H, s.R, mask)[1]}
+
+        return half("innovation", s, told)
 
     def seen(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_prior = s.model.output(x, u)
@@ -205,11 +211,11 @@ def correct(s: Setting, *, check: bool = False) -> ca.Function:
 def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple[Term, Term, Flags]:
     """State, covariance (nx, nx) and flags after a measurement, in the formula of a `half`."""
     if Covariance(s.model.nx).whole:
-        found = _gain(s, x, P, u, y, mask)
-        P_post = joseph_form(P, found.K, found.H, found.noise)
-        moved = x + matrix_product(found.K, found.e)
-        x_post, flags = settled(s)(moved, ca.diag(P_post), ca.diag(found.S))
-        return x_post, P_post, Flags.of(flags)
+        e, H = _looked(s, x, u, y, mask)
+        found = corrected_covariance(P, H, s.R, mask)  # eq. 17 and 19
+        moved = x + matrix_product(found.K, e)  # eq. 18
+        x_post, flags = settled(s)(moved, ca.diag(found.P), ca.diag(found.S))
+        return x_post, found.P, Flags.of(flags)
 
     def seen(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_prior = s.model.output(x, u)
@@ -223,24 +229,8 @@ def updated(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> tuple
     return x_post, P_post, Flags.of(flags)
 
 
-@dataclasses.dataclass(frozen=True)
-class Gain:
-    """What a filter of many states makes of a sample: innovation, gain and their covariances."""
-
-    e: ca.MX
-    H: ca.MX
-    K: ca.MX
-    S: ca.MX
-    noise: ca.MX
-
-    @property
-    def told(self) -> Results:
-        """Innovation, 0 where not measured, and its covariance."""
-        return {"e": self.e, "S": self.S}
-
-
-def _gain(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> Gain:
-    """Eq. 17 with the rows that were measured: those of H, e and K that were not are zero in K."""
+def _looked(s: Setting, x: Term, u: Term, y: Term, mask: Term) -> tuple[ca.MX, ca.MX]:
+    """Innovation, 0 where not measured, and the slope H of all outputs, of many states."""
     if any(part.R.any() for part in s.parts):
         raise TuningError("correlations of sensors cannot be inputs of models with many states")
     y_prior, H = seen_outputs(s)(x, u)
@@ -249,18 +239,4 @@ def _gain(s: Setting, x: Term, P: Term, u: Term, y: Term, mask: Term) -> Gain:
         {**notation(s), "expected": s.model.ny},
         lambda y, expected, mask: {"e": measured(mask) * (y - expected)},
     )
-    K, S, noise = weighted_gain(P, H, s.R, mask)
-    return Gain(missed(y, y_prior, mask), H, K, S, noise)
-
-
-def settled(s: Setting) -> ca.Function:
-    """State within its bounds, and flags: ``(x, variances, of the innovation) -> (x, flags)``."""
-
-    def formula(x: ca.SX, variance: ca.SX, y: ca.SX) -> Results:
-        inside = within_bounds(s, x)
-        clipped = ca.if_else(ca.norm_1(inside - x) > 0, 1, 0)
-        definite = ca.mmin(ca.vertcat(variance, y)) >= 0
-        flags = Flags(clipped=clipped, not_positive_definite=ca.if_else(definite, 0, 1))
-        return {"x_inside": inside, "flags": flags.vector()}
-
-    return leaf("settled", {**notation(s), "variance": s.model.nx}, formula)
+    return missed(y, y_prior, mask), H

@@ -14,9 +14,13 @@ from backsight.engine.loops import scan
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._exact_sensors import with_exact_sensors
-from backsight.estimators.kalman._sigma_pairs import Outside, Points, SigmaPoints
-from backsight.estimators.kalman._sigma_pairs import points_of as points_of
-from backsight.estimators.kalman._unscented import unscented_looks
+from backsight.estimators.kalman.sigma_points import (
+    Outside,
+    Points,
+    SigmaPoints,
+    points_of,
+    unscented_looks,
+)
 from backsight.estimators.kalman.square_root import covariance_of_factor
 from backsight.estimators.parts.covariance import Covariance, Term, scatter_and_noise
 from backsight.estimators.parts.factors import (
@@ -65,7 +69,7 @@ class UKF(AbstractEstimator):
     outside : {"moved", "clipped"}
         Of sigma points outside the bounds. ``moved``: pairs are moved inside and tell the slope of
         the model; the spread is that without bounds, as in the other filters, see
-        `backsight.estimators.kalman._sigma_pairs`. ``clipped``: each is set to the bound; that
+        `backsight.estimators.kalman.sigma_points`. ``clipped``: each is set to the bound; that
         draws the mean away from it in every prediction and makes the bands too narrow there, but
         may hold parameters in place that a strongly nonlinear model would lose with a wide prior.
 

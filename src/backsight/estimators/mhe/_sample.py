@@ -13,6 +13,7 @@ from backsight.estimators.arrival import Arrival, Leaving
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.prediction import predict
+from backsight.estimators.mhe._starts import from_both_sides
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.parts.filtering import choose, data_inputs, physical, physical_innovation
 from backsight.estimators.parts.flags import Flags
@@ -28,7 +29,7 @@ from backsight.estimators.parts.window import (
     queued,
 )
 from backsight.solvers.box import GaussNewton
-from backsight.solvers.trajectory import Chain, by_name, iterated, mistaken, smoothed
+from backsight.solvers.trajectory import Chain, iterated, mistaken, smoothed
 from backsight.types import Array
 
 SMALL = 1e-10
@@ -150,7 +151,8 @@ def solved(parts: Parts) -> Solved:
         proximal=parts.arrival.free,
     )
     P_start = parts.arrival.covariance(m.spread)
-    found = by_name(solver, [m.x_start, P_start, moved, guess, tried, U, Y, M, present])
+    given = {"x_bar": m.x_start, "P": P_start, "free": moved, "X": guess, "side": tried}
+    found = from_both_sides(s, chain, solver, given | {"U": U, "Y": Y, "M": M, "present": present})
 
     # The covariance: of the last linear problem without the limits that happen to be active.
     stages = [found[k] for k in chain.sizes]

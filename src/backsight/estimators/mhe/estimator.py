@@ -1,16 +1,17 @@
 """Moving horizon estimation: nonlinear least squares over a window with process noise."""
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar
 
-import casadi as ca
 import numpy as np
 
 from backsight.description import Called, Distinct, Horizon, Lag, Positive, Sound, alike
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError, nearest
+from backsight.estimators._inspection import Inspection
 from backsight.estimators.arrival import (
     ARRIVALS,
     ConstantArrival,
@@ -22,8 +23,9 @@ from backsight.estimators.arrival import (
     arrival_name,
 )
 from backsight.estimators.base import AbstractEstimator, setting
+from backsight.estimators.kalman.ekf import EKF
 from backsight.estimators.kalman.square_root import refuse_too_wide
-from backsight.estimators.mhe._inspect import inspection
+from backsight.estimators.mhe._inspect import filled, inspection
 from backsight.estimators.mhe._sample import Parts, recursion
 from backsight.estimators.mhe._window import transition_pattern
 from backsight.estimators.parts.limits import Limit, hard_bounds, limits_of, names_used_twice
@@ -153,9 +155,13 @@ class MHE(AbstractEstimator):
             n: dataclasses.replace(self, arrival=part) for n, part in others.items()
         }
 
-    def inspect(self, model: Model, dt: float) -> ca.Function:
-        """Build the whole window of a sample, see `backsight.estimators.mhe._inspect`."""
-        return inspection(self._parts(model, dt))
+    def inspect(self, model: Model, dt: float) -> Inspection:
+        """See `AbstractEstimator.inspect`."""
+        parts = self._parts(model, dt)
+        guess = EKF(self.noise, self.prior, self.integrator).build(model, dt)
+        return Inspection(
+            inspection(parts), parts.limits.names, functools.partial(filled, parts, guess)
+        )
 
     def _parts(self, model: Model, dt: float) -> Parts:
         whole = setting(

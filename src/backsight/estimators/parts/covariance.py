@@ -143,6 +143,39 @@ def weighted_gain(P: ca.MX, H: ca.MX, R: Array | ca.MX, mask: ca.MX) -> tuple[ca
     return dense.gain_of(PHt, S, R if isinstance(R, ca.MX) else ca.MX(ca.DM(R)), mask)
 
 
+@dataclasses.dataclass(frozen=True)
+class Corrected:
+    """Covariances around a measurement of a model of many states.
+
+    Parameters
+    ----------
+    P : MX
+        Covariance (nx, nx) of the estimate.
+    K, S, noise : MX
+        See `weighted_gain`.
+    """
+
+    P: ca.MX
+    K: ca.MX
+    S: ca.MX
+    noise: ca.MX
+
+
+def corrected_covariance(P: ca.MX, H: ca.MX, R: Array | ca.MX, mask: ca.MX) -> Corrected:
+    """Gain and covariance after a measurement in Joseph's form, see `weighted_gain`.
+
+    (I - K H) P (I - K H)' + K N K' is P - K G' - (G - K H G - K N) K' with G = P H', whatever the
+    gain: three products with all of P in place of five.
+    """
+    G = times_transposed(P, H)
+    HG = times_transposed(transpose(G), H)
+    K, S, noise = dense.gain_of(G, HG, R if isinstance(R, ca.MX) else ca.MX(ca.DM(R)), mask)
+    left = dense.plus_product(P, K, G, turned=(False, True), minus=True)
+    rest = dense.plus_product(G, K, HG + noise, minus=True)
+    after = dense.plus_product(left, rest, K, turned=(False, True), minus=True)
+    return Corrected(after, K, S, noise)
+
+
 def scatter_and_noise(d: Term, weights: Array, R: Array, mask: Term) -> Term:
     """Covariance d diag(w) d' of weighted deviations, with the noise of the sample."""
     if not isinstance(d, ca.MX):

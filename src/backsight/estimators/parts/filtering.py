@@ -245,20 +245,11 @@ def physical(
     flags : MX
         `Flags.vector`.
     """
-    raised = ca.SX.sym("flags", FLAGS)
     if s.model.nx > UNROLL:
-        y_hat, _ = seen_outputs(s)(x, u)
-        xs, us = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
-        ys, left = ca.SX.sym("y", s.model.ny), ca.SX.sym("left")
-        unsolved = ca.Function("unsolved", [xs, us], [s.unsolved(xs, us)])
-        leave = ca.Function(
-            "physical",
-            [xs, ys, raised, left],
-            [s.sx * xs, s.sy * ys, _status_of(s, raised, left)],
-        )
-        x_hat, y_hat, status = leave(x, y_hat, flags, unsolved(x, u))
+        x_hat, y_hat, status = estimate_told(s, x=x, u=u, flags=flags)
         values = [x_hat, triangle(P, s.sx), y_hat]
     else:
+        raised = ca.SX.sym("flags", FLAGS)
         k = {n: ca.SX.sym(n, v.numel()) for n, v in {"x": x, "P": P, "u": u}.items()}
         outputs = s.sy * s.model.output(k["x"], k["u"])
         coded = _status_of(s, raised, s.unsolved(k["x"], k["u"]))
@@ -268,6 +259,18 @@ def physical(
     # Apart from the rest: the innovation is known before the sample enters.
     values += physical_innovation(s).call([e, S])
     return {c.name: v for c, v in zip(ESTIMATE_CHANNELS, [*values, status], strict=True)}
+
+
+def estimate_told(s: Setting, *, x: ca.MX, u: ca.MX, flags: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
+    """Physical state and outputs, and the status, of a model of many states; see `physical`."""
+    y_hat, _ = seen_outputs(s)(x, u)
+    xs, us, ys = (ca.SX.sym(n, v.numel()) for n, v in (("x", x), ("u", u), ("y", y_hat)))
+    raised, left = ca.SX.sym("flags", FLAGS), ca.SX.sym("left")
+    unsolved = ca.Function("unsolved", [xs, us], [s.unsolved(xs, us)])
+    status = _status_of(s, raised, left)
+    leave = ca.Function("physical", [xs, ys, raised, left], [s.sx * xs, s.sy * ys, status])
+    x_hat, y_hat, status = leave(x, y_hat, flags, unsolved(x, u))
+    return x_hat, y_hat, status
 
 
 def _status_of(s: Setting, raised: ca.SX, unsolved: ca.SX) -> ca.SX:

@@ -68,6 +68,14 @@ class Memory:
         """The whole memory before the first sample, flat."""
         return np.concatenate([v.ravel(order="F") for v in self._start.values()])
 
+    def parts(self, memory: Array) -> dict[str, Array]:
+        """Parts of a flat memory in numbers, by name and in the shape of their start values."""
+        found, at = {}, 0
+        for name, value in self._start.items():
+            piece = memory[at : at + value.size]
+            found[name], at = piece.reshape(value.shape, order="F"), at + value.size
+        return found
+
     def joined(self, parts: Mapping[str, Value]) -> ca.MX:
         """All parts, given by name, as the flat memory.
 
@@ -135,8 +143,9 @@ class Memory:
             )
         named = {n: ca.vec(ca.densify(ca.MX(outputs[n]))) for n in names}
         if {"x_hat", "P", "status"} <= set(named):
+            variances = named["P"][diagonal_of_triangle(named["x_hat"].numel())]
             told = _not_finite(named["x_hat"].numel())
-            named["status"] = told(named["x_hat"], named["P"], named["status"])
+            named["status"] = told(named["x_hat"], variances, named["status"])
         values = [named[n] for n in names]
         return Recursion(
             step=ca.Function(name, [self._symbol, *data], [after, *values]),
@@ -149,19 +158,23 @@ class Memory:
         )
 
 
+def diagonal_of_triangle(n: int) -> list[int]:
+    """Places of the diagonal in the lower triangle of a matrix with n rows."""
+    return np.cumsum([0, *range(n, 1, -1)]).tolist()
+
+
 def _not_finite(n: int) -> ca.Function:
-    """``(x_hat, P, status) -> status``: with the bit `NOT_FINITE` where an estimate has no number.
+    """``(x_hat, variances, status) -> status``, with the bit `NOT_FINITE` where one is no number.
 
     Other bits that could not be told either are left out.
     """
-    x, P, status = ca.SX.sym("x", n), ca.SX.sym("P", n * (n + 1) // 2), ca.SX.sym("status")
-    variances = [P[int(k)] for k in np.cumsum([0, *range(n, 1, -1)])]
+    x, variances, status = ca.SX.sym("x", n), ca.SX.sym("variances", n), ca.SX.sym("status")
     # NaN is not below infinity either.
-    finite = ca.sum1(ca.fabs(ca.vertcat(x, *variances))) < np.inf
+    finite = ca.sum1(ca.fabs(ca.vertcat(x, variances))) < np.inf
     known = ca.if_else(ca.fabs(status) < np.inf, status, 0)
     return ca.Function(
         "told_if_not_finite",
-        [x, P, status],
+        [x, variances, status],
         [ca.if_else(finite, known, known + int(Status.NOT_FINITE))],
     )
 

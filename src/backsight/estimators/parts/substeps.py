@@ -16,6 +16,7 @@ from backsight.discrete.steps import advanced
 from backsight.engine.dense import FEW
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import matrix_product
+from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.models.lti import output_equation, state_equation
 from backsight.types import Array
@@ -49,6 +50,19 @@ def within_bounds(s: Setting, x: ca.SX) -> ca.SX:
     return bounds.clip(x, s.lower, s.upper)
 
 
+def settled(s: Setting) -> ca.Function:
+    """State within its bounds, and flags: ``(x, variances, of the innovation) -> (x, flags)``."""
+
+    def formula(x: ca.SX, variance: ca.SX, y: ca.SX) -> Results:
+        inside = within_bounds(s, x)
+        clipped = ca.if_else(ca.norm_1(inside - x) > 0, 1, 0)
+        definite = ca.mmin(ca.vertcat(variance, y)) >= 0
+        flags = Flags(clipped=clipped, not_positive_definite=ca.if_else(definite, 0, 1))
+        return {"x_inside": inside, "flags": flags.vector()}
+
+    return leaf("settled", {**notation(s), "variance": s.model.nx}, formula)
+
+
 def seen_outputs(s: Setting) -> ca.Function:
     """Expected outputs and their derivative: ``(x, u) -> (y, H)``."""
     found = output_equation(s.model)
@@ -62,7 +76,7 @@ def seen_outputs(s: Setting) -> ca.Function:
     C, D, d = found
     x, u = ca.MX.sym("x", s.model.nx), ca.MX.sym("u", s.model.nu)
     y = _sum([(C, x), (D, u)], d)
-    return ca.Function("seen_outputs", [x, u], [y, ca.MX(_entries(C))])
+    return ca.Function("seen_outputs", [x, u], [y, ca.MX(few_entries(C))])
 
 
 def moved_state(s: Setting, integrator: Integrator) -> ca.Function:
@@ -82,7 +96,7 @@ def moved_state(s: Setting, integrator: Integrator) -> ca.Function:
     F, first, last, constant = found
     x, ua, ub = (ca.MX.sym(k, n) for k, n in (("x", s.model.nx), *[("u", s.model.nu)] * 2))
     x_next = _sum([(F, x), (first, ua), (last, ub)], constant)
-    return ca.Function("moved", [x, ua, ub], [x_next, ca.MX(_entries(F))])
+    return ca.Function("moved", [x, ua, ub], [x_next, ca.MX(few_entries(F))])
 
 
 def linear_step(s: Setting, integrator: Integrator) -> tuple[Array, Array, Array, Array] | None:
@@ -115,11 +129,11 @@ def _sum(terms: list[tuple[Array, ca.MX]], constant: Array) -> ca.MX:
     total = ca.MX(ca.DM(constant))
     for matrix, vector in terms:
         if matrix.any():
-            total += matrix_product(_entries(matrix), vector)
+            total += matrix_product(few_entries(matrix), vector)
     return total
 
 
-def _entries(matrix: Array) -> ca.DM:
+def few_entries(matrix: Array) -> ca.DM:
     """The matrix with its entries only, if these are so few that products take them one by one."""
     few = np.count_nonzero(matrix) <= FEW * matrix.size
     return ca.sparsify(ca.DM(matrix)) if few else ca.DM(matrix)

@@ -77,8 +77,6 @@ class LiveEstimation:
         prepare(recursion, engine)
         self._dummy = np.array([np.nan if s.dummy is None else s.dummy for s in model.outputs])
         self._largest = np.zeros(model.ny)
-        self.held = 0
-        """Inputs that were not measured at a sample, so that their last value was held."""
         begin = memory or Checkpoint.fresh(recursion, model)
         self._go_on(begin)
 
@@ -182,7 +180,6 @@ class LiveEstimation:
         self.inputs.extend(stop)
         before = self.inputs.view(start - 1, start)[0] if start > self.inputs.base else self._before
         u = filled_forward(rows[:, :nu], before)
-        self.held += int(np.isnan(rows[:, :nu]).sum())
         self.inputs.view(start, stop)[:] = u
         y = np.where(np.isnan(self._dummy), rows[:, nu:], self._dummy)
         known = np.isfinite(y)

@@ -22,7 +22,7 @@ _PACKED = {"b": "i1", "B": "u1", "h": "i2", "H": "u2", "i": "i4", "I": "u4", "l"
 """Letters of Python's struct, standard sizes, in NumPy's words."""
 
 
-def decoder(feed: MessageTable, where: str) -> Decode:
+def payload_decoder(feed: MessageTable, where: str) -> Decode:
     """Return what reads the payloads of a source.
 
     Raises

@@ -8,7 +8,7 @@ from typing import Any
 
 from backsight.errors import OutputError, PluginError, ProblemError
 from backsight.live.sources._cutting import Cutter
-from backsight.live.sources._decoding import LONGEST, decoder
+from backsight.live.sources._decoding import LONGEST, payload_decoder
 from backsight.live.sources.base import ReceivingSource
 from backsight.problem.reading.tables import MessageTable, SerialFeed, TcpFeed
 
@@ -22,7 +22,7 @@ class StreamSource(ReceivingSource):
 
     def __init__(self, name: str, feed: MessageTable) -> None:
         where = f"source.{name}"
-        super().__init__(name, feed, decoder(feed, where))
+        super().__init__(name, feed, payload_decoder(feed, where))
         self.cutter = Cutter(feed, where)
         self._oversized = 0
 

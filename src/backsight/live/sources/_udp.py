@@ -2,7 +2,7 @@
 
 import socket
 
-from backsight.live.sources._decoding import decoder
+from backsight.live.sources._decoding import payload_decoder
 from backsight.live.sources._streams import bound
 from backsight.live.sources.base import ReceivingSource
 from backsight.problem.reading.tables import UdpFeed
@@ -15,7 +15,7 @@ class UdpSource(ReceivingSource):
     """Datagrams, each with one or more lines, objects or records."""
 
     def __init__(self, name: str, feed: UdpFeed) -> None:
-        super().__init__(name, feed, decoder(feed, f"source.{name}"))
+        super().__init__(name, feed, payload_decoder(feed, f"source.{name}"))
         self._place, self._lines = (feed.host, feed.port), feed.format in ("text", "json")
         self.port = feed.port
         """Port that is listened on."""

@@ -31,7 +31,7 @@ def columns_of(
 ) -> dict[str, np.ndarray]:
     """Columns of a table: ``time``, ``u.NAME``, ``y.NAME``, ``x_hat.NAME``, ... and ``status``."""
     found: dict[str, np.ndarray] = {"time": times}
-    found |= {f"u.{s.name}": rows.u[:, k] for k, s in enumerate(model.inputs)}
+    found |= {_input(s.name): rows.u[:, k] for k, s in enumerate(model.inputs)}
     found |= {f"y.{s.name}": rows.y[:, k] for k, s in enumerate(model.outputs) if s.dummy is None}
     for name, values in rows.values.items():
         if name in _BY_SIGNAL:
@@ -47,9 +47,14 @@ def columns_of(
     return {n: np.ascontiguousarray(v) for n, v in found.items()}
 
 
+def _input(name: str) -> str:
+    """Column of an input; whether a parameter is seen is none of the user's inputs."""
+    return name.replace("__", ".", 1) if name.startswith("seen__") else f"u.{name}"
+
+
 def column_units(model: Model) -> dict[str, str]:
     """Unit of every column that has one."""
-    found = {"time": "s"} | {f"u.{s.name}": s.unit for s in model.inputs}
+    found = {"time": "s"} | {_input(s.name): s.unit for s in model.inputs}
     for name, kind in (("y", "outputs"), *_BY_SIGNAL.items()):
         if name != "weight":
             found |= {f"{name}.{s.name}": s.unit for s in getattr(model, kind)}

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
@@ -127,7 +127,7 @@ def moving_load(
 
 def _spline(knots: Array, values: Array, s: ca.SX) -> ca.SX:
     """Cubic spline through values (knots, n) at s, zero off its ends."""
-    pieces = CubicSpline(knots, values)
+    pieces = scipy.interpolate.CubicSpline(knots, values)
     total = ca.SX.zeros(values.shape[1])
     for k in range(len(knots) - 1):
         t = s - knots[k]

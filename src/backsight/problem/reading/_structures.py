@@ -65,15 +65,22 @@ class SecondOrderTable(ModelTable):
         )
 
 
+def _or_file(schema: dict[str, Any]) -> None:
+    """Say in the schema of a table that the path of a file may stand for it, see `_places`."""
+    table = dict(schema)
+    schema.clear()
+    schema["anyOf"] = [table, {"type": "string"}]
+
+
 class StructureTable(ModelTable, abc.ABC):
     """Sensors, unknown forces and measured forces at places of a structure."""
 
     has_places: ClassVar[bool] = True
     function: ClassVar[Callable[..., Model]]
 
-    sensors: dict[str, SensorTable] = pydantic.Field(min_length=1)
-    forces: dict[str, Any] = pydantic.Field(default_factory=dict)
-    inputs: dict[str, Any] = pydantic.Field(default_factory=dict)
+    sensors: dict[str, SensorTable] = pydantic.Field(min_length=1, json_schema_extra=_or_file)
+    forces: dict[str, Any] = pydantic.Field(default_factory=dict, json_schema_extra=_or_file)
+    inputs: dict[str, Any] = pydantic.Field(default_factory=dict, json_schema_extra=_or_file)
     damping: Any = None
     name: str | None = None
 

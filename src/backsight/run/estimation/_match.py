@@ -10,7 +10,7 @@ from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.schema import SIGMA_FACTOR, check_sigma_factor
 from backsight.types import Array
-from backsight.units import conversion, convertible
+from backsight.units import conversion, convertible, is_unit
 
 
 def match(
@@ -124,9 +124,20 @@ def output_mask(model: Model, recording: xr.Dataset) -> Array:
     return np.where(measured, 1 / np.where(measured, factor, 1.0), 0.0)
 
 
-def _scaled(given: str, wanted: str) -> bool:
-    """Whether the same quantity is another number in the two units."""
-    return convertible(given, wanted) and not conversion(given, wanted).same
+def _check_unit(kind: str, name: str, given: str, wanted: str) -> None:
+    """Raise `DataError` if a signal has another number in the unit of the model, or none."""
+    if not (given and wanted) or given == wanted or not (is_unit(given) and is_unit(wanted)):
+        return
+    if not convertible(given, wanted):
+        raise DataError(
+            f"{kind} '{name}' is in {given}, the model takes {wanted}, which is another quantity; "
+            "take the column that is meant, or mend the unit of one of the two"
+        )
+    if not conversion(given, wanted).same:
+        raise DataError(
+            f"{kind} '{name}' is in {given}, the model takes {wanted}; convert it, "
+            f"bs.data.convert_units(recording, {{'{name}': '{wanted}'}})"
+        )
 
 
 def _weighs(estimator: AbstractEstimator | None) -> bool:
@@ -145,9 +156,5 @@ def _columns(recording: xr.Dataset, variable: str, dim: str, *, of: tuple[Signal
     order = [names.index(s.name) for s in of]
     units = known[f"{dim}_unit"].values.tolist() if f"{dim}_unit" in known else []
     for s, k in zip(of, order, strict=True) if units else ():
-        if s.unit and units[k] and s.unit != units[k] and _scaled(units[k], s.unit):
-            raise DataError(
-                f"{dim} '{s.name}' is in {units[k]}, the model takes {s.unit}; convert it, "
-                f"bs.data.convert_units(recording, {{'{s.name}': '{s.unit}'}})"
-            )
+        _check_unit(dim, s.name, units[k], s.unit)
     return np.ascontiguousarray(known[variable].values[:, order], dtype=float)

@@ -37,10 +37,14 @@ def solve_window(
         that led to the sample, residuals ``v`` (NaN where not measured), and, with limits,
         ``multiplier`` and ``side`` (1 at a lower, -1 at an upper limit, else 0).
 
+        Attributes: ``iterations`` of the optimiser and its ``status``, bits of `schema.Status`.
+
     Notes
     -----
-    The windows of all samples before are solved on the way. For a window over a whole recording,
-    whose work grows with the square of its length, take `smooth`.
+    A window that begins with the recording (``at`` up to N) is solved by itself, from where an
+    extended Kalman filter puts it: time and memory grow with its length. For one that begins
+    later, or with a rule for outliers, the windows of all samples before are solved on the way. A
+    whole recording without limits is smoothed faster by `smooth`.
 
     Raises
     ------
@@ -62,15 +66,21 @@ def solve_window(
     if not 0 <= k < len(u):
         raise DataError(f"there is no sample {at} in a recording of {len(u)} samples")
     dt = float(recording.attrs["dt"])
-    recursion = estimator.compile(model, dt)
-    method, wide = estimator.widened(model, dt)
     if any(s.positive for s in model.states):
         raise TuningError("a window of states that are positive cannot be looked at; use estimate")
-    inspect, nx = method.inspect(wide, dt), model.nx
-    carry, _ = vm.run(recursion, [u[:k], y[:k], mask[:k]], carry=recursion.carry0)
-    inside, weighed = _entered(estimator, model, dt, carry, [u[k], y[k], mask[k]])
-    inside = inside[: inspect.numel_in(0)]  # inputs for virtual outputs wait behind it
-    present, *columns = (np.asarray(c).T for c in inspect(inside, u[k], y[k], weighed))
+    method, wide = estimator.widened(model, dt)
+    window, nx = method.inspect(wide, dt), model.nx
+    step_by_step = estimator.outliers is not None or any(s.wrap for s in model.outputs)
+    if 0 < k <= method.horizon and not step_by_step:
+        inside, weighed = window.filled(u[:k], y[:k], mask[:k]), mask[k]
+    else:
+        recursion = estimator.compile(model, dt)
+        carry, _ = vm.run(recursion, [u[:k], y[:k], mask[:k]], carry=recursion.carry0)
+        inside, weighed = _entered(estimator, model, dt, carry, [u[k], y[k], mask[k]])
+    inside = inside[: window.solve.numel_in(0)]  # inputs for virtual outputs wait behind it
+    *shown, course = window.solve(inside, u[k], y[k], weighed)
+    iterations, status = np.asarray(course).ravel()
+    present, *columns = (np.asarray(c).T for c in shown)
     here = present[:, 0] > 0
     x, P, w, v, multiplier, side = (c[here] for c in columns)
     first = k + 1 - int(here.sum())
@@ -92,15 +102,20 @@ def solve_window(
             "state_": names,
             "output": outputs,
         },
-        attrs={"estimator": estimator.key, "model": model.name, "dt": dt},
+        attrs={
+            "estimator": estimator.key,
+            "model": model.name,
+            "dt": dt,
+            "iterations": int(iterations),
+            "status": int(status),
+        },
     )
-    labels = [c.labels for c in recursion.channels if c.name == "infeasible"]
-    if labels:
+    if window.limits:
         found["multiplier"], found["side"] = (
             (("time", "limit"), multiplier),
             (("time", "limit"), side),
         )
-        found["limit"] = list(labels[0])
+        found["limit"] = list(window.limits)
     return found
 
 

@@ -2,6 +2,7 @@
 
 from backsight.solvers.trajectory._active import solve as solve
 from backsight.solvers.trajectory._iterated import iterated as iterated
+from backsight.solvers.trajectory._iterated import select as select
 from backsight.solvers.trajectory._mistaken import mistaken as mistaken
 from backsight.solvers.trajectory._smoothed import smoothed as smoothed
 from backsight.solvers.trajectory._smoothed import smoothed_all as smoothed_all

@@ -54,7 +54,7 @@ def iterated(
     limits ``side``; the last linear problem, linearised along ``along``, with the names of
     `Chain.sizes` and ``offset``; its solution with the names of `LAST`; and how it went:
     ``iterations``, and 1 for ``limit``, reached without convergence, and ``rejected``, no step that
-    lowers the merit.
+    lowers the merit; with a tolerance the cost ``J``, the merit without its last sum.
 
     Parameters
     ----------
@@ -146,8 +146,8 @@ def _controlled(
     new = point | problem | {k: found[k] for k in LAST if k != "eta"}
     later = list(new.items())[len(point) :]
     old = [*before, side, *(ca.MX.sym(k, *v.shape) for k, v in later)]
-    kept = _select(accept, [*new.values()], old)
-    kept[0] = _select(restart, [ca.repmat(x_bar, 1, m)], kept[:1])[0]
+    kept = select(accept, [*new.values()], old)
+    kept[0] = select(restart, [ca.repmat(x_bar, 1, m)], kept[:1])[0]
     body = ca.Function("controlled_step", [*numbers, *old, x_bar, P, free, *data], [*after, *kept])
     none = [ca.MX.zeros(*k.shape) for k in old]
     start = [ca.MX.zeros(k.numel()) for k in numbers]
@@ -164,6 +164,7 @@ def _controlled(
     steps = [ends.pop(k) for k in ("eta", "dX", "deta")]
     X, eta = _ahead(chain)(ends["along"], *steps, length)
     how = {"iterations": course["count"], "limit": course["go"], "rejected": course["rejected"]}
+    how["J"] = course["J"]
     return naming("iterated", given, {"X": X, "eta": eta} | ends | how)
 
 
@@ -195,7 +196,7 @@ def _or_nan() -> ca.Function:
     return ca.Function("or_nan", [t, J], [ca.if_else(J < NOWHERE, t, np.nan)])
 
 
-def _select(flag: ca.MX, then: list[ca.MX], otherwise: list[ca.MX]) -> list[ca.MX]:
+def select(flag: ca.MX, then: list[ca.MX], otherwise: list[ca.MX]) -> list[ca.MX]:
     """The first list where the flag is not zero, else the second, copied as a whole."""
     carry = [flag, *otherwise]
     symbols = [ca.MX.sym(f"s{k}", *v.shape) for k, v in enumerate((*carry, *then))]

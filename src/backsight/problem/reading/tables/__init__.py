@@ -1,6 +1,14 @@
 """The tables of a problem file: which keys there are and what they hold."""
 
+from backsight.problem.reading.tables._alarms import ALARMS as ALARMS
+from backsight.problem.reading.tables._alarms import AlarmTable as AlarmTable
+from backsight.problem.reading.tables._alarms import HitAlarm as HitAlarm
+from backsight.problem.reading.tables._alarms import NisAlarm as NisAlarm
+from backsight.problem.reading.tables._alarms import RangeAlarm as RangeAlarm
+from backsight.problem.reading.tables._alarms import SilentAlarm as SilentAlarm
+from backsight.problem.reading.tables._alarms import StatusAlarm as StatusAlarm
 from backsight.problem.reading.tables._live import FEEDS as FEEDS
+from backsight.problem.reading.tables._live import DashboardTable as DashboardTable
 from backsight.problem.reading.tables._live import FeedTable as FeedTable
 from backsight.problem.reading.tables._live import LiveTable as LiveTable
 from backsight.problem.reading.tables._live import MessageTable as MessageTable

@@ -30,6 +30,9 @@ class LiveTable(StrictTable):
         Time by which a sample may come after that and is still used exactly [s].
     bridge : float
         Longest gap that the model bridges; after a longer one the estimator begins anew [s].
+    freeze : float
+        Time over which it is judged whether parameters with a random walk can be seen; such as
+        cannot are frozen [s]. Nothing is frozen if not given.
     """
 
     dt: float | None = pydantic.Field(default=None, gt=0)
@@ -38,6 +41,7 @@ class LiveTable(StrictTable):
     reorder: float = pydantic.Field(default=0.0, ge=0, le=3600.0)
     lag: float = pydantic.Field(default=1.0, ge=0, le=3600.0)
     bridge: float = pydantic.Field(default=60.0, gt=0)
+    freeze: float | None = pydantic.Field(default=None, gt=0)
 
 
 class FeedTable(StrictTable):
@@ -217,6 +221,34 @@ FEEDS: Mapping[str, type[FeedTable]] = {
     "replay": ReplayFeed,
 }
 """Kind of a source to its table."""
+
+
+class DashboardTable(StrictTable):
+    """``[dashboard]``: a page in the browser that shows how it stands.
+
+    Parameters
+    ----------
+    host : str
+        Address to listen on; another one than 127.0.0.1 is seen from other computers.
+    port : int
+        0: any that is free.
+    certificate, key : str
+        Files for https, relative to the problem file.
+    token_file : str
+        File with the secret part of the address, made if it is not there; else it is new each time.
+    minutes : float
+        Time whose samples are kept in memory to be saved as a recording [min].
+    saved : str
+        Folder for saved recordings and their reports, relative to the problem file.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = pydantic.Field(default=0, ge=0, le=65535)
+    certificate: str | None = None
+    key: str | None = None
+    token_file: str | None = None
+    minutes: float = pydantic.Field(default=10.0, gt=0, le=1440)
+    saved: str = "saved"
 
 
 class StoreTable(StrictTable):

@@ -23,6 +23,7 @@ from backsight.estimators.base import AbstractEstimator, Setting, setting
 from backsight.estimators.uncertainty import Noise
 from backsight.estimators.varied_noise import NoisePart, VariedNoise
 from backsight.estimators.varied_number import VariedNumber
+from backsight.models.augment import with_idle_inputs
 from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.model import Model
 from backsight.models.signals import Signal
@@ -79,14 +80,14 @@ def widened(
     matrices = matrices_of(unknowns)
     wide = _scaled(estimator, model, dt)
     if late:
-        wide = _with_inputs(wide, [PREVIOUS + s.name for s in model.inputs])
+        wide = with_idle_inputs(wide, [PREVIOUS + s.name for s in model.inputs])
     wide = forces_as_inputs(wide, parameters) if parameters else wide
     roots = [(m, i, j) for m in matrices for i, j in m.entries]
     names = [*(_factor(u) for u in by_kind["walk"]), *(_root(m.word, i, j) for m, i, j in roots)]
     names += [f"setting_{u.entry}".replace(".", "_") for u in by_kind["setting"]]
     names += [f"delay_of_{output}" for output in late]
     first = len(wide.inputs)
-    wide = _with_inputs(wide, names)
+    wide = with_idle_inputs(wide, names)
     if late:
         at = {output: first + names.index(f"delay_of_{output}") for output in late}
         wide = _with_late_outputs(wide, model.nu, at)
@@ -130,22 +131,6 @@ def _scaled(estimator: AbstractEstimator, model: Model, dt: float) -> Model:
 
     return dataclasses.replace(
         model, states=sized(model.states, s.sx), outputs=sized(model.outputs, s.sy)
-    )
-
-
-def _with_inputs(model: Model, names: Sequence[str]) -> Model:
-    """The model with further inputs that do nothing in it."""
-    if not names:
-        return model
-    x, p = ca.SX.sym("x", model.nx), ca.SX.sym("p", len(model.parameters))
-    u = ca.SX.sym("u", model.nu + len(names))
-    given = [x, u[: model.nu], p]
-    return dataclasses.replace(
-        model,
-        f=ca.Function("f", [x, u, p], model.f.call(given)),
-        h=ca.Function("h", [x, u, p], model.h.call(given)),
-        unsolved=model.unsolved_at([x, u, p], given),
-        inputs=(*model.inputs, *(Signal(name=n) for n in names)),
     )
 
 

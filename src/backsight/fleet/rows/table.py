@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from backsight.errors import OutputError
-from backsight.fleet._numbers import ratio
-from backsight.fleet.store import Entry, reading_store
+from backsight.fleet.rows.numbers import nis_ratio_of
+from backsight.fleet.rows.store import Entry, reading_store
 from backsight.output import put_in_place, writing
 
 LAST = ("samples", "dt", "nis_ratio", "log_likelihood")
@@ -100,7 +100,7 @@ def _flat(entry: Entry, about: Mapping[str, Any]) -> dict[str, Any]:
     own |= {f"{name}_std": value for name, value in row.get("x_std", {}).items()}
     own |= {f"rms_{name}": value for name, value in row.get("rms", {}).items()}
     own |= {name: row[name] for name in LAST if name in row}
-    own["nis_ratio"] = ratio(row)
+    own["nis_ratio"] = nis_ratio_of(row)
     # Names of the table of recordings give way: what was estimated is called as the model has it.
     taken = {*_names(about), *flat}
     told = entry.recording["changes"] | entry.recording["metadata"]
@@ -162,12 +162,19 @@ def _off(values: np.ndarray) -> np.ndarray:
 
 
 def write_table(table: pd.DataFrame, path: Path) -> Path:
-    """Write a table as Parquet or CSV, by the suffix; whole or not at all.
+    r"""Write a table as Parquet or CSV, by the suffix; whole or not at all.
 
     Raises
     ------
     OutputError
         If it cannot be written, or Parquet lacks its library.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pathlib import Path
+    >>> bs.fleet.write_table(pd.DataFrame({"k": [40.0]}), Path("rows.csv")).read_text()
+    'k\n40.0\n'
     """
     part = path.with_name(f".{path.name}.part")
     try:

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from backsight.errors import DataError, OutputError
-from backsight.fleet._numbers import Told, as_text, of_text
-from backsight.fleet._work import Landed
+from backsight.fleet.rows.landed import Landed
+from backsight.fleet.rows.numbers import Told, row_of_text, row_text
 from backsight.output import HOLD, holding, writing
 
 ROWS, RESULTS = "fleet.sqlite", "results"
@@ -94,7 +94,7 @@ class FleetStore:
     def land(self, landed: Sequence[Landed]) -> None:
         """Keep what came out of some recordings: all of it or nothing."""
         items = [(one.item, one.digest, stamp_text(one.stamp)) for one in landed]
-        rows = [(one.item, name, as_text(row)) for one in landed for name, row in one.rows.items()]
+        rows = [(one.item, name, row_text(row)) for one in landed for name, row in one.rows.items()]
         old = [(one.item,) for one in landed if one.rows]
         with _writing_rows(self.folder), self._connection:
             self._connection.executemany("DELETE FROM rows WHERE item = ?", old)
@@ -133,7 +133,7 @@ class FleetStore:
             "ORDER BY number"
         )
         for item, recording, setting, estimator, row in found:
-            yield Entry(item, recordings[recording], settings[setting], estimator, of_text(row))
+            yield Entry(item, recordings[recording], settings[setting], estimator, row_of_text(row))
 
     def entry(self, item: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
         """Recording and setting of an item of the fleet; None if there is no such item."""

@@ -109,17 +109,17 @@ def _failure(failed_at: int, status: int, dt: float) -> str:
     return f"failed at sample {failed_at} ({failed_at * dt:g} s after the first): {cause}"
 
 
-def as_text(row: Told) -> str:
+def row_text(row: Told) -> str:
     """JSON by which every number comes back to the last bit."""
     return json.dumps(row, separators=(",", ":"), ensure_ascii=False)
 
 
-def of_text(text: str) -> Told:
-    """What `as_text` has written."""
+def row_of_text(text: str) -> Told:
+    """What `row_text` has written."""
     return json.loads(text)
 
 
-def ratio(row: Told) -> float:
+def nis_ratio_of(row: Told) -> float:
     """Mean NIS by its expectation."""
     nis, expected = row.get("mean_nis", math.nan), row.get("nis_expected", math.nan)
     return nis / expected if expected and expected > 0 else math.nan

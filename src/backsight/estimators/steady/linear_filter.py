@@ -1,0 +1,123 @@
+"""The Kalman filter of a large time-invariant model, whose gain is reused once it has converged."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from backsight.algebra.update import measured
+from backsight.discrete.riccati import riccati_limit
+from backsight.engine.dense import gain_of, transpose, triangle
+from backsight.engine.recursion import Recursion
+from backsight.estimators.base import ESTIMATE_CHANNELS
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    congruence,
+    corrected_covariance,
+    matrix_product,
+    times_transposed,
+)
+from backsight.estimators.parts.filtering import PriorMemory, data_inputs, estimate_told
+from backsight.estimators.parts.leaf import Results, leaf, notation
+from backsight.estimators.parts.linear import Linear
+from backsight.estimators.parts.memory import Memory, diagonal_of_triangle
+from backsight.estimators.parts.substeps import few_entries, moved_state, seen_outputs, settled
+from backsight.estimators.steady.reuse import kept_or_new, kept_parts, reused
+from backsight.estimators.steady.state import SteadyState, steady_state
+from backsight.types import Array
+
+
+def filter_limit(system: Linear) -> SteadyState | None:
+    """Where the covariance of the prediction goes while all outputs are measured; None if nowhere.
+
+    Also None of few states, whose covariance costs next to nothing, and of noise that changes.
+    """
+    s, A, C = system.s, system.A, system.C
+    if not Covariance(s.model.nx).whole or s.parts:
+        return None
+
+    def closed(P: Array) -> tuple[Array, Array]:
+        AK = A @ np.linalg.solve(C @ P @ C.T + s.R, C @ P).T
+        return A - AK @ C, s.Q + AK @ s.R @ AK.T
+
+    return steady_state(riccati_limit(A, C, s.Q, s.R), closed)
+
+
+def reusing_filter(name: str, system: Linear, limit: SteadyState) -> Recursion:
+    """Recursion of the filter, which takes its gain from the last sample where it can.
+
+    The memory holds the prior of the coming sample before the ramp of an interpolated input.
+    """
+    s = system.s
+    data = data_inputs(s)
+    u, y, mask = s.enter()(*data)
+    step = _covariance_step(system)
+    m = Memory(x=s.x0, **kept_parts(step, limit, s.P0), started=0)
+    now = reused(step, limit, m, mask)
+
+    prior, e = _innovated(system, m, u, y, mask)
+    free = prior + matrix_product(now["K"], e)
+    variances = now["spread"][diagonal_of_triangle(s.model.nx)]
+    of_innovation = now["S"][diagonal_of_triangle(s.model.ny)]
+    x, flags = settled(s)(free, variances, of_innovation)
+    x_next, _ = moved_state(s, s.integrator)(x, u, u)
+    x_hat, y_hat, status = estimate_told(s, x=x, u=u, flags=flags)
+    outputs = {
+        "x_hat": x_hat, "P": now["spread"], "y_hat": y_hat, "e": ca.DM(s.sy) * e, "S": now["S"],
+        "status": status,
+    }  # fmt: skip
+    plain = m.recursion(
+        name, data, next={"x": x_next, **now, "started": 1}, outputs=outputs,
+        channels=ESTIMATE_CHANNELS, dt=s.dt, innovation=_innovation(system, m, data),
+    )  # fmt: skip
+    kept = Covariance(s.model.nx)
+    behind = plain.carry0[s.model.nx + kept.size :]
+    return dataclasses.replace(plain, start=PriorMemory(kept.kept, s.sx, behind))
+
+
+def _covariance_step(system: Linear) -> ca.Function:
+    """``(P, mask) -> (P, K, spread, S)``: of the next prediction, the gain, and physical triangles.
+
+    Triangles of the covariances of the estimate and of the innovation.
+    """
+    s, kept = system.s, Covariance(system.s.model.nx)
+    P, mask = ca.MX.sym("P", kept.size), ca.MX.sym("mask", s.model.ny)
+    C, A = (ca.MX(few_entries(matrix)) for matrix in (system.C, system.A))
+    now = corrected_covariance(kept.opened(P), C, s.R, mask)
+    ahead = kept.closed(congruence(A, now.P, s.Q))
+    results = [ahead, now.K, triangle(now.P, s.sx), triangle(now.S, s.sy)]
+    return ca.Function(
+        "covariance", [P, mask], results, ["P_prior", "mask"], ["P", "K", "spread", "S"]
+    )
+
+
+def _missed(system: Linear) -> ca.Function:
+    """``(y, expected, mask) -> e``: 0 where not measured."""
+    ny = system.s.model.ny
+
+    def formula(y: ca.SX, expected: ca.SX, mask: ca.SX) -> Results:
+        return {"e": measured(mask) * (y - expected)}
+
+    return leaf("missed", {**notation(system.s), "expected": ny}, formula)
+
+
+def _innovation(system: Linear, m: Memory, data: list[ca.MX]) -> ca.Function:
+    """``(carry, u, y, mask) -> (e, S)`` before the sample enters, physical."""
+    s, kept = system.s, Covariance(system.s.model.nx)
+    P, weights = ca.MX.sym("P", kept.size), ca.MX.sym("mask", s.model.ny)
+    C = ca.MX(few_entries(system.C))
+    G = times_transposed(kept.opened(P), C)
+    HG = times_transposed(transpose(G), C)
+    _, S, _ = gain_of(ca.MX.zeros(1, s.model.ny), HG, ca.MX(ca.DM(s.R)), weights)
+    spread = ca.Function("innovation_spread", [P, weights], [triangle(S, s.sy)])
+    u, y, mask = s.enter()(*data)
+    e, S = _innovated(system, m, u, y, mask)[1], kept_or_new(spread, m, "S", m.P, mask=mask)
+    return ca.Function("innovation", [m.symbol, *data], [ca.DM(s.sy) * e, S])
+
+
+def _innovated(system: Linear, m: Memory, u: ca.MX, y: ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """State before the sample enters, and innovation, scaled."""
+    prior = m.x
+    if system.ramp:
+        prior += m.started * matrix_product(ca.sparsify(ca.DM(system.B_next)), u)
+    return prior, _missed(system)(y, seen_outputs(system.s)(prior, u)[0], mask)

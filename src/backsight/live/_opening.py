@@ -1,0 +1,186 @@
+"""Begin a run: everything that can be wrong is said before the first sample."""
+
+import contextlib
+import dataclasses
+import functools
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from backsight.description import digest
+from backsight.engine.dense import UNROLL
+from backsight.engine.execute import Engine
+from backsight.errors import ProblemError
+from backsight.live._freezing import SEEN, Freezable, Freezer, freezable
+from backsight.live._lanes import Lane
+from backsight.live._problem import LiveProblem
+from backsight.live._session import LiveSession
+from backsight.live.alarms import Alarm, Alarms, Quantities, condition_of
+from backsight.live.clock import TimeGrid
+from backsight.live.engine import Checkpoint, LiveEstimation, LiveRows
+from backsight.live.sources import source_of
+from backsight.live.store import Keeper, LiveStore, column_units, columns_of, opened_live_store
+from backsight.problem.reading.tables import FeedTable, RecordingTable, ReplayFeed
+from backsight.problem.recorded import recording_of
+from backsight.run.estimation import Outputs, Prepared, compile_once
+from backsight.run.estimation.results.outputs import JUDGED
+
+SHOWN = (*JUDGED, "z_hat", "z_std", "d_hat", "d_std", "weight")
+"""Variables that are kept of every sample, where the estimator has them."""
+
+
+@contextlib.contextmanager
+def opened_session(
+    live: LiveProblem, *, tell: Callable[[str], None], engine: Engine = "native"
+) -> Iterator[LiveSession]:
+    """Start a run: compile, open the store, go on from its last part, start the sources.
+
+    Raises
+    ------
+    ProblemError, DataError
+        If something that is needed is missing.
+    OutputError
+        If a port is taken, or the store cannot be used.
+    PluginError
+        If a package is not installed.
+    """
+    with contextlib.ExitStack() as stack:
+        dt = _period(live)
+        live, varied = _with_freezing(live, dt)
+        prepared = compiled_live(live, dt)
+        labels = _labels(live, prepared)
+        alarms = _alarms(live, labels, dt, tell)
+        store = checkpoint = None
+        if live.store is not None:
+            folder = live.problem.path.parent / live.store.path
+            said = digest(live.estimator, live.model, dt)
+            store = stack.enter_context(opened_live_store(folder, said=said))
+            checkpoint = store.checkpoint()
+        bridge = max(1, round(live.settings.bridge / dt))
+        lag = round(live.settings.lag / dt)
+        before = lag + round(live.settings.reorder / dt)
+        grid = TimeGrid(dt, bridge=bridge, before=before)
+        memory: Checkpoint | None = None
+        if checkpoint is not None:
+            memory, others = checkpoint
+            grid.origin, grid.newest = float(others["origin"]), int(others["newest"])
+        elif varied is not None:
+            memory = _all_seen(prepared, live)
+        estimation = LiveEstimation(
+            prepared.recursion, live.model, lag=lag, engine=engine, memory=memory
+        )
+        keeper = None
+        if store is not None:
+            keeper = _keeper(live, store, labels, grid, tell=tell)
+        lanes = []
+        for name, feed in live.feeds.items():
+            source = source_of(name, feed, functools.partial(_replayed, live, feed))
+            lanes.append(Lane(source, live, grid))
+        if checkpoint is not None:
+            shifts = json.loads(str(checkpoint[1]["clocks"]))
+            for lane in lanes:
+                lane.clock.shift = shifts.get(lane.name, lane.clock.shift)
+            tell(f"goes on from {float(grid.time(estimation.base)):.6f} s")
+        session = LiveSession(live, lanes, grid, estimation, keeper=keeper, tell=tell)
+        session.alarms = alarms
+        if varied is not None:
+            window = max(1, round((live.settings.freeze or 0.0) / dt))
+            session.freezer = Freezer(estimation, varied.walks, window=window, tell=tell)
+        for lane in lanes:
+            lane.source.start()
+            stack.callback(lane.source.stop)
+            lane.channels  # noqa: B018 - what is missing is said before the first sample
+        yield session
+
+
+def compiled_live(live: LiveProblem, dt: float) -> Prepared:
+    """The estimator as it runs: what is shown of it, and begun anew when it diverges."""
+    needed = (*SHOWN, "S") if live.model.ny <= UNROLL else SHOWN
+    return compile_once(
+        live.estimator, live.model, dt, outputs=Outputs(("x_std",)), restart=True, needed=needed
+    )
+
+
+def _with_freezing(live: LiveProblem, dt: float) -> tuple[LiveProblem, Freezable | None]:
+    """The problem with random walks that can be switched off, if that is asked for."""
+    if live.settings.freeze is None:
+        return live, None
+    varied = freezable(live.estimator, live.model, dt, parameters=live.parameters)
+    problem = dataclasses.replace(
+        live.problem,
+        model=varied.model,
+        estimators={**live.problem.estimators, live.estimator_name: varied.estimator},
+    )
+    return dataclasses.replace(live, problem=problem), varied
+
+
+def _all_seen(prepared: Prepared, live: LiveProblem) -> Checkpoint:
+    """Before the first sample no random walk is switched off."""
+    fresh = Checkpoint.fresh(prepared.recursion, live.model)
+    factors = [1.0 if s.name.startswith(SEEN) else np.nan for s in live.model.inputs]
+    return dataclasses.replace(fresh, before=np.array(factors))
+
+
+def _labels(live: LiveProblem, prepared: Prepared) -> dict[str, tuple[str, ...]]:
+    """Names along dimensions of the estimator's own, by variable."""
+    labels = {c.name: c.labels for c in prepared.recursion.channels if c.labels}
+    if live.model.virtual is not None:
+        names = tuple(s.name for s in live.model.virtual.signals)
+        labels |= {"z_hat": names, "z_std": names}
+    if "d_hat" in labels:
+        labels.setdefault("d_std", labels["d_hat"])
+    return labels
+
+
+def _alarms(
+    live: LiveProblem,
+    labels: Mapping[str, Sequence[str]],
+    dt: float,
+    tell: Callable[[str], None],
+) -> Alarms | None:
+    if not live.alarms:
+        return None
+    quantities = Quantities(live.model, labels)
+    alarms = {}
+    for name, table in live.alarms.items():
+        condition = condition_of(table, quantities, live.model, dt=dt, where=f"alarm.{name}")
+        alarms[name] = Alarm(name, table, condition)
+    return Alarms(alarms, tell=tell)
+
+
+def _keeper(
+    live: LiveProblem,
+    store: LiveStore,
+    labels: Mapping[str, Sequence[str]],
+    grid: TimeGrid,
+    *,
+    tell: Callable[[str], None],
+) -> Keeper:
+    def table(rows: LiveRows) -> dict[str, np.ndarray]:
+        times = grid.time(np.arange(rows.start, rows.start + len(rows)))
+        return columns_of(rows, live.model, times, labels)
+
+    assert live.store is not None
+    return Keeper(
+        store, settings=live.store, table=table, units=column_units(live.model), tell=tell
+    )
+
+
+def _period(live: LiveProblem) -> float:
+    if live.settings.dt is not None:
+        return live.settings.dt
+    for feed in live.feeds.values():
+        if isinstance(feed, ReplayFeed):
+            return float(_replayed(live, feed).attrs["dt"])
+    raise ProblemError("live.dt: is missing; give the sampling period [s] of the estimator")
+
+
+def _replayed(live: LiveProblem, feed: FeedTable) -> xr.Dataset:
+    if not isinstance(feed, ReplayFeed) or feed.path is None:
+        return recording_of(live.problem)
+    table = RecordingTable(
+        path=feed.path, inputs=feed.inputs, outputs=feed.outputs, time=feed.time, dt=feed.dt
+    )
+    return recording_of(dataclasses.replace(live.problem, recording=table))

@@ -1,0 +1,67 @@
+"""Where alarms go beside the log: a program, an address on the web."""
+
+import concurrent.futures
+import json
+import subprocess
+import urllib.request
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from backsight.problem.reading.tables import AlarmTable
+
+PATIENCE = 10.0
+"""Seconds that a program or an address may take."""
+
+MOST_WAITING = 100
+"""Alarms that may wait to be sent; beyond that they are in the log only."""
+
+
+class Outlets:
+    """Sends alarms without making the estimator wait.
+
+    Parameters
+    ----------
+    tell : callable
+        Told what could not be sent.
+    """
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+        self._pool = concurrent.futures.ThreadPoolExecutor(2, "alarm")
+        self._sending: list[concurrent.futures.Future[None]] = []
+
+    def send(self, name: str, table: AlarmTable, event: Mapping[str, Any]) -> None:
+        """Send an event to all who asked for it."""
+        self._sending = [f for f in self._sending if not f.done()]
+        if len(self._sending) >= MOST_WAITING:
+            self._tell(f"alarm {name}: too many wait to be sent")
+            return
+        content = json.dumps(event).encode()
+        if table.command:
+            self._sending.append(self._pool.submit(self._run, name, table.command, content))
+        if table.webhook:
+            self._sending.append(self._pool.submit(self._post, name, table.webhook, content))
+
+    def _run(self, name: str, command: list[str], content: bytes) -> None:
+        try:
+            done = subprocess.run(command, input=content, timeout=PATIENCE, check=False)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            self._tell(f"alarm {name}: cannot run {command[0]}: {error}")
+            return
+        if done.returncode:
+            self._tell(f"alarm {name}: {command[0]} ended with {done.returncode}")
+
+    def _post(self, name: str, address: str, content: bytes) -> None:
+        request = urllib.request.Request(
+            address, content, {"Content-Type": "application/json"}, method="POST"
+        )
+        try:
+            with urllib.request.urlopen(request, timeout=PATIENCE):
+                pass
+        except (OSError, ValueError) as error:
+            self._tell(f"alarm {name}: cannot send to {address}: {error}")
+
+    def close(self) -> None:
+        """Wait a moment for what is being sent, and give up the rest."""
+        concurrent.futures.wait(self._sending, timeout=PATIENCE)
+        self._pool.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,253 @@
+"""What an alarm looks at: for every kind, whether it is there, and what is said of it."""
+
+import abc
+import collections
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.stats
+
+from backsight.errors import ProblemError, nearest
+from backsight.live.engine import LiveRows
+from backsight.models.model import Model
+from backsight.problem.reading.tables import (
+    AlarmTable,
+    HitAlarm,
+    NisAlarm,
+    RangeAlarm,
+    SilentAlarm,
+    StatusAlarm,
+)
+from backsight.schema import Status
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Sighting:
+    """What a condition sees in new samples.
+
+    Parameters
+    ----------
+    there : bool
+        Whether it is there.
+    over : bool
+        Whether it is surely over; between the two nothing changes.
+    sentence : str
+    value : float, optional
+    place : float, optional
+        Where along the structure [m].
+    """
+
+    there: bool
+    over: bool
+    sentence: str
+    value: float | None = None
+    place: float | None = None
+
+
+class Condition(abc.ABC):
+    """What an alarm looks at."""
+
+    @abc.abstractmethod
+    def see(self, rows: LiveRows) -> Sighting | None:
+        """Look at new samples; None if they say nothing."""
+
+
+class Quantities:
+    """Quantities of rows by name: states, virtual ones, forces, outputs.
+
+    Parameters
+    ----------
+    model : Model
+    labels : dict
+        Names along dimensions of the estimator's own, by variable.
+    """
+
+    def __init__(self, model: Model, labels: Mapping[str, Sequence[str]]) -> None:
+        self._places: dict[str, tuple[str, str, int]] = {}
+        self.units: dict[str, str] = {}
+        self.positions = {s.name: s.position for s in model.parameters}
+        for k, s in reversed(list(enumerate(model.outputs))):
+            self._set(s.name, ("y_hat", "", k), s.unit)
+        for hat, std in (("z_hat", "z_std"), ("d_hat", "d_std")):
+            for k, name in enumerate(labels.get(hat, ())):
+                self._set(name, (hat, std, k), "")
+        for k, s in enumerate(model.states):
+            self._set(s.name, ("x_hat", "x_std", k), s.unit)
+        self.forces = list(labels.get("d_hat", ())) or [*model.resting]
+
+    def _set(self, name: str, place: tuple[str, str, int], unit: str) -> None:
+        self._places[name], self.units[name] = place, unit
+
+    def check(self, names: Sequence[str], where: str) -> None:
+        """Raise `ProblemError` if there is no such quantity."""
+        for name in names:
+            if name not in self._places:
+                raise ProblemError(
+                    f"{where}.of: there is no quantity '{name}', {nearest(name, self._places)}"
+                )
+
+    def of(self, rows: LiveRows, name: str) -> tuple[Array, Array]:
+        """Values and standard deviations, (n,) each."""
+        hat, std, k = self._places[name]
+        values = rows.values[hat][:, k]
+        spread = rows.values[std][:, k] if std in rows.values else np.zeros(len(values))
+        return values, spread
+
+
+class RangeCondition(Condition):
+    """See `RangeAlarm`."""
+
+    def __init__(self, table: RangeAlarm, quantities: Quantities, where: str) -> None:
+        quantities.check([table.of], where)
+        if table.lower is None and table.upper is None:
+            raise ProblemError(f"{where}: give lower, upper, or both")
+        self._table, self._quantities = table, quantities
+
+    def see(self, rows: LiveRows) -> Sighting:
+        """See `Condition.see`."""
+        table = self._table
+        values, spread = self._quantities.of(rows, table.of)
+        low = -np.inf if table.lower is None else table.lower
+        high = np.inf if table.upper is None else table.upper
+        band = table.sigmas * spread
+        beyond = np.maximum(low - (values + band), (values - band) - high)
+        worst = int(np.argmax(np.nan_to_num(beyond, nan=-np.inf)))
+        newest = float(values[-1])
+        inside = low + table.hysteresis <= newest <= high - table.hysteresis
+        unit = self._quantities.units[table.of]
+        value, ends = float(values[worst]), float(band[worst])
+        end = f"below {low:g}" if value < low else f"above {high:g}"
+        sentence = f"{table.of} is {value:.5g} ± {ends:.2g} {unit}".rstrip()
+        there = bool(beyond[worst] > 0)
+        return Sighting(there, inside, f"{sentence}, {end}" if there else sentence, value)
+
+
+class NisCondition(Condition):
+    """See `NisAlarm`."""
+
+    def __init__(self, table: NisAlarm, dt: float) -> None:
+        self._table, self._dt = table, dt
+        self._parts: collections.deque[tuple[int, float, int]] = collections.deque()
+
+    def see(self, rows: LiveRows) -> Sighting | None:
+        """See `Condition.see`."""
+        nis = rows.values["nis"]
+        known = np.isfinite(nis)
+        freedom = int(np.isfinite(rows.values["e"])[known].sum())
+        self._parts.append((len(nis), float(nis[known].sum()), freedom))
+        wanted = self._table.over / self._dt
+        while sum(n for n, _, _ in self._parts) - self._parts[0][0] >= wanted:
+            self._parts.popleft()
+        total, freedom = sum(s for _, s, _ in self._parts), sum(f for _, _, f in self._parts)
+        if not freedom or sum(n for n, _, _ in self._parts) < wanted:
+            return None
+        tail = (1 - self._table.level) / 2
+        low, high = scipy.stats.chi2.ppf([tail, 1 - tail], freedom) / freedom
+        mean = total / freedom
+        what = "larger than" if mean > high else "smaller than" if mean < low else "as"
+        sentence = (
+            f"the innovations are {what} the estimator believes: mean NIS {mean:.3g} over "
+            f"{self._table.over:g} s, its band is {low:.3g} to {high:.3g}"
+        )
+        inside = bool(low <= mean <= high)
+        return Sighting(not inside, inside, sentence, mean)
+
+
+class HitCondition(Condition):
+    """See `HitAlarm`."""
+
+    def __init__(self, table: HitAlarm, quantities: Quantities, where: str) -> None:
+        names = table.of or quantities.forces
+        quantities.check(names, where)
+        if not names:
+            raise ProblemError(f"{where}: neither the model nor the estimator has a force")
+        self._table, self._quantities, self._names = table, quantities, names
+
+    def see(self, rows: LiveRows) -> Sighting:
+        """See `Condition.see`."""
+        best, worst, place = "", 0.0, None
+        for name in self._names:
+            values, spread = self._quantities.of(rows, name)
+            sure = np.abs(values) > self._table.sigmas * spread
+            sizes = np.where(sure, np.abs(values), 0.0)
+            k = int(np.argmax(sizes))
+            if sizes[k] > abs(worst):
+                best, worst = name, float(values[k])
+                place = self._quantities.positions.get(name)
+        there = abs(worst) >= self._table.threshold
+        unit = self._quantities.units.get(best, "")
+        where = "" if place is None else f" at {place:g} m"
+        return Sighting(there, not there, f"{best} is {worst:.4g} {unit}{where}", worst, place)
+
+
+class SilentCondition(Condition):
+    """See `SilentAlarm`."""
+
+    def __init__(self, table: SilentAlarm, model: Model, dt: float, where: str) -> None:
+        names = [s.name for s in model.outputs]
+        for name in table.of:
+            if name not in names:
+                raise ProblemError(f"{where}.of: no output '{name}', {nearest(name, names)}")
+        real = [s.name for s in model.outputs if s.dummy is None]
+        self._names = table.of or real
+        self._columns = [names.index(n) for n in self._names]
+        self._after, self._dt = table.after, dt
+        self._last: list[int | None] = [None] * len(self._names)
+
+    def see(self, rows: LiveRows) -> Sighting:
+        """See `Condition.see`."""
+        newest, silent = rows.start + len(rows) - 1, []
+        for j, column in enumerate(self._columns):
+            known = np.flatnonzero(np.isfinite(rows.y[:, column]))
+            if len(known):
+                self._last[j] = rows.start + int(known[-1])
+            last = self._last[j]
+            if last is None:
+                self._last[j] = rows.start
+            elif (newest - last) * self._dt >= self._after:
+                silent.append((self._names[j], (newest - last) * self._dt))
+        said = ", ".join(f"{name} for {seconds:.3g} s" for name, seconds in silent)
+        return Sighting(bool(silent), not silent, f"nothing was measured of {said}" if said else "")
+
+
+class StatusCondition(Condition):
+    """See `StatusAlarm`."""
+
+    def __init__(self, table: StatusAlarm, where: str) -> None:
+        known = [b.name.lower() for b in Status if b.name and b]
+        for name in table.bits:
+            if name not in known:
+                raise ProblemError(f"{where}.bits: no status '{name}', {nearest(name, known)}")
+        self._bits = [Status[name.upper()] for name in table.bits]
+
+    def see(self, rows: LiveRows) -> Sighting:
+        """See `Condition.see`."""
+        raised = int(np.bitwise_or.reduce(rows.values["status"]))
+        found = [str(b.name).lower().replace("_", " ") for b in self._bits if raised & b]
+        return Sighting(bool(found), not found, f"the estimator reports {', '.join(found)}")
+
+
+def condition_of(
+    table: AlarmTable, quantities: Quantities, model: Model, *, dt: float, where: str
+) -> Condition:
+    """Return what the table of an alarm looks at.
+
+    Raises
+    ------
+    ProblemError
+        If it names something that there is not.
+    """
+    match table:
+        case RangeAlarm():
+            return RangeCondition(table, quantities, where)
+        case NisAlarm():
+            return NisCondition(table, dt)
+        case HitAlarm():
+            return HitCondition(table, quantities, where)
+        case SilentAlarm():
+            return SilentCondition(table, model, dt, where)
+        case StatusAlarm():
+            return StatusCondition(table, where)
+    raise ProblemError(f"{where}.kind: there is nothing that looks at '{table.kind}'")

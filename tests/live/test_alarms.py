@@ -1,0 +1,172 @@
+"""Alarms: raised when something is wrong, cleared when it is over; parameters that are frozen."""
+
+import http.server
+import json
+import sys
+import threading
+
+import numpy as np
+import pytest
+from tests.live.conftest import COLUMNS, DT, PROBLEM, RIG, STORED, N, fed, message, stored
+
+from backsight.errors import ProblemError
+
+IN_ORDER = RIG.replace("reorder = 0.1", "reorder = 0.0").replace("lag = 1.0", "lag = 0.2")
+
+
+def events(live) -> list[tuple[str, str]]:
+    return [(e["name"], e["event"]) for e in live.session.alarms.events]
+
+
+def test_a_parameter_that_leaves_its_range(tmp_path, samples):
+    alarm = '[alarm.stiff]\nkind = "range"\nof = "k"\nlower = 30.0\nupper = 38.0\n'
+    with fed(tmp_path, IN_ORDER + COLUMNS + alarm) as live:
+        live.feed(map(message, samples))
+        described = live.session.alarms.described()["alarms"][0]
+    assert events(live) == [("stiff", "raised")]
+    assert described["value"] == pytest.approx(40.0, abs=0.5)
+    assert "above 38" in described["sentence"]
+    assert not described["acknowledged"]
+    assert live.session.alarms.acknowledge("stiff")
+    assert live.session.alarms.alarms["stiff"].acknowledged
+    assert not live.session.alarms.acknowledge("soft")
+
+
+def test_with_hysteresis_it_does_not_flutter(tmp_path, samples):
+    """The output swings around the end of the range; only what is far inside clears it."""
+    swinging = samples.copy()
+    swinging[:, 2] = 0.1 * np.sin(2 * np.pi * 0.5 * samples[:, 0])
+    counts = []
+    for hysteresis in (0.0, 0.5):
+        alarm = f'[alarm.y]\nkind = "range"\nof = "y"\nupper = 0.05\nhysteresis = {hysteresis}\n'
+        with fed(tmp_path, IN_ORDER + COLUMNS + alarm) as live:
+            live.feed(map(message, swinging), at_once=5)
+        counts.append(len(events(live)))
+    assert counts[0] >= 6
+    assert counts[1] == 1
+
+
+def test_innovations_that_are_larger_than_believed(tmp_path, samples):
+    alarm = '[alarm.doubt]\nkind = "nis"\nover = 1.0\n'
+    noisy = samples.copy()
+    noisy[500:, 2] += 5e-3 * np.random.default_rng(5).standard_normal(N - 500)
+    with fed(tmp_path, IN_ORDER + COLUMNS + alarm) as live:
+        live.feed(map(message, noisy), at_once=10)
+    assert events(live)[0] == ("doubt", "raised")
+    assert 5.0 <= live.session.alarms.events[0]["time"] <= 6.0
+
+
+def test_a_sensor_that_is_silent_and_comes_back(tmp_path, samples):
+    alarm = '[alarm.sensor]\nkind = "silent"\nof = ["y"]\nafter = 0.5\n'
+    gone = samples.copy()
+    gone[400:500, 2] = np.nan
+    with fed(tmp_path, IN_ORDER + COLUMNS + alarm) as live:
+        live.feed(map(message, gone), at_once=5)
+    assert events(live) == [("sensor", "raised"), ("sensor", "cleared")]
+    assert live.session.alarms.events[0]["time"] == pytest.approx(4.5, abs=0.06)
+
+
+def test_a_hit_with_its_size(tmp_path, samples):
+    """A disturbance is asked for; a blow comes at 5 s."""
+    extra = '[disturbances]\nw = { acts_on = "v", sigma = 0.5, walk = 0.5 }\n'
+    alarm = '[alarm.blow]\nkind = "hit"\nthreshold = 3.0\nof = ["w"]\n'
+    struck = samples.copy()
+    swing = DT * np.arange(N - 500)
+    struck[500:, 2] += 2.0 * np.exp(-0.4 * swing) * np.sin(6.31 * swing) / 6.31
+    with fed(tmp_path, extra + IN_ORDER + COLUMNS + alarm) as live:
+        live.feed(map(message, struck), at_once=5)
+    assert events(live)[0] == ("blow", "raised")
+    assert live.session.alarms.events[0]["time"] == pytest.approx(5.05, abs=0.1)
+    assert abs(live.session.alarms.events[0]["value"]) > 3.0
+
+
+def test_a_command_and_a_webhook_get_it(tmp_path, samples):
+    got: list[bytes] = []
+
+    class Receiver(http.server.BaseHTTPRequestHandler):
+        def do_POST(self):
+            got.append(self.rfile.read(int(self.headers["Content-Length"])))
+            self.send_response(204)
+            self.end_headers()
+
+        def log_message(self, *_):
+            pass
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Receiver) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        script = "import sys; open('got.json', 'wb').write(sys.stdin.buffer.read())"
+        script = script.replace("got.json", str(tmp_path / "got.json"))
+        alarm = (
+            '[alarm.stiff]\nkind = "range"\nof = "k"\nupper = 38.0\n'
+            f"command = {json.dumps([sys.executable, '-c', script])}\n"
+            f'webhook = "http://127.0.0.1:{server.server_port}/"\n'
+        )
+        with fed(tmp_path, IN_ORDER + COLUMNS + alarm) as live:
+            live.feed(map(message, samples[:600]))
+        server.shutdown()
+    for content in (got[0], (tmp_path / "got.json").read_bytes()):
+        assert json.loads(content)["event"] == "raised"
+        assert json.loads(content)["name"] == "stiff"
+
+
+def test_what_cannot_be_told_is_said_and_nothing_stops(tmp_path, samples):
+    alarm = (
+        '[alarm.stiff]\nkind = "range"\nof = "k"\nupper = 38.0\n'
+        'command = ["/there/is/no/such/program"]\nwebhook = "http://127.0.0.1:1/"\n'
+    )
+    with fed(tmp_path, IN_ORDER + COLUMNS + alarm) as live:
+        live.feed(map(message, samples))
+    assert any("cannot run" in sentence for sentence in live.told)
+    assert any("cannot send" in sentence for sentence in live.told)
+
+
+@pytest.mark.parametrize(
+    ("alarm", "part"),
+    [
+        ('kind = "rang"', "unknown kind 'rang', did you mean 'range'"),
+        ('of = "k"', "alarm.a.kind: is missing"),
+        ('kind = "range"\nof = "kk"\nlower = 1.0', "no quantity 'kk', did you mean 'k'"),
+        ('kind = "range"\nof = "k"', "give lower, upper, or both"),
+        ('kind = "status"\nbits = ["not_finit"]', "did you mean 'not_finite'"),
+        ('kind = "silent"\nof = ["x"]', "no output 'x'"),
+        ('kind = "hit"\nthreshold = -1.0', "alarm.a.threshold"),
+        ('kind = "nis"\nwebhook = "ftp://x"', "alarm.a.webhook"),
+    ],
+)
+def test_what_is_wrong_about_an_alarm_is_said_at_once(tmp_path, alarm, part):
+    with pytest.raises(ProblemError, match=part):  # noqa: SIM117
+        with fed(tmp_path, IN_ORDER + COLUMNS + f"[alarm.a]\n{alarm}\n"):
+            pass
+
+
+def test_what_cannot_be_seen_is_frozen_and_said(tmp_path, samples, monkeypatch):
+    monkeypatch.setattr("tests.live.conftest.PROBLEM", PROBLEM.replace(
+        "sigma = 5.0 }", "sigma = 5.0, walk = 0.2 }"
+    ))  # fmt: skip
+    rest = samples.copy()
+    rest[400:800, 1:] = 0.0  # the machine stands still
+    found = {}
+    for frozen in (False, True):
+        folder = tmp_path / str(frozen)
+        folder.mkdir()
+        text = STORED.replace("lag = 1.0", "lag = 1.0\nfreeze = 0.5") if frozen else STORED
+        with fed(folder, text) as live:
+            live.feed(map(message, rest))
+        found[frozen] = stored(folder, ["x_std.k", "x_hat.k"])
+    said = [s for s in live.told if " k " in f" {s}"]
+    assert "k cannot be seen and is frozen: excite the machine" in said
+    assert "k can be seen again" in said
+    seen = stored(tmp_path / "True", ["seen.k"])["seen.k"]
+    assert set(seen) == {0.0, 1.0}
+    assert seen[700] == 0.0
+    assert seen[890] == 1.0
+    drifting, frozen = found[False]["x_std.k"], found[True]["x_std.k"]
+    assert drifting[799] > 1.7 * drifting[560]
+    assert frozen[799] <= frozen[560]
+    assert np.ptp(found[True]["x_hat.k"][560:799]) < 0.2 * frozen[799]
+
+
+def test_nothing_to_freeze_is_said(tmp_path):
+    with pytest.raises(ProblemError, match="no parameter has a random walk"):  # noqa: SIM117
+        with fed(tmp_path, STORED.replace("lag = 1.0", "lag = 1.0\nfreeze = 0.5")):
+            pass
