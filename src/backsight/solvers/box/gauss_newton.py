@@ -175,7 +175,8 @@ def _judge(nx: int, nb: int, method: GaussNewton, cost_unit: float) -> ca.Functi
     shapes = {k: size if isinstance(size, tuple) else (size, 1) for k, size in sizes.items()}
     symbol: Any = ca.MX.sym if many else ca.SX.sym
     k: dict[str, Any] = {name: symbol(name, *shape) for name, shape in shapes.items()}
-    d_try, *measured = dense_products(k) if many else _products(k)
+    products: tuple[Any, ...] = dense_products(k) if many else _products(k)
+    d_try, *measured = products
     given = [k[name] for name in ("z", "d", "t", "cost", "slope", "side", "count", "z_try", "loss")]
     decide = _decided(nx, nb, method, cost_unit)
     accept, go, *kept = decide.call([*given, k["side_try"], d_try, *measured])
