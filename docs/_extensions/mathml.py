@@ -1,5 +1,6 @@
 """Formulas as MathML: browsers draw it themselves, without a script and without a network."""
 
+import html
 import re
 from xml.etree import ElementTree
 
@@ -33,7 +34,8 @@ def formula(tex: str, *, block: bool) -> str:
 
 def _indexed(mathml: str) -> str:
     """Put indices of accented letters, which the converter sets under them, at their foot."""
-    tree = ElementTree.fromstring(mathml)
+    # Names of characters that HTML knows and XML does not.
+    tree = ElementTree.fromstring(re.sub(r"&(?!(?:amp|lt|gt|quot|apos);)\w+;", _character, mathml))
     for under in tree.iter(f"{{{MATHML}}}munderover"):
         letter, index, over = under
         if over.text not in ACCENTS:
@@ -45,6 +47,10 @@ def _indexed(mathml: str) -> str:
         under.tag = f"{{{MATHML}}}msub"
         under.extend([accented, index])
     return ElementTree.tostring(tree, encoding="unicode")
+
+
+def _character(name: re.Match[str]) -> str:
+    return html.unescape(name[0])
 
 
 def inline(self: HTML5Translator, node: nodes.math) -> None:

@@ -28,20 +28,21 @@ def state_band(result: xr.Dataset, name: str, *, deviations: float = 3.0) -> tup
             return x / factor, x * factor
     low, high = x - deviations * std, x + deviations * std
     if LOWER in result.coords:
-        ends = [float(result[end].sel(state=name)) for end in (LOWER, UPPER)]
-        low, high = np.clip(low, *ends), np.clip(high, *ends)
+        lower, upper = (float(result[end].sel(state=name)) for end in (LOWER, UPPER))
+        low, high = np.clip(low, lower, upper), np.clip(high, lower, upper)
     return low, high
 
 
 def innovation_band(
     result: xr.Dataset, name: str, *, deviations: float = 3.0
 ) -> tuple[Array, Array]:
-    """Innovation of an output and some of its standard deviations, (n,); NaN where not taken in.
+    """Innovation of an output and some of its standard deviations, (n,) each.
 
-    Not measured, or left out by a rule for outliers.
+    The innovation is NaN where nothing was taken in: not measured, or left out by a rule for
+    outliers. What it would have been judged by is known there, too.
     """
     i = list(result["output"].values).index(name)
     variance = result["S"].values[:, i, i]
     bound = deviations * np.sqrt(np.where(variance > 0, variance, np.nan))
-    there, e = taken(result).values[:, i], result["e"].values[:, i].astype(float)
-    return np.where(there, e, np.nan), np.where(there, bound, np.nan)
+    e = result["e"].values[:, i].astype(float)
+    return np.where(taken(result).values[:, i], e, np.nan), bound

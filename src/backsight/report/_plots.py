@@ -68,7 +68,7 @@ def nis_plot(every: Sequence[Series]) -> Plot:
     title = f"mean NIS of {window} samples [1]" if window > 1 else "NIS [1]"
     layout = {
         "annotations": [heading(title), remark("95 % band")],
-        "yaxis": {"type": "log", "range": span, "exponentformat": "none", **_log_ticks(span)},
+        "yaxis": {"type": "log", "range": span, "exponentformat": "none", **log_ticks(span)},
     }
     return Plot("normalised innovation squared over time", traces, layout, height=260, wide=True)
 
@@ -163,7 +163,7 @@ def _inside(e: Array, bound: Array) -> list[dict[str, object]]:
     return [remark(f"{share:.1f} % within ±3σ")]
 
 
-def _log_ticks(span: list[float] | None) -> dict[str, object]:
+def log_ticks(span: list[float] | None) -> dict[str, object]:
     """Ticks of a logarithmic axis: powers of ten, or 1, 2, 5 if it spans few of them."""
     if span is None or span[1] - span[0] > 2.0:
         return {"dtick": 1}

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -66,7 +67,7 @@ class Comparison(Printed, Mapping[str, xr.Dataset]):
         rows = ranked_table(self.results, reference)
         outputs = units(next(iter(self.results.values())), "output")
         tables = [ranking(rows, outputs), final_values(rows)]
-        if any(row.rms_error for row in rows):
+        if any(not math.isnan(e) for row in rows for e in row.rms_error.values()):
             tables.append(true_errors(rows))
         if any(row.virtual for row in rows):
             tables.append(virtual_values(rows))

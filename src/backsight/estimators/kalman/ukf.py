@@ -30,6 +30,7 @@ from backsight.estimators.parts.factors import (
     each_column,
     joint_factor,
     mean_and_deviations,
+    where_definite,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
@@ -216,7 +217,7 @@ def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
         joint, definite = joint_factor(dY, kept.opened(spread), w, noise)
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
         x_post, flags = settle(x, KSy, Sy, e, chosen.held, definite, spread[-1])
-        L_next = ca.if_else(definite, kept.closed(L_post), spread[:-1])
+        L_next = where_definite(definite, kept.closed(L_post), spread[:-1])
         return {"x_post": x_post, "spread_post": ca.vertcat(L_next, 0), "flags": flags}
 
     return half("correct", s, formula, {"spread": kept.size})
@@ -266,7 +267,7 @@ def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Func
         mean, d = mean_and_deviations(X, w)
         added = columns_at(noise, roots, u) if roots else type(X)(ca.DM(noise))
         L, definite = deviation_factor(d, w, added)
-        L_next = ca.if_else(definite, kept.closed(L), spread[:-1])
+        L_next = where_definite(definite, kept.closed(L), spread[:-1])
         return {"x_next": inside(mean), "spread_next": ca.vertcat(L_next, 1 - definite)}
 
     gather = half("gather", s, gathered, {"spread": kept.size, "X": (s.model.nx, len(w.mean))})
