@@ -1,9 +1,9 @@
 """Who competes with whom."""
 
 import importlib
-import os
 from functools import partial
 
+from backsight.engine.parallel import cores
 from backsight.solvers.box import GaussNewton
 from benchmarks import beam_contests, every, noise_contests, ours, problems
 from benchmarks.contest import Contender, Contest, Entry, peer
@@ -169,11 +169,6 @@ def _large(title: str, problem: Problem) -> Contest:
             Entry(NUMPY, peer("numpy_ekf", "build", problem)),
         ),
     )
-
-
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _lanes(problem: Problem, recordings: int, threads: int) -> Contender:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import llvmlite.binding as llvm
 
-from benchmarks.contests import cores
+from backsight.engine.parallel import cores
 from benchmarks.flops import Peak
 
 PACKAGES = (

@@ -61,7 +61,8 @@ def fleet(
         failed = rows[rows["failure"] != ""]
         done = f"{run.items - run.before} done" + (f", {run.before} before" if run.before else "")
         say(
-            f"{read.title}: {len(read.recordings)} recordings, {len(read.settings)} settings; "
+            f"{read.title}: {_counted(len(read.recordings), 'recording')}, "
+            f"{_counted(len(read.settings), 'setting')}; "
             f"{done}; {len(failed)} of {len(rows)} rows failed"
         )
         for _, row in failed.head(MOST_REASONS).iterrows():
@@ -71,6 +72,10 @@ def fleet(
         say(f"\nPage:  {page}\nTable: {out / 'rows.csv'}{parquet}")
     if len(failed):
         raise typer.Exit(1)
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def _parquet(rows: object, out: Path) -> str:

@@ -1,9 +1,7 @@
 """Run a recursion over many recordings at once: in the lanes of vectors, and in threads."""
 
-import concurrent.futures
 import dataclasses
 import itertools
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 
@@ -11,15 +9,13 @@ import numpy as np
 
 from backsight.engine import native
 from backsight.engine.llvm import machine
+from backsight.engine.parallel import in_threads
 from backsight.engine.recursion import Recursion
 from backsight.kernels import library
 from backsight.types import Array
 
 Outcome = tuple[Array, list[Array]]
 """Carry after the last sample and outputs, as of `backsight.engine.native.run`."""
-
-LOOK_SECONDS = 0.1
-"""How often the waiting thread tells the progress and can be interrupted."""
 
 
 def run_many(
@@ -71,7 +67,7 @@ def run_many(
         group = {k: _Job(*checked[k], o) for k, o in zip(members, outputs, strict=True)}
         jobs |= group
         groups.append([job for job in group.values() if job.samples])
-    _run_groups(recursion, [g for g in groups if g], threads or os.cpu_count() or 1, progress)
+    _run_groups(recursion, [g for g in groups if g], threads, progress)
     return [(jobs[k].memory, jobs[k].outputs) for k in range(len(checked))]
 
 
@@ -106,12 +102,21 @@ def _places(lengths: Sequence[int], sizes: Sequence[int]) -> list[list[Array]]:
 def _run_groups(
     recursion: Recursion,
     groups: list[list[_Job]],
-    threads: int,
+    threads: int | None,
     progress: Callable[[int], None],
 ) -> None:
     done = [0] * len(groups)
     stop = threading.Event()
     program = native.compiled(recursion, lanes=machine.widest())
+
+    if threads == 1:
+        # A pool of one thread costs more than a short run.
+        with library.one_thread():
+            for number, group in enumerate(groups):
+                for count in _advance(program, group):
+                    done[number] += count
+                    progress(sum(done))
+        return
 
     def work(number: int) -> None:
         group = groups[number]
@@ -120,18 +125,14 @@ def _run_groups(
             if stop.is_set():
                 return
 
-    with library.one_thread(), concurrent.futures.ThreadPoolExecutor(threads) as pool:
-        waiting = {pool.submit(work, number) for number in range(len(groups))}
-        try:
-            while waiting:
-                finished, waiting = concurrent.futures.wait(waiting, timeout=LOOK_SECONDS)
-                for future in finished:
-                    future.result()
-                progress(sum(done))
-        except BaseException:
-            stop.set()
-            pool.shutdown(cancel_futures=True)
-            raise
+    with library.one_thread():
+        in_threads(
+            work,
+            range(len(groups)),
+            threads=threads,
+            look=lambda: progress(sum(done)),
+            stop=stop.set,
+        )
 
 
 def _advance(program: native.Compiled, group: list[_Job]) -> Iterator[int]:

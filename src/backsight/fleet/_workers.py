@@ -1,25 +1,20 @@
 """Who does the work: this process, workers on this computer, or a cluster that is there."""
 
 import abc
-import asyncio
 import collections
-import concurrent.futures
 import contextlib
 import importlib.metadata
 import logging
-import os
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from backsight.engine.parallel import cores
 from backsight.errors import WorkerError
 from backsight.fleet.items import Work, done, version_here
 from backsight.fleet.rows import Landed
 
 Answer = tuple[list[Landed], float]
 """What `done` returns."""
-
-LOOK_SECONDS = 0.5
-"""How often the driver looks whether the scheduler is still there and can be interrupted."""
 
 CONNECT = "15s"
 """For how long an answer of a scheduler is waited for."""
@@ -86,8 +81,14 @@ class DaskWorkers(Workers):
     """Workers of a scheduler of dask.distributed."""
 
     def __init__(self, client: Any) -> None:
+        import distributed
+
         self._client = client
-        self._futures: dict[Any, Work] = {}
+        self._works: dict[str, Work] = {}
+        # Not `wait`, which looks at every future that runs.
+        self._ended: Any = distributed.as_completed(
+            loop=client.loop, with_results=True, raise_errors=False
+        )
 
     @property
     def slots(self) -> int:
@@ -97,50 +98,35 @@ class DaskWorkers(Workers):
     @property
     def running(self) -> int:
         """See `Workers.running`."""
-        return len(self._futures)
+        return len(self._works)
 
     def submit(self, work: Work) -> None:
         """See `Workers.submit`."""
-        self._futures[self._client.submit(done, work, pure=False)] = work
+        future = self._client.submit(done, work, pure=False)
+        self._works[future.key] = work
+        self._ended.add(future)
 
     def finished(self) -> Iterator[tuple[Work, Answer | str]]:
         """See `Workers.finished`."""
-        import distributed
+        for future, result in self._ended.next_batch():
+            yield self._works.pop(future.key), _answer(future.status, result)
 
-        wait: Any = distributed.wait
-        ended: set[Any] = set()
-        while not ended:
-            if self._client.status not in ("running", "connecting"):
-                raise WorkerError(GONE)
-            try:
-                with self._client.as_current():
-                    ended = wait(
-                        [*self._futures], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED"
-                    ).done
-            except TimeoutError:
-                continue
-            except (asyncio.CancelledError, concurrent.futures.CancelledError, OSError):
-                raise WorkerError(GONE) from None
-        for future in ended:
-            work = self._futures.pop(future)
-            yield work, self._answer(future)
 
-    def _answer(self, future: Any) -> Answer | str:
-        import distributed
+def _answer(status: str, result: Any) -> Answer | str:
+    """What a future brought: its result, or kind, error and traceback."""
+    import distributed
 
-        if future.status in ("cancelled", "lost"):
-            raise WorkerError(GONE)
-        error = None if future.status == "finished" else future.exception()
-        match error:
-            case None:
-                return future.result()
-            case distributed.KilledWorker():
-                return "the worker died of it, which happens if memory runs out"
-            case ModuleNotFoundError():
-                raise WorkerError(
-                    f"a worker lacks a package ({error}); install backsight[fleet] there"
-                )
-        raise error
+    if status == "finished":
+        return result
+    if status != "error":
+        raise WorkerError(GONE)
+    _, error, _ = result
+    match error:
+        case distributed.KilledWorker():
+            return "the worker died of it, which happens if memory runs out"
+        case ModuleNotFoundError():
+            raise WorkerError(f"a worker lacks a package ({error}); install backsight[fleet] there")
+    raise error
 
 
 GONE = (
@@ -195,7 +181,7 @@ def workers_of(
             local: Any = distributed.LocalCluster
             scheduler = stack.enter_context(
                 local(
-                    n_workers=number or os.cpu_count() or 1,
+                    n_workers=number or cores(),
                     threads_per_worker=1,
                     dashboard_address=None,
                     silence_logs=logging.CRITICAL,

@@ -148,12 +148,14 @@ def _carry_out(
             crew.submit(work)
         if not crew.running:
             return
-        for work, answer in crew.finished():
-            found = _outcome(work, answer, plan, crew)
-            if found:
-                store.land(found)
-                landed += len(found)
-                progress(landed)
+        # All that is there lands together: a landing waits for the disk, however many rows it has.
+        found = [
+            one for work, answer in crew.finished() for one in _outcome(work, answer, plan, crew)
+        ]
+        if found:
+            store.land(found)
+            landed += len(found)
+            progress(landed)
 
 
 def _outcome(work: Work, answer: Answer | str, plan: FleetPlan, crew: Workers) -> list[Landed]:

@@ -110,10 +110,10 @@ def _by_state(document: Any, table: Any, key: str, own: str, values: Mapping[str
 
 def _late(document: Any, tuned: Tuned) -> None:
     """Delays of columns, beside those that the file has already."""
-    if any("[" in name for name in tuned.values):
+    if any(late != tuned.late[0] for late in tuned.late):
         return
     recording = document["recording"]
-    for name, late in tuned.delays.items():
+    for name, late in tuned.late[0].items():
         columns = [recording[k] for k in ("inputs", "outputs") if name in recording.get(k, {})]
         if not columns:
             raise ProblemError(

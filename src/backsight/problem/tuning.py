@@ -19,7 +19,17 @@ from backsight.problem.reading.tables import FreeTable
 from backsight.problem.recorded import recording_of
 from backsight.report import report
 from backsight.run.estimation import estimate
-from backsight.tune import Choice, Free, Likelihood, MultiStep, Prediction, Tuned, Whiteness, fit
+from backsight.tune import (
+    Choice,
+    Free,
+    Likelihood,
+    MultiStep,
+    Prediction,
+    Simulation,
+    Tuned,
+    Whiteness,
+    fit,
+)
 
 OF_NOISE = ("sigma_y", "sigma_w", "sigma_x0", "x0", "R", "Q", "Qc", "P0", "delay")
 """Values that a filter with the same noise and prior can find in place of another method."""
@@ -97,7 +107,7 @@ def tune_problem(
     chosen, by = _by(problem.estimators[name], problem, free)
     criterion = None
     if problem.tune.criterion:
-        kinds = [Likelihood, Prediction, MultiStep, Whiteness]
+        kinds = [Likelihood, Prediction, MultiStep, Simulation, Whiteness]
         criterion = part(kinds, problem.tune.criterion, where="tune.criterion")
     if problem.tune.recordings and problem.recording.sources:
         raise ProblemError(

@@ -234,7 +234,8 @@ def lambda_from_sensors(
     -------
     LambdaChoice
         ``table`` has ``error (lam, output)``, the root mean square error of the prediction in
-        standard deviations of the sensor, and ``as_good (lam)``. `reached` is false if the best weight is at an end.
+        standard deviations of the sensor, and ``as_good (lam)``. `reached` is false if the best
+        weight is at an end.
 
     Raises
     ------

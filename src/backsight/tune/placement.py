@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.description import Count, Positive, Whole, checked
+from backsight.engine.parallel import in_processes
 from backsight.errors import TuningError
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
@@ -32,6 +33,7 @@ def place_sensors(
     runs: Count = 20,
     seed: Whole = 0,
     most: Whole = MOST,
+    workers: Count = 1,
     progress: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
     """Choose sensors by how surely they find random hits, see `rate_sensors`.
@@ -52,6 +54,9 @@ def place_sensors(
         Sensors to choose.
     most : int
         Number of sets up to which all are tried.
+    workers : int
+        Processes that try sets at the same time; a script that takes more than one needs
+        ``if __name__ == "__main__":``.
     progress : callable
         Told the number of sets done.
 
@@ -84,12 +89,9 @@ def place_sensors(
     exhaustive = math.comb(len(names), count) <= most
     if exhaustive:
         sets = list(itertools.combinations(names, count))
-        scores = []
-        for done, chosen in enumerate(sets, 1):
-            scores.append(trial.score(chosen))
-            progress(done)
+        scores = in_processes(trial.score, sets, workers=workers, progress=progress)
     else:
-        sets, scores = _grown(trial, names, count, progress)
+        sets, scores = _grown(trial, names, count, workers, progress)
     if not any(score[0] > 0 for score in scores):
         raise TuningError(
             f"no set of {count} sensors finds a force; add sensors, or take better ones"
@@ -147,7 +149,11 @@ class _Trial:
 
 
 def _grown(
-    trial: _Trial, names: Sequence[str], count: int, progress: Callable[[int], None]
+    trial: _Trial,
+    names: Sequence[str],
+    count: int,
+    workers: int,
+    progress: Callable[[int], None],
 ) -> tuple[list[tuple[str, ...]], list[Score]]:
     """Sets of the last round, and their scores."""
     kept: tuple[str, ...] = ()
@@ -156,9 +162,10 @@ def _grown(
     done = 0
     for _ in range(count):
         sets = [(*kept, n) for n in names if n not in kept]
-        scores = []
-        for chosen in sets:
-            scores.append(trial.score(chosen))
-            progress(done := done + 1)
+        before = done
+        scores = in_processes(
+            trial.score, sets, workers=workers, progress=lambda k, n=before: progress(n + k)
+        )
+        done += len(sets)
         kept = sets[max(range(len(sets)), key=lambda i: scores[i])]
     return sets, scores

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.analysis.observability import check_force_locations, force_zeros
+from backsight.engine.parallel import in_threads
 from backsight.estimators.uncertainty import Noise
 from backsight.run.estimation import estimate
 from backsight.tune.sparsity import lambda_max
@@ -15,7 +16,7 @@ from backsight_studies.beam import expected, plant
 from backsight_studies.beam.evaluate import Score, output_mse, score
 from backsight_studies.beam.plant import DT, HITS, SENSORS, THICKNESS, N, forces, model, struck
 from backsight_studies.beam.ridge import best_ridge
-from backsight_studies.beam.sweeps import Curve, Map, at_once, built, curve, maps, scaling
+from backsight_studies.beam.sweeps import Curve, Map, built, curve, maps, scaling
 from backsight_studies.beam.tuning import (
     CARRYOVERS,
     NO_CARRYOVER,
@@ -120,7 +121,7 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
     references = {name: _reference(*given) for name, given in expected.WINDOWS.items()}
     progress("all readings of the estimator", 0.05)
     keys = [(s, reading, m) for s in SETTINGS for reading in CARRYOVERS for m in THICKNESS]
-    cases = dict(zip(keys, at_once(lambda key: _case(key, clean), keys), strict=True))
+    cases = dict(zip(keys, in_threads(lambda key: _case(key, clean), keys), strict=True))
     progress("noise", 0.35)
     noisy = _noisy(seeds)
     progress("the covariance of the process noise", 0.5)
@@ -181,7 +182,7 @@ def _noisy(seeds: Sequence[int]) -> dict[tuple[str, float], dict[int, int]]:
         return {seed: score(alpha, forces(), HITS).false for seed, alpha in found.items()}
 
     keys = [(reading, m) for reading in (NO_CARRYOVER, READING_1) for m in THICKNESS]
-    return dict(zip(keys, at_once(alarms, keys), strict=True))
+    return dict(zip(keys, in_threads(alarms, keys), strict=True))
 
 
 def _whole_weights(recording: xr.Dataset) -> tuple[dict[float, float], dict[float, float]]:

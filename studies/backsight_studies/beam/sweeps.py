@@ -1,14 +1,13 @@
 """The weight lam against the error, alone and over a map of both covariances."""
 
-import concurrent.futures
 import dataclasses
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
 import xarray as xr
 
+from backsight.engine.parallel import in_threads
 from backsight.types import Array
 from backsight_studies.beam.evaluate import window_mse
 from backsight_studies.beam.plant import DT, THICKNESS, forces, model, struck
@@ -108,7 +107,7 @@ def maps(progress: Callable[[float], None]) -> dict[float, Map]:
 
     done: list[tuple[float, int]] = []
     jobs = [(mismatch, ratio) for mismatch in THICKNESS for ratio in ratios]
-    curves = dict(zip(jobs, at_once(task, jobs), strict=True))
+    curves = dict(zip(jobs, in_threads(task, jobs), strict=True))
     return {mismatch: _map(curves, mismatch) for mismatch in THICKNESS}
 
 
@@ -128,9 +127,3 @@ def scaling(thickness: float, setting: Setting, factor: float) -> float:
     scaled = Setting(setting.eps_Q * factor, setting.lam / factor, setting.eps_R * factor)
     a, b = (built(thickness, s).run(clean).alpha for s in (setting, scaled))
     return float(np.abs(a - b).max())
-
-
-def at_once(task: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Result]:
-    """Do all jobs, one thread per core: compiled code runs at the same time."""
-    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(task, jobs))

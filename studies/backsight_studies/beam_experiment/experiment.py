@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from backsight.engine.parallel import in_threads
 from backsight.run.sparse_forces import find_sparse_forces
 from backsight.sparse import Greedy
 from backsight.types import Array
 from backsight_studies.beam.evaluate import counts, window_mse
 from backsight_studies.beam.plant import DT, THICKNESS, N, frequencies, model
-from backsight_studies.beam.sweeps import at_once
 from backsight_studies.beam.tuning import (
     CARRYOVERS,
     NO_CARRYOVER,
@@ -101,7 +101,7 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
         }
 
     windows = {}
-    for found in at_once(solved, list(WEIGHTS)):
+    for found in in_threads(solved, list(WEIGHTS)):
         windows |= found
     progress("whole recordings", 0.6)
     l0 = {}

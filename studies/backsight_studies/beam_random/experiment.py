@@ -1,20 +1,16 @@
 """Everything that the study computes."""
 
-import concurrent.futures
-import contextlib
 import dataclasses
-import multiprocessing
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from backsight.analysis.forces import compare_forces
+from backsight.engine.parallel import in_processes, in_threads
 from backsight.run.sparse_forces import find_sparse_forces
 from backsight.tune.calibration import calibrate
 from backsight.types import Array
 from backsight_studies.beam.plant import DT, THICKNESS, frequencies, model
-from backsight_studies.beam.sweeps import at_once
 from backsight_studies.beam.tuning import THRESHOLD, estimator
 from backsight_studies.beam.windows import program
 from backsight_studies.beam_random.scenarios import (
@@ -31,8 +27,6 @@ from backsight_studies.study import Progress
 
 SPAN, POINTS = 0.16, 9
 """Common scales of the frequencies that a calibration tries."""
-
-ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,10 +76,14 @@ def carry_out(seeds: Sequence[int], progress: Progress) -> Experiment:
     progress("window by window", 0.0)
     scenarios = [scenario(seed) for seed in seeds]
     keys = [(method, m) for method in WINDOWED for m in THICKNESS]
-    found = at_once(lambda key: _windowed(*key, scenarios), keys)
+    found = in_threads(lambda key: _windowed(*key, scenarios), keys)
     outcomes = dict(zip(keys, found, strict=True))
     jobs = [(seed, m) for m in THICKNESS for seed in seeds]
-    results = _in_processes(jobs, lambda share: progress("whole recordings, calibration", share))
+    results = in_processes(
+        recorded,
+        jobs,
+        progress=lambda done: progress("whole recordings, calibration", done / len(jobs)),
+    )
     detuning = {}
     for m in THICKNESS:
         of = [r for (_, mismatch), r in zip(jobs, results, strict=True) if mismatch == m]
@@ -129,36 +127,3 @@ def recorded(job: tuple[int, float]) -> tuple[dict[str, Outcome], list[float]]:
             outcomes[method + suffix] = outcome(result["d_hat"].values, s.d)
     true = frequencies(THICKNESS[0.0])
     return outcomes, list(np.array(list(fit.values.values())) / true - 1)
-
-
-def _in_processes(
-    jobs: Sequence[tuple[int, float]], progress: Callable[[float], None]
-) -> list[tuple[dict[str, Outcome], list[float]]]:
-    """Do the jobs, one process per core: little of them is outside of Python."""
-    fresh = multiprocessing.get_context("spawn")
-    with (
-        _one_thread_each(),
-        concurrent.futures.ProcessPoolExecutor(
-            min(os.cpu_count() or 1, len(jobs)), mp_context=fresh
-        ) as pool,
-    ):
-        results = []
-        for result in pool.map(recorded, jobs):
-            results.append(result)
-            progress(len(results) / len(jobs))
-        return results
-
-
-@contextlib.contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """New processes start with one thread for linear algebra: they share the cores already."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

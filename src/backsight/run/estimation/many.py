@@ -1,6 +1,5 @@
 """Run an estimator over many recordings at once."""
 
-import os
 import time
 from collections.abc import Callable, Sequence
 
@@ -97,7 +96,7 @@ def estimate_many(
         recursion,
         [run_on(task.data, recursion.lag) for task in tasks],
         carries=[recursion.carry0] * len(tasks),
-        threads=threads or os.cpu_count(),
+        threads=threads,
         progress=progress,
     )
     each = (time.perf_counter() - started) / samples

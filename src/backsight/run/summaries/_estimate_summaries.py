@@ -1,7 +1,6 @@
 """Estimate over many recordings and keep a row of each."""
 
 import functools
-import os
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -96,7 +95,7 @@ def estimate_summaries(
         recursion,
         data,
         carries=[totals.begin(compiled.recursion.carry0, largest(task.data)) for task in tasks],
-        threads=threads or os.cpu_count(),
+        threads=threads,
         progress=progress,
     )
     parts = [totals.split(memory) for memory, _ in outcomes]

@@ -87,11 +87,12 @@ def fit(
 
     Notes
     -----
-    Noise and prior of Kalman filters, `sigma_y` of all estimators that weigh samples, and
-    parameters of models run in lanes. Anything else is built anew for every value, which takes as
-    long as it takes to build an estimator. The weight `lam` of sparse forces is found by itself, by
-    `lambda_from_sensors`, or `lambda_from_whiteness` if there is one sensor. Of a linear model with free parameters the filter is the
-    extended one with a Runge-Kutta method.
+    Noise and prior of Kalman filters, `sigma_y` of all estimators that weigh samples, parameters of
+    models, delays, and the settings that methods name in `varied_settings` run in lanes. Anything
+    else is built anew for every value, which takes as long as it takes to build an estimator. The
+    weight `lam` of sparse forces is found by itself, by `lambda_from_sensors`, or
+    `lambda_from_whiteness` if there is one sensor. Of a linear model with free parameters the
+    filter is the extended one with a Runge-Kutta method.
 
     References
     ----------

@@ -9,6 +9,7 @@ import xarray as xr
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.tune.fitting.tuned import Tuned, correlation_of
+from backsight.tune.fitting.values import with_setting
 from backsight.tune.lambda_choice import LambdaChoice, lambda_from_sensors, lambda_from_whiteness
 
 AS_GOOD = 4.0
@@ -51,10 +52,10 @@ def tuned_weight(
         size = max(size, float(logs.std(ddof=1)) / np.sqrt(n))
     lam = float(np.exp(logs.mean()))
     start = float(getattr(estimator, "lam", np.nan))
-    after: AbstractForceEstimator = dataclasses.replace(estimator, lam=lam)  # type: ignore[call-arg]
+    after: AbstractForceEstimator = with_setting(estimator, "lam", lam)
     doubts = [
-        f"the weight of recording {i + 1} is the best of those tried, but no good one: the model is "
-        "wrong, or the noise is not as stated"
+        f"the weight of recording {i + 1} is the best of those tried, but no good one: the model "
+        "is wrong, or the noise is not as stated"
         for i, f in enumerate(found)
         if not f.choice.reached
     ]

@@ -25,8 +25,8 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.varied_noise import noise_at, scaled_parts
 from backsight.models.model import Model
 from backsight.tune.fitting.runners._delays import shifted
-from backsight.tune.fitting.runners._foresight import foresight, remembered
-from backsight.tune.fitting.runners._wide import Wide, widened
+from backsight.tune.fitting.runners._foresight import foresight, last_estimates
+from backsight.tune.fitting.runners._wide import Wide, opened_to_inputs
 from backsight.tune.fitting.values import Unknown, placed, sensor_factors
 from backsight.types import Array
 
@@ -71,16 +71,13 @@ class LaneRunner:
         """Innovations and their variances (lanes, n, ny) with every setting, piece by piece."""
         from backsight.engine.lanes import run_many  # brings the compiler along
 
-        carries = [self._start(values) for values in settings]
-        # Programs of one lane and of many are two: a lone setting runs beside itself.
-        many = carries if len(carries) > 1 else carries * 2
+        many = [self._start(values) for values in settings]
         rows = [self._rows(data, values) for values in settings]
-        rows = rows if len(rows) > 1 else rows * 2
         for first in range(0, len(data[0]), CHUNK):
             part = [[a[first : first + CHUNK] for a in lane] for lane in rows]
             outcome = run_many(self.recursion, part, carries=many, threads=1)
             many = [carry for carry, _ in outcome]
-            outputs = [o for _, o in outcome[: len(settings)]]
+            outputs = [o for _, o in outcome]
             yield tuple(np.stack([o[i] for o in outputs]) for i in range(2))  # type: ignore[misc]
 
     def _rows(self, data: Data, values: Mapping[str, float]) -> list[Array]:
@@ -126,7 +123,7 @@ def lanes_of(
     if not _able(estimator, unknowns):
         return None
     try:
-        wide = widened(estimator, model, dt, unknowns)
+        wide = opened_to_inputs(estimator, model, dt, unknowns)
         inner = wide.varied.compile(wide.model, dt)
     except (TuningError, ModelError):
         return None
@@ -183,7 +180,7 @@ def _judging(
     after, *values = inner.step.call([memory, given, y, _weights(ny)(mask, factor)], True, False)
     named = dict(zip([c.name for c in inner.channels], values, strict=True))
     if ahead:
-        X, U = remembered(history, model.nx, nu, ahead)
+        X, U = last_estimates(history, model.nx, nu, ahead)
         held = ca.vertcat(ca.horzcat(U, u), ca.repmat(inputs, 1, ahead + 1))
         look = foresight(wide.varied, wide.model, inner.dt, ahead)
         judged = [look(X[:, 0], held, y_all, mask_all), ca.MX.ones(ny)]
