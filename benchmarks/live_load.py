@@ -19,9 +19,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from backsight.live._opening import opened_session
-from backsight.live._problem import load_live
-from backsight.live._session import LiveSession
+from backsight.live import LiveSession, load_live, opened_session
 from backsight.live.sources import Batch
 
 MODES = 4
