@@ -10,6 +10,7 @@ from backsight.live._freezing import Freezer
 from backsight.live._lanes import Lane
 from backsight.live._nis import with_nis
 from backsight.live._problem import LiveProblem
+from backsight.live._sinks import Sinks
 from backsight.live.alarms import Alarms
 from backsight.live.clock import TimeGrid
 from backsight.live.engine import LiveEstimation, LiveRows
@@ -50,6 +51,7 @@ class LiveSession:
         self.newest: LiveRows | None = None
         """Samples of the last round in which there were any."""
         self.alarms: Alarms | None = None
+        self.sinks: Sinks | None = None
         self.freezer: Freezer | None = None
         self.listeners: list[Callable[[LiveRows], None]] = []
         """Told the newest samples of every round."""
@@ -129,6 +131,9 @@ class LiveSession:
                 self.freezer.look(self.newest)
             if self.alarms is not None:
                 self.alarms.see(self.newest, lambda slot: float(self.grid.time(slot)))
+            if self.sinks is not None:
+                slots = np.arange(rows.start, rows.start + len(rows))
+                self.sinks.send(self.newest, self.grid.time(slots))
             for listener in self.listeners:
                 listener(self.newest)
         self._keep(estimation.settle())
@@ -148,6 +153,8 @@ class LiveSession:
             self.keeper.close(self._checkpoint, self._acknowledging)
         if self.alarms is not None:
             self.alarms.close()
+        if self.sinks is not None:
+            self.sinks.close()
 
     def _checkpoint(self) -> bytes:
         clocks = {lane.name: lane.clock.shift for lane in self.lanes}

@@ -91,6 +91,10 @@ class Quantities:
                     f"{where}.of: there is no quantity '{name}', {nearest(name, self._places)}"
                 )
 
+    def has_band(self, rows: LiveRows, name: str) -> bool:
+        """Whether a standard deviation is known."""
+        return self._places[name][1] in rows.values
+
     def of(self, rows: LiveRows, name: str) -> tuple[Array, Array]:
         """Values and standard deviations, (n,) each."""
         hat, std, k = self._places[name]

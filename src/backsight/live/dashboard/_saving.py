@@ -23,7 +23,7 @@ PAGE = "report.html"
 MOST_BYTES = 256 * 2**20
 """Of samples in memory; beyond that fewer minutes are kept."""
 
-LIVE_TABLES = ("source", "live", "store", "alarm", "dashboard", "recording")
+LIVE_TABLES = ("source", "live", "store", "alarm", "dashboard", "sink", "recording")
 
 
 @dataclasses.dataclass
