@@ -4,10 +4,10 @@ import contextlib
 import json
 import os
 import threading
+from pathlib import Path
 
 import pytest
 
-from backsight import output
 from backsight.errors import OutputError
 from backsight.output import MARKER, whole
 
@@ -199,7 +199,7 @@ def test_an_error_while_files_move_brings_the_old_ones_back(
     write(tmp_path, one="1", two="2")
     marker = (tmp_path / MARKER).read_text()
     moves = []
-    replace = output.Path.replace
+    replace = Path.replace
 
     def failing(path, target):
         moves.append(path)
@@ -210,9 +210,9 @@ def test_an_error_while_files_move_brings_the_old_ones_back(
     def no_link(*_, **__):
         raise OSError("not supported")
 
-    monkeypatch.setattr(output.Path, "replace", failing)
+    monkeypatch.setattr(Path, "replace", failing)
     if not links:
-        monkeypatch.setattr(output.os, "link", no_link)
+        monkeypatch.setattr(os, "link", no_link)
     with pytest.raises((OutputError, KeyboardInterrupt)):
         write(tmp_path, one="new", two="new", three="new")
     monkeypatch.undo()
@@ -229,7 +229,7 @@ def test_what_a_killed_process_had_begun_is_finished(tmp_path, killed_at, error_
     write(tmp_path, one="1", two="2")
     child = os.fork()
     if not child:
-        moves, replace = [], output.Path.replace
+        moves, replace = [], Path.replace
 
         def cut_off(path, target):
             if len(moves) == killed_at:
@@ -239,7 +239,7 @@ def test_what_a_killed_process_had_begun_is_finished(tmp_path, killed_at, error_
                 raise OSError("no space left")
             return replace(path, target)
 
-        output.Path.replace = cut_off
+        Path.replace = cut_off
         with contextlib.suppress(OutputError):
             write(tmp_path, one="new", two="new", three="new")
         os._exit(0)

@@ -14,8 +14,8 @@ import stat
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from backsight._moving import INTERNAL, OWNER, exchange, is_name, owned, settle
 from backsight.errors import OutputError
+from backsight.output._moving import INTERNAL, OWNER, exchange, is_name, owned, settle
 
 MARKER = ".backsight.json"
 """Names of the files in a folder that may be replaced."""
