@@ -202,8 +202,9 @@ def test_an_opc_ua_server(tmp_path, samples):
     thread.start()
     beginning.wait(20)
     assert not trouble
-    live_tables = f'[live]\ndt = {DT}\nlag = 10.0\n[source.rig]\nkind = "opcua"\nurl = "{url}"\n' + (
-        'inputs.u = "ns=2;s=u"\noutputs.y = "ns=2;s=y"\n'
+    live_tables = (
+        f'[live]\ndt = {DT}\nlag = 10.0\n[source.rig]\nkind = "opcua"\nurl = "{url}"\n'
+        + ('inputs.u = "ns=2;s=u"\noutputs.y = "ns=2;s=y"\n')
     )
     try:
         with fed(tmp_path, live_tables) as live:
