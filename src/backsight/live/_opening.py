@@ -29,6 +29,7 @@ from backsight.live.store import (
     LiveStore,
     column_units,
     columns_of,
+    joined_rows,
     journaled,
     opened_live_store,
 )
@@ -185,9 +186,9 @@ def _keeper(
     *,
     tell: Callable[[str], None],
 ) -> Keeper:
-    def table(rows: LiveRows) -> dict[str, np.ndarray]:
-        times = grid.time(np.arange(rows.start, rows.start + len(rows)))
-        return columns_of(rows, live.model, times, labels)
+    def table(parts: Sequence[LiveRows]) -> dict[str, np.ndarray]:
+        slots = np.concatenate([np.arange(p.start, p.start + len(p)) for p in parts])
+        return columns_of(joined_rows(parts), live.model, grid.time(slots), labels)
 
     assert live.store is not None
     return Keeper(

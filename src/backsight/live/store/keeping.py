@@ -49,6 +49,17 @@ def columns_of(
     return {n: np.ascontiguousarray(v) for n, v in found.items()}
 
 
+def joined_rows(parts: Sequence[LiveRows]) -> LiveRows:
+    """Rows one after the other; few operations on large arrays leave the interpreter to others."""
+    first = parts[0]
+    return LiveRows(
+        first.start,
+        np.concatenate([p.u for p in parts]),
+        np.concatenate([p.y for p in parts]),
+        {name: np.concatenate([p.values[name] for p in parts]) for name in first.values},
+    )
+
+
 def _input(name: str) -> str:
     """Column of an input; whether a parameter is seen is none of the user's inputs."""
     return name.replace("__", ".", 1) if name.startswith("seen__") else f"u.{name}"
@@ -84,7 +95,7 @@ class Keeper:
         store: LiveStore,
         *,
         settings: StoreTable,
-        table: Callable[[LiveRows], dict[str, np.ndarray]],
+        table: Callable[[Sequence[LiveRows]], dict[str, np.ndarray]],
         units: Mapping[str, str],
         tell: Callable[[str], None],
     ) -> None:
@@ -183,9 +194,7 @@ class Keeper:
             self.given_up += len(self._waiting.pop(0))
 
     def _write(self, rows: list[LiveRows], memory: bytes) -> None:
-        tables = [self._table(part) for part in rows]
-        joined = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]}
-        self.store.add(rows[0].start, joined, self._units, memory)
+        self.store.add(rows[0].start, self._table(rows), self._units, memory)
         days, size = self._keep
         self.store.thin_out(
             before=None if days is None else 86400.0 * days,

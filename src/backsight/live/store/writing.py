@@ -22,6 +22,9 @@ from backsight.live.engine import Checkpoint
 from backsight.output import holding, write_whole, writing
 
 _ABOUT, _KEY = ".about.json", b"backsight"
+_FORM: Mapping[str, Any] = {"compression": "zstd", "use_dictionary": False}
+"""Measured numbers hardly repeat: a dictionary of them costs time and saves nothing."""
+
 _PART = re.compile(r"part-(\d{15})\.parquet")
 
 
@@ -78,7 +81,7 @@ class LiveStore:
         with writing(self.folder):
             try:
                 with part.open("wb") as file:
-                    with self._parquet.ParquetWriter(file, schema, compression="zstd") as writer:
+                    with self._parquet.ParquetWriter(file, schema, **_FORM) as writer:
                         writer.write_table(table)
                         writer.add_key_value_metadata({_KEY: base64.b64encode(memory)})
                     file.flush()
