@@ -17,6 +17,7 @@ from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.cli._exporting import export
 from backsight.cli._fleet import fleet
 from backsight.cli._options import Env, Force, Out, Outside
+from backsight.cli._parts import run_parts
 from backsight.cli._reporting import report_again
 from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
@@ -68,9 +69,11 @@ def run_file(
 ) -> None:
     """Run the estimators of a problem file over its recording and compare them.
 
-    The exit code is 0 if all went well, 1 if an estimator failed (the
-    others are written), and 2 if the problem, the recording or the folder
-    is at fault and nothing is written.
+    A recording with a table [recording.parts] need not fit into memory; a
+    run that was interrupted goes on when it is started again. The exit
+    code is 0 if all went well, 1 if an estimator failed (the others are
+    written), and 2 if the problem, the recording or the folder is at
+    fault and nothing is written.
     """
     with told():
         from backsight.problem import load, run_problem
@@ -81,6 +84,8 @@ def run_file(
         for sentence in refusals():
             warn(sentence)
         read = load(problem)
+        if read.recording.parts is not None:
+            return run_parts(read, out, env or ())
         with bar() as advance:
             results = run_problem(
                 read,
@@ -101,6 +106,7 @@ def run_file(
             tell(f"{name}: {reason}")
     if any(failures.values()):
         raise typer.Exit(1)
+    return None
 
 
 @app.command()
