@@ -9,6 +9,7 @@ from figures import scrape  # docs/_extensions
 
 project = "Backsight"
 author = "The Backsight developers"
+project_copyright = "the Backsight developers"
 extensions = [
     "mathml",
     "myst_parser",
@@ -39,6 +40,7 @@ html_theme = "furo"
 html_title = "Backsight"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
+html_favicon = "_static/icon.svg"
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
 html_theme_options = {"top_of_page_buttons": []}  # the sources are not there to be viewed

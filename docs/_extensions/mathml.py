@@ -1,6 +1,8 @@
 """Formulas as MathML: browsers draw it themselves, without a script and without a network."""
 
+import html
 import re
+from xml.etree import ElementTree
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
@@ -12,10 +14,12 @@ from sphinx.writers.html5 import HTML5Translator
 REWRITTEN = (
     (r"\\dots\b", r"\\ldots"),
     (r"\\(t?frac)\s*(\d)\s*(\d)", r"\\\1{\2}{\3}"),
-    # An index after an accent would be set under the letter.
-    (r"(\\(?:hat|bar|dot|ddot|tilde|vec)\s*(?:\{[^{}]*\}|\\[A-Za-z]+|[A-Za-z]))", r"{\1}"),
     (r"\\tag\{([^}]*)\}", r"\\qquad (\1)"),
 )
+
+MATHML = "http://www.w3.org/1998/Math/MathML"
+ACCENTS = frozenset("~ˉˆ˙¨ˇ→⃗˜¯^")  # of tildes, bars, hats, dots, arrows
+ElementTree.register_namespace("", MATHML)
 
 
 def formula(tex: str, *, block: bool) -> str:
@@ -25,7 +29,28 @@ def formula(tex: str, *, block: bool) -> str:
         tex = rf"\begin{{aligned}} {tex} \end{{aligned}}"
     for pattern, replacement in REWRITTEN:
         tex = re.sub(pattern, replacement, tex)
-    return tex2mathml(tex, as_block=block)
+    return _indexed(tex2mathml(tex, as_block=block))
+
+
+def _indexed(mathml: str) -> str:
+    """Put indices of accented letters, which the converter sets under them, at their foot."""
+    # Names of characters that HTML knows and XML does not.
+    tree = ElementTree.fromstring(re.sub(r"&(?!(?:amp|lt|gt|quot|apos);)\w+;", _character, mathml))
+    for under in tree.iter(f"{{{MATHML}}}munderover"):
+        letter, index, over = under
+        if over.text not in ACCENTS:
+            continue
+        accented = ElementTree.Element(f"{{{MATHML}}}mover", {"accent": "true"})
+        accented.extend([letter, over])
+        for child in (letter, index, over):
+            under.remove(child)
+        under.tag = f"{{{MATHML}}}msub"
+        under.extend([accented, index])
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+def _character(name: re.Match[str]) -> str:
+    return html.unescape(name[0])
 
 
 def inline(self: HTML5Translator, node: nodes.math) -> None:

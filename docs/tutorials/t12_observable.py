@@ -10,6 +10,7 @@ sensors are bought.
 import numpy as np
 
 import backsight as bs
+from backsight import plot
 
 two = bs.lti(
     [[0, 0, 1, 0], [0, 0, 0, 1], [-150, 50, -0.5, 0], [100, -100, 0, -0.2]],
@@ -33,6 +34,18 @@ loose = bs.lti(
     outputs={"y": "m"},
 )
 print(bs.check.check_observability(loose))
+
+# %%
+# The filter says the same by its bands: where they never become smaller, nothing is seen.
+
+force = np.sign(np.sin(0.1 * np.arange(400)))[:, None]
+noise = bs.Noise(sigma_y=1e-4, sigma_w={"v1": 1e-4, "v2": 1e-4})
+kalman = bs.KalmanFilter(noise, bs.Prior(sigma_x0=0.02))
+seen = {
+    name: bs.estimate(kalman, model, bs.simulate(model, force, dt=0.02, sigma_y=1e-4, seed=1))
+    for name, model in {"coupled": two, "loose": loose}.items()
+}
+plot.draw_states(seen, ["x2"])
 
 # %%
 # Parameters: it depends on the motion

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import backsight as bs
+from backsight import plot
 
 model = bs.augment(bs.sdof(k=40.0, b=0.8, c=1.0), parameters=["k"])
 force = np.sign(np.sin(0.05 * np.arange(500)))[:, None]
@@ -23,6 +24,11 @@ ekf = bs.EKF(
 )
 folder = bs.export.export_c(ekf, model, recording, Path(tempfile.mkdtemp(), "controller"))
 print(*sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")))
+
+# %%
+# What it will say, sample by sample:
+
+plot.draw_states(bs.estimate(ekf, model, recording), ["k"], reference={"k": 40.0})
 
 # %%
 # The header is all that your program sees

@@ -139,6 +139,9 @@ STATUS_TEXT = {
 ROLE = "state_role"
 """Coordinate of the states of a result: `UNKNOWN`, or "motion"."""
 
+LOWER, UPPER = "state_lower", "state_upper"
+"""Coordinates of the states of a result, their bounds; there if one of them is finite."""
+
 UNKNOWN = "unknown"
 """Role of a state that the model leaves as it is: an unknown constant, parameter or force."""
 

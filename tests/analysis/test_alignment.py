@@ -260,3 +260,10 @@ def test_measured_machines_are_aligned_and_a_delay_would_be_found(name):
     assert abs(result.fraction) < 0.2
     assert check_alignment(judge, problem.model, changed(data, late=1)).delay == 1
     assert check_alignment(judge, problem.model, changed(data, late=-1)).delay == -1
+
+
+def test_a_shift_with_which_the_filter_diverged_tells_nothing():
+    scores = {s: np.ones(40) for s in (-2, 0, 1)}  # that by -1 is left out
+    made = decide(scores, dict.fromkeys(scores, 1.0), ())
+    assert made.aligned is None
+    assert "cannot be told" in str(made)

@@ -9,6 +9,7 @@ from backsight.models.augment import augment
 from backsight.models.builtin import sdof
 from backsight.models.lti import lti
 from backsight.models.model import Model
+from backsight.models.text.equations import from_equations
 
 
 def linear(A, C, *, names, dt=None):
@@ -165,3 +166,12 @@ def test_force_that_is_zero_in_the_motion_is_seen_in_any_unit():
         )
         rng = np.random.default_rng(3)
         assert check_observability_along(pushed, rng.standard_normal((200, 1)), dt=0.01).observable
+
+
+def test_a_motion_that_is_lost_names_the_equation():
+    valve = from_equations(
+        states={"w": ""}, inputs={"u": ""}, outputs={"y": ""},
+        equations={"w": "u - sqrt(abs(w))*sign(w)"}, output_equations={"y": "w"},
+    )  # fmt: skip
+    with pytest.raises(ModelError, match="equation of 'w' has no finite derivative by 'w'"):
+        check_observability_along(valve, np.ones((5, 1)), dt=0.1)

@@ -75,6 +75,32 @@ def test_a_band_narrower_than_the_data_tell_is_told():
     assert "J is said to be known" in judged(e, motor(), data, result)
 
 
+def test_a_trade_off_of_which_a_filter_believes_to_know_both_sides_is_told():
+    """J and Ja act by their sum; along it the prior is left, in logarithms of both."""
+    sizes = {"J": (8e-4, 4e-4), "Ja": (4e-4, 4e-4)}
+    plain = bs.Model(
+        f=lambda x, u, p: [(u.M - 2e-3 * x.w) / (p.J + p.Ja)], h=lambda x, u, p: [x.w],
+        states={"w": "rad/s"}, inputs={"M": "N m"}, outputs={"y": "rad/s"},
+        parameters={n: bs.Signal("kg m2", value=v, positive=True) for n, (v, _) in sizes.items()},
+    )  # fmt: skip
+    model = bs.augment(plain, ["J", "Ja"])
+    e = bs.EKF(NOISE, bs.Prior({"w": 0.1, **{n: s for n, (_, s) in sizes.items()}}))
+    data = recording()
+    result = bs.estimate(e, model, data, engine="vm")
+    told = judged(e, model, data, result)
+    # By hand: the logarithms keep their standard deviations along the sum.
+    last = result.sel(state=list(sizes)).isel(time=-1)
+    along = [
+        x * np.sqrt(np.log1p((s / v) ** 2))
+        for x, (v, s) in zip(last.x_hat.values, sizes.values(), strict=True)
+    ]
+    right = 1 / np.hypot(*(1 / np.array(along)))
+    assert float(last.x_std[0]) < 0.5 * right
+    said = told.partition("the recording tells ± ")[2].split(" at")[0]
+    assert float(said.replace(" × 10⁻⁴", "e-4")) == pytest.approx(right, rel=0.1)
+    assert "J and Ja in the ratio 1 : -1: only another combination is known" in told
+
+
 def test_the_profile_has_its_top_at_the_value():
     data = recording()
     e = bs.EKF(NOISE, prior(3e-4))

@@ -8,6 +8,7 @@ import backsight as bs
 from backsight.analysis.comparison._summary import assess
 from backsight.analysis.comparison.verdict import sentence
 from backsight.run.diagnosis._factors_of_results import with_factors
+from backsight.run.diagnosis._judges import Judges
 from backsight.run.diagnosis.audit import noise_found
 from bands.plants import drawn
 from bands.rows import PLANTS, ROWS
@@ -24,10 +25,12 @@ def sentences(name: str, runs: int, **wrong: float) -> list[str]:
     truth = drawn(plant, runs, SAMPLES, seed=3, **wrong)
     names = {"inputs": {"F": ""}, "outputs": {"y": ""}}
     data = [bs.from_arrays(u=truth.u, y=y, dt=plant.dt, **names) for y in truth.y.T]
-    results = bs.estimate_many(estimator, plant.model, data, threads=1)
+    every = bs.estimate_many(estimator, plant.model, data, threads=1)
     said = []
-    for result, recording in zip(results, data, strict=True):
-        found = noise_found({"": result}, {"": estimator}, plant.model, recording)
+    for result, recording in zip(every, data, strict=True):
+        results, estimators = {"": result}, {"": estimator}
+        judges = Judges(plant.model, recording, results, estimators)
+        found = noise_found(results, estimators, judges)
         said.append(sentence(assess(with_factors(result, found[""]))))
     return said
 

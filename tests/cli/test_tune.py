@@ -61,6 +61,20 @@ def test_what_unknowns_say_of_themselves_is_changed_there(backsight, tmp_path):
     assert 'aria-label="rise of the criterion over sigma_w.k"' in drawn
 
 
+def test_whole_covariances_and_delays_go_into_the_file(backsight, tmp_path):
+    free = '[{ name = "Q", structure = ["", "a", "", ""] }, { name = "delay.y", sigma = 0.01 }]'
+    path, out = problem(tmp_path, GUESSED + f"\n[tune]\nfree = {free}\n"), tmp_path / "tuned.toml"
+    code, printed, _ = backsight("tune", path, "--out", out, "--estimator", "EKF")
+    assert code in (0, 1)
+    assert "Q.v " in printed
+    found = tomllib.loads(out.read_text(encoding="utf-8"))
+    assert "sigma_w" not in found["noise"]
+    assert found["noise"]["Q"][1][1] == found["tune"]["found"]["Q.v"]["value"]
+    late = found["tune"]["found"]["delay.y"]["value"]
+    assert found["recording"]["inputs"]["u"]["delay"] == -late
+    assert load(out).recording.inputs["u"].delay == -late
+
+
 def test_says_what_could_not_be_found(backsight, tmp_path):
     path = problem(tmp_path, GUESSED)
     code, printed, _ = backsight("tune", path, "--out", tmp_path / "tuned.toml")

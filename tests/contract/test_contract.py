@@ -13,9 +13,9 @@ def test_every_estimator_has_a_case():
 
 SUBJECTS = [
     pytest.param(check, Subject(case, engine, hold), id=f"{check.name}-{key}-{hold}-{engine}")
-    for check in CHECKS
     for key, case in CASES.items()
     for hold in ("zoh", "foh")
+    for check in CHECKS
     for engine in (ENGINES if check.both_engines else ["vm"])
     if check.applies(Subject(case, engine, hold))
 ]

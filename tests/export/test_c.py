@@ -1,6 +1,7 @@
 """Exported C: compiles without a warning and gives what Python gives."""
 
 import dataclasses
+import re
 import shutil
 import subprocess
 
@@ -156,6 +157,18 @@ def test_nothing_but_arithmetic(tmp_path):
     assert code.count("#include") == 2
     assert "pass < 20" in code
     assert "20" in (tmp_path / "README.md").read_text()
+
+
+def test_the_page_shows_a_whole_call_with_sizes_of_the_header(tmp_path):
+    problem = TrialProblem()
+    estimator = EKF(problem.noise, problem.prior)
+    export_c(estimator, problem.model, recorded(problem), tmp_path, name="ekf")
+    page, header = (tmp_path / "README.md").read_text(), (tmp_path / "ekf.h").read_text()
+    assert "..." not in page
+    sizes = dict(re.findall(r"#define (EKF_\w+_SIZE) (\d+)", header))
+    assert set(re.findall(r"EKF_\w+_SIZE", page)) <= set(sizes)
+    assert int(sizes["EKF_X_HAT_SIZE"]) == problem.model.nx
+    assert int(sizes["EKF_U_SIZE"]) == problem.model.nu
 
 
 def test_names_and_precisions(tmp_path):

@@ -58,7 +58,7 @@ def test_the_class_is_the_function(key, standard, tmp_path):
     text = PROGRAM.replace("KEY", key).replace("ARGUMENTS", ", ".join(arguments))
     (tmp_path / "main.cpp").write_text(text.replace("SETTINGS", settings))
     commands = [
-        ["gcc", "-std=c99", "-O1", "-c", f"{key}.c"],
+        ["gcc", "-std=c99", "-O0", "-c", f"{key}.c"],
         ["g++", f"-std={standard}", *STRICT, "main.cpp", f"{key}.o", "-o", "main", "-lm"],
         ["./main"],
     ]

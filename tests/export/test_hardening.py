@@ -68,7 +68,7 @@ def test_a_step_costs_at_most_what_is_told(key, tmp_path):
     code = (tmp_path / f"{key}.c").read_text()
     (tmp_path / f"{key}.c").write_text(code.replace("static const", "const"))
     (tmp_path / "main.cpp").write_text(filled(COUNTED, key, recursion, settings=weighs))
-    run(["g++", "-std=c++17", "-O1", "-w", "main.cpp", "-o", "main"], tmp_path)
+    run(["g++", "-std=c++17", "-O0", "-w", "main.cpp", "-o", "main"], tmp_path)
     counted = [int(n) for n in run(["./main"], tmp_path).split()]
     code = code_of(
         estimator, CASES[key].problem.model, recording, name=key, names=None, restart=False

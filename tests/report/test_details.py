@@ -73,7 +73,7 @@ def test_missing_samples_are_missing():
 def test_what_does_not_fit_is_thinned_to_its_peaks(monkeypatch):
     monkeypatch.setattr(_details, "ROOM", 3000)
     values = np.random.default_rng(1).standard_normal(5000)
-    every = thinning([detail(values)])
+    every = thinning([detail(values)], 0)
     thinned = detail(values).packed(every)
     found = numbers(thinned["values"][0])
     assert every > 1
@@ -84,7 +84,12 @@ def test_what_does_not_fit_is_thinned_to_its_peaks(monkeypatch):
     assert found.min() == pytest.approx(values.min(), abs=tolerance)
 
 
-def test_a_thinned_band_covers(monkeypatch):
+def test_a_full_page_has_no_room_for_details():
+    values = np.random.default_rng(1).standard_normal(5000)
+    assert thinning([detail(values)], _details.PAGE) > 1000
+
+
+def test_a_thinned_band_covers():
     rng = np.random.default_rng(2)
     middle, half = rng.standard_normal(4000), rng.uniform(1, 2, 4000)
     thinned = detail(middle - half, middle + half, kind="band").packed(8)

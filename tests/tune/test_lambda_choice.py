@@ -43,6 +43,19 @@ def test_the_hits_are_found_with_the_weight_that_is_chosen(choose):
     assert errors.false_alarms <= 2
 
 
+def test_weight_is_a_value_of_a_fit():
+    given, model = recording(1e-5, 2, background=0.0739**0.5), struck_beam.model(0.003)
+    tuned = bs.tune.fit(estimator(), model, given, free=["lam"])
+    choice = bs.tune.lambda_from_sensors(estimator(), model, given)
+    assert tuned.values["lam"] == pytest.approx(choice.lam)
+    assert tuned.estimator.lam == tuned.values["lam"]
+    as_good = choice.table["lam"].values[choice.table["as_good"].values]
+    assert as_good.min() <= tuned.values["lam"] <= as_good.max()
+    assert 0 < tuned.std["lam"] < tuned.values["lam"]
+    with pytest.raises(TuningError, match="free lam alone"):
+        bs.tune.fit(estimator(), model, given, free=["lam", "sigma_y"])
+
+
 def test_a_wrong_model_is_told_from_noise():
     """The noise is stated a hundred times too small: nothing explains the recording."""
     made = struck_beam.estimator(0.003, eps_Q=1e-12, eps_R=1e-14, lam=1.0)

@@ -37,10 +37,14 @@ study = typer.Typer(
     context_settings=SHORT,
 )
 app.add_typer(study, name="study")
-app.command("columns")(_recordings.show_columns)
+app.command("columns", short_help="Show the columns of a recording and what looks wrong.")(
+    _recordings.show_columns
+)
 app.command("init")(_recordings.write_problem)
-app.command("open")(_workbench.open_page)
-app.command("live")(_live.live)
+app.command("open", short_help="Open the workbench in a browser; no Python needed.")(
+    _workbench.open_page
+)
+app.command("live", short_help="Estimate while samples come, from the wire or a file.")(_live.live)
 
 
 @app.callback(invoke_without_command=True)
@@ -59,7 +63,7 @@ def main(
         raise typer.Exit
 
 
-@app.command("run")
+@app.command("run", short_help="Run the estimators of a problem file and compare them.")
 def run_file(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     out: Out,
@@ -73,7 +77,8 @@ def run_file(
     run that was interrupted goes on when it is started again. The exit
     code is 0 if all went well, 1 if an estimator failed (the others are
     written), and 2 if the problem, the recording or the folder is at
-    fault and nothing is written.
+    fault and nothing is written. After an interrupt it is 130, and what
+    had finished is written.
     """
     with told():
         from backsight.problem import load, run_problem
@@ -83,7 +88,10 @@ def run_file(
 
         for sentence in refusals():
             warn(sentence)
-        read = load(problem)
+        with bar() as advance:
+            advance("reading", 0.0)
+            read = load(problem)
+            advance("reading", 1.0)
         if read.recording.parts is not None:
             return run_parts(read, out, env or ())
         with bar() as advance:
@@ -95,6 +103,10 @@ def run_file(
                 force=force,
                 outside=outside or (),
                 env=env or (),
+                interrupted=lambda names: warn(
+                    f"interrupted: {', '.join(names)} left out; the others are written, unless "
+                    "there is another interrupt"
+                ),
             )
         say(f"{read.title}\n\n{results.table(read.reference, width=width())}\n")
         for sentence in results.verdicts(read.reference):
@@ -104,12 +116,14 @@ def run_file(
     for name, reason in failures.items():
         if reason:
             tell(f"{name}: {reason}")
+    if len(results) < len(read.estimators):
+        raise typer.Exit(130)
     if any(failures.values()):
         raise typer.Exit(1)
     return None
 
 
-@app.command()
+@app.command(short_help="Say whether the recording can show what is asked for.")
 def check(
     problem: Annotated[Path, typer.Argument(help="Problem file (TOML).")],
     certify: Annotated[
@@ -168,15 +182,15 @@ def check(
         raise typer.Exit(1)
 
 
-app.command()(tune)
-app.command()(export)
-app.command()(fleet)
+app.command(short_help="Find noise, prior and settings from the recording.")(tune)
+app.command(short_help="Write an estimator as C99 or FMU for a controller.")(export)
+app.command(short_help="Run a problem over many recordings, with many settings.")(fleet)
 
 
 app.command("report")(report_again)
 
 
-@app.command("methods")
+@app.command("methods", short_help="List the estimators and their settings.")
 def list_methods(
     name: Annotated[
         str | None, typer.Argument(help="A kind, such as ekf: what every setting means.")
@@ -189,7 +203,7 @@ def list_methods(
         say(methods(tell=warn) if name is None else method(name))
 
 
-@app.command("schema")
+@app.command("schema", short_help="Print a JSON schema of problem files for editors.")
 def print_schema() -> None:
     """Print a JSON schema of problem files, for editors that complete and check TOML.
 

@@ -15,6 +15,9 @@ def live(
         float | None,
         typer.Option(min=0, help="Of a replay, by how much faster; 0: as fast as possible."),
     ] = None,
+    dashboard: Annotated[
+        bool, typer.Option("--dashboard", help="Serve a dashboard if the file has none.")
+    ] = False,
 ) -> None:
     """Estimate while samples come: from sources on the wire, or a recording that is replayed.
 
@@ -25,7 +28,6 @@ def live(
     with told():
         from backsight.live import run_live
 
-        status = run_live(
-            problem, tell=tell, show=say if sys.stderr.isatty() else None, speed=speed
-        )
+        show = say if sys.stderr.isatty() else None
+        status = run_live(problem, tell=tell, show=show, speed=speed, dashboard=dashboard)
         say(status.summary())

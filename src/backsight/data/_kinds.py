@@ -54,8 +54,8 @@ def kind_of(path: Path, wish: str | None, known: Extended[Any]) -> str:
         return kind
     if suffix in known and suffix not in known.own:
         return suffix  # an extension knows its files best
-    if is_bag_folder(path):
-        return ".db3"
+    if path.is_dir():
+        return ".db3" if is_bag_folder(path) else ".parquet"
     with path.open("rb") as file:
         head = file.read(_LOOK)
     found = _by_content(path, head, suffix)

@@ -15,7 +15,7 @@ from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.derived import columns_in, evaluated, remove_delays
 from backsight.data.formats.loading import list_contents, read_contents
 from backsight.data.recording import Group, as_recording, time_axis
-from backsight.data.times.clock import counted, seconds
+from backsight.data.times.clock import epoch_form, seconds
 from backsight.description import Whole, checked
 from backsight.errors import DataError, nearest
 from backsight.schema import SIGMA_FACTOR
@@ -186,7 +186,7 @@ def read(
     if clock:
         marks, own = contents.columns[clock.name], contents.units.get(clock.name, "")
         plain = clock.factor is None and not clock.unit and not own
-        form = counted(marks) if time_format is None and plain else time_format
+        form = epoch_form(marks) if time_format is None and plain else time_format
         given, begin = seconds(marks, time_format=form, where=where)
         raw[clock.name] = given
         if form is None and marks.dtype.kind in "fiub":

@@ -12,7 +12,7 @@ from backsight.data import _checks as checks
 from backsight.data._named import index_of, is_named, named_columns
 from backsight.data.resampling import resample as resampled
 from backsight.data.resampling import to_grid
-from backsight.data.times.clock import counted, seconds
+from backsight.data.times.clock import epoch_form, seconds
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -142,7 +142,7 @@ def _stamps(time: Any, given: Mapping[str, Any], where: str) -> tuple[Array | No
         if not is_named(given["y"]):
             raise DataError(f"{where}: time is '{time}', but y has no columns by name")
         time = named_columns(given["y"], [time], "y", where)[time]
-    return seconds(time, time_format=counted(time), where=where)
+    return seconds(time, time_format=epoch_form(time), where=where)
 
 
 def time_axis(time: Array | None, n: int, *, dt: float | None, where: str) -> Array:

@@ -149,6 +149,24 @@ def triangle(A: ca.MX, scale: np.ndarray | None = None) -> ca.MX:
     return foreign.call("matrix_triangle", sizes, inputs=inputs, outputs=[size])[0]
 
 
+def unpacked(triangle_: ca.MX, n: int) -> ca.MX:
+    """All entries of a symmetric matrix with n rows, from its lower triangle."""
+    places = np.zeros((n, n), int)
+    rows, columns = np.triu_indices(n)
+    places[rows, columns] = places[columns, rows] = np.arange(len(rows))
+    return ca.reshape(triangle_[places.ravel().tolist()], n, n)
+
+
+def scaled_rows(A: ca.MX, by: ca.MX) -> ca.MX:
+    """Rows of a dense matrix, each times a number."""
+    return product_of(by, ca.MX.ones(1, A.shape[1])) * A
+
+
+def diagonal(values: ca.MX) -> ca.MX:
+    """Dense matrix with these numbers on its diagonal."""
+    return scaled_rows(ca.MX(ca.DM(np.eye(values.numel()))), values)
+
+
 def gain_of(PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
     """Gain K (nx, ny), innovation covariance S and noise N (ny, ny), see `matrix_gain.c`."""
     nx, ny = PHt.shape

@@ -109,6 +109,15 @@ def _run_groups(
     stop = threading.Event()
     program = native.compiled(recursion, lanes=machine.widest())
 
+    if threads == 1:
+        # A pool of one thread costs more than a short run.
+        with library.one_thread():
+            for number, group in enumerate(groups):
+                for count in _advance(program, group):
+                    done[number] += count
+                    progress(sum(done))
+        return
+
     def work(number: int) -> None:
         group = groups[number]
         for count in _advance(program, group):

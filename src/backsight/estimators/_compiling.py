@@ -51,10 +51,8 @@ class Compilable(Description, abc.ABC):
     """Whether it is right for noise as states, see `backsight.estimators.around.noise_states`."""
     looks_back: ClassVar[bool] = False
     """Whether it looks at noisy inputs twice, see `parts.filtering.noise_to_look_back_at`."""
-    varies_noise: ClassVar[bool] = False
-    """Whether inputs may multiply its process noise, see `backsight.estimators.varied_noise`."""
-    varies_sensors: ClassVar[bool] = False
-    """Whether they may make up all of its measurement noise, too."""
+    varies_noise: ClassVar[tuple[str, ...]] = ()
+    """What inputs may make up: Q (with Qc), R; see `backsight.estimators.varied_noise`."""
     varied_settings: ClassVar[tuple[str, ...]] = ()
     """Settings that may be inputs, see `backsight.estimators.varied_number`."""
 
@@ -139,20 +137,16 @@ class Compilable(Description, abc.ABC):
     def compile(self, model: Model, dt: float) -> Recursion:
         """Turn the description into a recursion: what `build` makes, with what surrounds it.
 
-        Virtual outputs, ends of sensors' ranges, turns of angles, and the rule for outliers.
-
-        Parameters, result and errors are those of `build`; the recursion has the channel
-        ``weight`` if the noise has a rule for outliers, see `backsight.estimators.outliers`.
+        Virtual outputs, sensors at the end of their range, angles that start anew after a turn, and
+        the rule for outliers, which adds the channel ``weight``. Errors are those of `build`.
         """
         rule = self.outliers
         if rule is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
         noise = getattr(self, "noise", None)
-        able = self.varies_noise and not self.constant_gain
-        if isinstance(noise, VariedNoise) and (not able or noise.beyond_additive):
-            raise TuningError(f"{self.title} takes no process noise that inputs multiply")
-        if isinstance(noise, VariedNoise) and noise.of_sensors and not self.varies_sensors:
-            raise TuningError(f"{self.title} takes no measurement noise that inputs make up")
+        able = () if self.constant_gain else self.varies_noise
+        if isinstance(noise, VariedNoise) and (problem := noise.beyond(able)):
+            raise TuningError(f"{self.title} takes no {problem} noise that inputs multiply")
         plain = on_circle(within_range(self.plain(model, dt), model), model)
         return plain if rule is None else robust(plain, rule)
 
@@ -294,9 +288,8 @@ class Compilable(Description, abc.ABC):
         Returns
         -------
         Recursion
-            Takes u (nu,), y (ny,) and mask (ny,), 1 where y was measured; physical units. If the
-            estimator `weighs`, the mask is the nominal standard deviation of the noise by that of
-            the sample.
+            Takes u (nu,), y (ny,) and mask (ny,), 1 where y was measured; physical units. If it
+            `weighs`, the mask is the nominal standard deviation by that of the sample.
 
         Raises
         ------

@@ -223,9 +223,8 @@ def setting(
 ) -> Setting:
     """Check noise and prior against the model, all messages at once, and scale everything.
 
-    A state without a `Signal.scale` is scaled by the size of its prior and of its random walk, an
-    output by its noise. The integrator settles what it leaves open. Sensors without noise are
-    refused unless they may be `noiseless`.
+    A state without a `Signal.scale` is scaled by its prior and random walk, an output by its noise.
+    The integrator settles what it leaves open. Sensors need noise, unless `noiseless` is set.
 
     Raises
     ------

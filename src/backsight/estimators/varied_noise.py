@@ -44,8 +44,7 @@ class NoisePart(Description):
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
-        del sound
-        if len(self.factors) != 2:
+        if sound("factors") and len(self.factors) != 2:
             yield "a part of the noise: give two factors"
         if sum(k is not None for k in (self.Q, self.Qc, self.R)) != 1:
             yield "a part of the noise: give one of Q, Qc, R"
@@ -57,10 +56,12 @@ class VariedNoise(Noise):
 
     parts: tuple[NoisePart, ...] = ()
 
-    @property
-    def of_sensors(self) -> bool:
-        """Whether inputs make up the measurement noise."""
-        return any(part.R is not None for part in self.parts)
+    def beyond(self, able: Sequence[str]) -> str:
+        """Which noise a method does not take, whose `varies_noise` these are; empty if all."""
+        if "Q" not in able or self.beyond_additive:
+            return "process"
+        of_sensors = any(part.R is not None for part in self.parts)
+        return "measurement" if of_sensors and "R" not in able else ""
 
 
 @dataclasses.dataclass(frozen=True)

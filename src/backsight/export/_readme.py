@@ -2,6 +2,7 @@
 
 import re
 
+from backsight.engine.c99 import source as c99
 from backsight.engine.program.effort import Effort, effort
 from backsight.export._written import Written, one_line
 from backsight.models.model import Model
@@ -38,6 +39,9 @@ def readme(code: Written) -> str:
     included = f", `kernels.h` and {files}, which `{name}.c` includes" if files else ""
     limits = ", ".join(map(str, passes)) or "none: every sample takes the same time"
     most = effort(code.program)
+    results = [c.name for c in recursion.channels]
+    arrays = "\n".join(f"{kind.name} {r}[{c99.size_of(name, r)}];" for r in results)
+    settings = "&settings, " if code.open.fields else ""
     return f"""# {name}
 
 `{name}.c` and `{name}.h` estimate the states {states}, every {recursion.dt:g} s. They are C99 and
@@ -50,10 +54,11 @@ static {name}_workspace work;       /* scratch; may be shared with others betwee
 {"static " + name + "_settings settings;" if code.open.fields else ""}
 {name}_init(&memory);
 {name + "_defaults(&settings);" if code.open.fields else ""}
+{arrays}
 for (;;) {{
     /* physical units; mask is 1 where y was measured, else 0; it is 1 / sigma_factor
        if the estimator takes the noise of single samples into account */
-    {name}_step(&memory, &work, {"&settings, " if code.open.fields else ""}u, y, mask, ...);
+    {name}_step(&memory, &work, {settings}u, y, mask, {", ".join(results)});
 }}
 ```
 

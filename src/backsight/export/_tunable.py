@@ -73,7 +73,7 @@ def varies(estimator: AbstractEstimator) -> bool:
         noise = estimator.assumed[0]
     except BacksightError:
         return False
-    able = estimator.varies_noise and not estimator.constant_gain
+    able = bool(estimator.varies_noise) and not estimator.constant_gain
     return able and noise.sigma_w is not None and not noise.beyond_additive
 
 

@@ -77,7 +77,7 @@ def freezable(
             own[k, k] = matrix[k, k]
             rest[word] = rest[word] - own
             if matrix[k, k]:
-                parts.append(NoisePart(SEEN + name, **{word: own}))
+                parts.append(NoisePart((SEEN + name,) * 2, **{word: own}))
         walks[name] = float(Q[k, k] + dt * Qc[k, k])
     if not walks:
         raise ProblemError(
@@ -121,7 +121,7 @@ class Freezer:
         self._estimation, self._window, self._tell = estimation, window, tell
         self._states = [states.index(name) for name in walks]
         self._inputs = [inputs.index(SEEN + name) for name in walks]
-        self._names, self._walks = list(walks), np.array(list(walks.values()))
+        self.names, self._walks = list(walks), np.array(list(walks.values()))
         self._begun: tuple[int, np.ndarray] | None = None
         self.frozen = np.zeros(len(walks), bool)
 
@@ -144,9 +144,9 @@ class Freezer:
             slot = np.array([self._estimation.done])
             self._estimation.put([self._inputs[j]], slot, np.array([[0.0 if unseen[j] else 1.0]]))
             self._tell(
-                f"{self._names[j]} cannot be seen and is frozen: excite the machine"
+                f"{self.names[j]} cannot be seen and is frozen: excite the machine"
                 if unseen[j]
-                else f"{self._names[j]} can be seen again"
+                else f"{self.names[j]} can be seen again"
             )
         self.frozen = unseen
         self._begun = (newest, variance)

@@ -10,7 +10,7 @@ from backsight.live._freezing import SEEN
 from backsight.live._problem import Channels, LiveProblem, channels_of
 from backsight.live.clock import Placed, Placing, SourceClock, TimeGrid
 from backsight.live.engine import LiveEstimation
-from backsight.live.sources import Batch, LiveSource, wanted_columns
+from backsight.live.sources import Batch, LiveSource
 from backsight.live.sources.replay import ReplaySource
 
 _RATE_OVER = 5.0
@@ -56,7 +56,7 @@ class Lane:
     def _found(self) -> Channels:
         model, feed = self._live.model, self.source.feed
         if not isinstance(self.source, ReplaySource):
-            return channels_of(self.name, feed, model, self._grid.dt, columns=wanted_columns(feed))
+            return channels_of(self.name, feed, model, self._grid.dt, columns=self.source.columns)
         signals = self.source.signals
         names = [
             *(s.name for s in model.inputs if not s.name.startswith(SEEN)),
@@ -85,7 +85,9 @@ class Lane:
             times = batch.values[:, 0]
         else:
             stamps = np.full(len(batch.arrival), np.nan)
-            if feed.time is not None:
+            if self.source.stamped:
+                stamps = batch.values[:, 0]
+            elif feed.time is not None:
                 factor = 1.0 if feed.time.factor is None else feed.time.factor
                 stamps = batch.values[:, 0] * factor + feed.time.offset
             times = self.clock.common(stamps, batch.arrival)

@@ -21,7 +21,16 @@ from backsight.live.alarms import Alarm, Alarms, Quantities, condition_of
 from backsight.live.clock import TimeGrid
 from backsight.live.engine import Checkpoint, LiveEstimation, LiveRows
 from backsight.live.sources import source_of
-from backsight.live.store import Keeper, LiveStore, column_units, columns_of, opened_live_store
+from backsight.live.sources.base import ReceivingSource
+from backsight.live.store import (
+    Journal,
+    Keeper,
+    LiveStore,
+    column_units,
+    columns_of,
+    journaled,
+    opened_live_store,
+)
 from backsight.problem.reading.tables import FeedTable, RecordingTable, ReplayFeed
 from backsight.problem.recorded import recording_of
 from backsight.run.estimation import Outputs, Prepared, compile_once
@@ -88,11 +97,23 @@ def opened_session(
         if varied is not None:
             window = max(1, round((live.settings.freeze or 0.0) / dt))
             session.freezer = Freezer(estimation, varied.walks, window=window, tell=tell)
+        if keeper is not None and any(lane.source.durable for lane in lanes):
+            _with_journal(session, keeper)
         for lane in lanes:
             lane.source.start()
             stack.callback(lane.source.stop)
             lane.channels  # noqa: B018 - what is missing is said before the first sample
         yield session
+
+
+def _with_journal(session: LiveSession, keeper: Keeper) -> None:
+    """Take in again what was acknowledged and did not become part of the store."""
+    keeper.journal = Journal(keeper.store.folder)
+    sources = {lane.name: lane.source for lane in session.lanes}
+    for name, moment, payload in journaled(keeper.journal.left):
+        if isinstance(source := sources.get(name), ReceivingSource):
+            source.inbox.put_many([payload], moment=moment)
+    session.round()
 
 
 def compiled_live(live: LiveProblem, dt: float) -> Prepared:

@@ -18,6 +18,7 @@ from backsight.problem.reading.tables import (
     FEEDS,
     AlarmTable,
     ColumnTable,
+    DashboardTable,
     FeedTable,
     LiveTable,
     ReplayFeed,
@@ -48,6 +49,7 @@ class LiveProblem:
         By name.
     parameters : tuple of str
         Parameters that are estimated.
+    dashboard : DashboardTable, optional
     """
 
     problem: Problem
@@ -56,6 +58,7 @@ class LiveProblem:
     store: StoreTable | None
     alarms: Mapping[str, AlarmTable]
     parameters: tuple[str, ...]
+    dashboard: DashboardTable | None
 
     @property
     def model(self) -> Model:
@@ -112,7 +115,7 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
     if settings.estimator is not None and settings.estimator not in known:
         hint = nearest(settings.estimator, known)
         raise ProblemError(f"live.estimator: there is no '{settings.estimator}', {hint}")
-    store = given.get("store")
+    store, shown = given.get("store"), given.get("dashboard")
     return LiveProblem(
         problem=problem,
         settings=settings,
@@ -120,6 +123,7 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
         store=None if store is None else validated(StoreTable, store, where="store"),
         alarms=_by_kind(given, "alarm", ALARMS),
         parameters=tuple(given.get("estimate", {})),
+        dashboard=None if shown is None else validated(DashboardTable, shown, where="dashboard"),
     )
 
 

@@ -68,6 +68,8 @@ class LiveSession:
         oldest = np.inf
         for lane in self.lanes:
             batch = lane.source.take()
+            if self.keeper is not None:
+                self.keeper.keep(lane.source)
             self._tell_faults(lane)
             if batch is not None:
                 oldest = min(oldest, float(batch.arrival[0]))

@@ -115,7 +115,7 @@ class LiveStatus:
         chosen = [s for s in self.states() if s["unknown"]] or self.states()
         for state in chosen[:4]:
             if state["value"] is not None:
-                band = "" if state["std"] is None else f" ± {state['std']:.2g}"
+                band = "" if state["std"] is None else f" ± {2 * state['std']:.2g}"
                 parts.append(f"{state['name']} {state['value']:.5g}{band} {state['unit']}".strip())
         if self.raised:
             names = [b.name.lower().replace("_", " ") for b in Status if b & self.raised and b.name]

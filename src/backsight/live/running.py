@@ -13,6 +13,8 @@ from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
 from backsight.live._session import LiveSession
 from backsight.live._status import LiveStatus
+from backsight.live.dashboard import Board, served_board
+from backsight.problem.reading.tables import DashboardTable
 
 
 def run_live(
@@ -21,6 +23,7 @@ def run_live(
     tell: Callable[[str], None],
     show: Callable[[str], None] | None,
     speed: float | None = None,
+    dashboard: bool = False,
     engine: Engine = "native",
 ) -> LiveStatus:
     """Run a problem file on samples that come, until the sources end or it is interrupted.
@@ -35,6 +38,8 @@ def run_live(
         Shown a line every second.
     speed : float, optional
         Of a replay, in place of the file's.
+    dashboard : bool
+        Serve a dashboard also if the file does not ask for one.
     engine : {"native", "vm"}
 
     Returns
@@ -48,12 +53,17 @@ def run_live(
         If it cannot begin.
     """
     live = load_live(path, speed=speed)
-    with ended_by_signals() as stopping, opened_session(live, tell=tell, engine=engine) as session:
+    table = live.dashboard or (DashboardTable() if dashboard else None)
+    with contextlib.ExitStack() as stack:
+        stopping = stack.enter_context(ended_by_signals())
+        session = stack.enter_context(opened_session(live, tell=tell, engine=engine))
         for lane in session.lanes:
             tell(f"source {lane.name}: {lane.source.state}")
-        status = LiveStatus(session)
+        status, board = LiveStatus(session), None
+        if table is not None:
+            board, _ = stack.enter_context(served_board(session, status, table, tell=tell))
         try:
-            keep_going(session, status, stopping, show=show)
+            keep_going(session, status, stopping, show=show, board=board)
         finally:
             session.close()
         status.look(time.time())
@@ -66,6 +76,7 @@ def keep_going(
     stopping: threading.Event,
     *,
     show: Callable[[str], None] | None,
+    board: Board | None = None,
 ) -> None:
     """Do rounds until the sources end or `stopping` is set.
 
@@ -78,6 +89,8 @@ def keep_going(
     while not stopping.is_set():
         last = session.ended
         came = session.round()
+        if board is not None:
+            board.publish(time.time())
         now = time.monotonic()
         if now >= line_due:
             line_due = max(line_due + 1.0, now)

@@ -104,8 +104,15 @@ def band(
     deviations : float
         Half the width of the band in standard deviations.
     """
-    low, high = values - deviations * std, values + deviations * std
-    axes.fill_between(time, low, high, color=colour(series), alpha=0.16, linewidth=0)
+    ends = (values - deviations * std, values + deviations * std)
+    shaded(axes, time, values, ends, name=name, series=series)
+
+
+def shaded(
+    axes: Axes, time: Array, values: Array, ends: tuple[Array, Array], *, name: str, series: int
+) -> None:
+    """Draw an estimate and what lies between both ends, (n,), of its band."""
+    axes.fill_between(time, *ends, color=colour(series), alpha=0.16, linewidth=0)
     line(axes, time, values, name=name, series=series)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from backsight.analysis.bands import innovation_band, state_band
 from backsight.analysis.comparison import failed, units
 from backsight.description import checked
 from backsight.errors import DataError
@@ -22,7 +23,7 @@ from backsight.plot._choice import (
     thin_line,
     time_of,
 )
-from backsight.plot._figures import INK, band, figure, label, truth
+from backsight.plot._figures import INK, band, figure, label, shaded, truth
 from backsight.report.ranges import view
 from backsight.schema import VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE
 
@@ -107,10 +108,13 @@ def _estimated(
         ranged, edges = [], []
         for i, (who, result) in enumerate(having(every, dim, name)):
             x, std = (signal_of(result, variable, dim, name) for variable in (value, deviation))
-            band(axes, time_of(result), x, std, name=who, series=i, deviations=deviations)
+            ends = (x - deviations * std, x + deviations * std)
+            if dim == "state":
+                ends = state_band(result, name, deviations=deviations)
+            shaded(axes, time_of(result), x, ends, name=who, series=i)
             if not failed(result):
                 ranged.append(x)
-                edges += [x - deviations * std, x + deviations * std]
+                edges += ends
         for _, result in having(every, dim, name)[:1]:
             if true in result:
                 x = signal_of(result, true, dim, name)
@@ -185,10 +189,7 @@ def draw_innovations(results: Results, names: Sequence[str] = ()) -> Figure:
     ]
     made = figure(len(rows), height=1.6)
     for axes, (i, who, result, name) in zip(made.axes, rows, strict=True):
-        at = list(result["output"].values).index(name)
-        variance = result["S"].values[:, at, at]
-        bound = 3.0 * np.sqrt(np.where(variance > 0, variance, np.nan))
-        e = signal_of(result, "e", "output", name)
+        e, bound = innovation_band(result, name)
         thin_line(axes, result, e, name=who, series=i, width=0.8)
         for side in (-bound, bound):
             axes.plot(time_of(result), side, color=INK, linewidth=0.8)

@@ -43,6 +43,8 @@ def written(problem: Problem, name: str, tuned: Tuned, *, folder: Path) -> str:
     for value in [n for n in tuned.values if "[" not in n]:
         group, _, entry = value.partition(".")
         number = tuned.values[value]
+        if group == "delay" and value not in parameters:
+            continue
         if group in ("sigma_y", "R"):
             table = own["noise"] if "noise" in own else document["noise"]
             _sensor(table, noise, {entry: number} if entry else {})
@@ -63,6 +65,7 @@ def written(problem: Problem, name: str, tuned: Tuned, *, folder: Path) -> str:
             _parameter(document["model"], value, number)
         else:
             _put(own, value, number)
+    _late(document, tuned)
     for setting, option in tuned.chosen.items():
         _put(own, setting, option)
     _found(document, tuned)
@@ -73,6 +76,7 @@ def written(problem: Problem, name: str, tuned: Tuned, *, folder: Path) -> str:
 def _sensor(table: Any, noise: Noise, chosen: Mapping[str, float]) -> None:
     """One standard deviation of a sensor, or all of them."""
     if noise.R is not None:
+        table.pop("sigma_y", None)
         table["R"] = _rows(noise.R)
     else:
         _each(table, "sigma_y", chosen or noise.sigma_y)
@@ -82,6 +86,10 @@ def _walk(document: Any, table: Any, noise: Noise, chosen: Mapping[str, float]) 
     """One step of a state that walks, or all process noise."""
     for matrix in ("Q", "Qc"):
         if getattr(noise, matrix) is not None:
+            table.pop("sigma_w", None)
+            for kind in ("estimate", "disturbances"):
+                for unknown in document.get(kind, {}).values():
+                    unknown.pop("walk", None)
             table[matrix] = _rows(getattr(noise, matrix))
     if noise.sigma_w is not None:
         given: Any = chosen or noise.sigma_w
@@ -98,6 +106,25 @@ def _by_state(document: Any, table: Any, key: str, own: str, values: Mapping[str
                 unknowns[state][own] = _number(rest.pop(state))
     if rest:
         _each(table, key, rest)
+
+
+def _late(document: Any, tuned: Tuned) -> None:
+    """Delays of columns, beside those that the file has already."""
+    if any(late != tuned.late[0] for late in tuned.late):
+        return
+    recording = document["recording"]
+    for name, late in tuned.late[0].items():
+        columns = [recording[k] for k in ("inputs", "outputs") if name in recording.get(k, {})]
+        if not columns:
+            raise ProblemError(
+                f"recording: the file has no column '{name}' of its own, whose delay was found"
+            )
+        column = columns[0][name]
+        if not isinstance(column, Mapping):
+            table = tomlkit.inline_table()
+            table["column"] = column
+            columns[0][name] = column = table
+        column["delay"] = _number(float(column.get("delay", 0.0)) + late)  # type: ignore[index]
 
 
 def _each(table: Any, key: str, values: Any) -> None:

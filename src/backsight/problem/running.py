@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 import xarray as xr
@@ -32,6 +32,7 @@ def run_problem(
     force: bool = False,
     outside: Collection[str] = (),
     env: Collection[str] = (),
+    interrupted: Callable[[Sequence[str]], None] | None = None,
 ) -> Comparison:
     """Run all estimators of a problem over its recording and write the results.
 
@@ -56,6 +57,9 @@ def run_problem(
         Other files from which the recording may take measurements, see `backsight.read`.
     env : collection of str
         Environment variables that paths may use beside ``BACKSIGHT_DATA``.
+    interrupted : callable, optional
+        Told the estimators that an interrupt left out if others had finished, which are written.
+        Without it nothing is written after an interrupt.
 
     Returns
     -------
@@ -74,18 +78,23 @@ def run_problem(
     with whole(out, names=names, force=force) as folder:
         data = recording_of(problem, outside=outside, env=env)
         samples = data.sizes["time"]
-        tasks = _ready(problem, data)
+        tasks = _ready(problem, data, progress)
         for sentence in doubts(problem, data):
             tell(sentence)
         results = compared(
-            tasks, throw=False, progress=lambda name, done: progress(name, done, samples)
+            tasks,
+            throw=False,
+            progress=lambda name, done: progress(name, done, samples),
+            interrupted=interrupted,
         )
         with writing(Path(out)):
             _write(folder, problem, results)
     return results
 
 
-def _ready(problem: Problem, data: xr.Dataset) -> dict[str, Task | SmoothingTask]:
+def _ready(
+    problem: Problem, data: xr.Dataset, progress: Callable[[str, int, int], None]
+) -> dict[str, Task | SmoothingTask]:
     """Compile every estimator; what does not fit is found before the first one has run."""
     for estimator in problem.estimators.values():
         match(problem.model, data, estimator=estimator)
@@ -95,7 +104,10 @@ def _ready(problem: Problem, data: xr.Dataset) -> dict[str, Task | SmoothingTask
     for name, estimator in problem.estimators.items():
         with at(f"estimators.{name}"), ALL_ESTIMATORS.blamed(estimator.key):
             prepared = ready_to_smooth if name in problem.smoothed else ready
+            said = f"preparing {name}, {problem.model.nx} states"
+            progress(said, 0, 1)
             tasks[name] = prepared(estimator, problem.model, data)
+            progress(said, 1, 1)
     return tasks
 
 

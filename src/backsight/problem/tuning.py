@@ -19,9 +19,19 @@ from backsight.problem.reading.tables import FreeTable
 from backsight.problem.recorded import recording_of
 from backsight.report import report
 from backsight.run.estimation import estimate
-from backsight.tune import Choice, Free, Likelihood, MultiStep, Prediction, Tuned, Whiteness, fit
+from backsight.tune import (
+    Choice,
+    Free,
+    Likelihood,
+    MultiStep,
+    Prediction,
+    Simulation,
+    Tuned,
+    Whiteness,
+    fit,
+)
 
-OF_NOISE = ("sigma_y", "sigma_w", "sigma_x0", "x0", "R", "Q", "Qc", "P0")
+OF_NOISE = ("sigma_y", "sigma_w", "sigma_x0", "x0", "R", "Q", "Qc", "P0", "delay")
 """Values that a filter with the same noise and prior can find in place of another method."""
 
 
@@ -97,7 +107,7 @@ def tune_problem(
     chosen, by = _by(problem.estimators[name], problem, free)
     criterion = None
     if problem.tune.criterion:
-        kinds = [Likelihood, Prediction, MultiStep, Whiteness]
+        kinds = [Likelihood, Prediction, MultiStep, Simulation, Whiteness]
         criterion = part(kinds, problem.tune.criterion, where="tune.criterion")
     if problem.tune.recordings and problem.recording.sources:
         raise ProblemError(
@@ -136,8 +146,13 @@ def tune_problem(
 
 
 def _first(problem: Problem) -> str:
-    able = [name for name, e in problem.estimators.items() if e.varies_noise]
+    able = [name for name, e in problem.estimators.items() if _is_filter(e)]
     return able[0] if able else next(iter(problem.estimators))
+
+
+def _is_filter(estimator: AbstractEstimator) -> bool:
+    """Whether its innovations say what its noise is: it looks at every measurement once."""
+    return bool(estimator.varies_noise) and not estimator.horizon
 
 
 def _free(entry: FreeTable) -> Free | Choice:
@@ -172,7 +187,7 @@ def _by(
         isinstance(f, Free) and (f.name.partition(".")[0] in OF_NOISE or f.name in parameters)
         for f in free
     )
-    if estimator.varies_noise or not shared:
+    if _is_filter(estimator) or not shared:
         return estimator, estimator.title
     with at("tune"):
         stand_in = yardstick(estimator, problem.model)

@@ -5,13 +5,32 @@ The package itself is imported together with `backsight`; what draws, only when 
 
 from __future__ import annotations
 
+import html
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+if os.name == "nt":
+    from pathlib import WindowsPath as _Place
+else:
+    from pathlib import PosixPath as _Place
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+class ReportPath(_Place):
+    """Where a report is; in a notebook it shows the page."""
+
+    def _repr_html_(self) -> str | None:
+        if self.suffix != ".html" or not self.is_file():
+            return None
+        text = self.read_text(encoding="utf-8")
+        if "<script src=" in text:  # what is beside the file is not beside the notebook
+            return None
+        page = html.escape(text)
+        style = "width: 100%; height: 48rem; border: 0"
+        return f'<iframe srcdoc="{page}" title="{html.escape(self.stem)}" style="{style}"></iframe>'
 
 
 def report(
@@ -23,7 +42,7 @@ def report(
     reference: Mapping[str, float] | None = None,
     profiles: xr.Dataset | None = None,
     library: Literal["inside", "beside"] = "inside",
-) -> Path:
+) -> ReportPath:
     """Write one self-contained HTML page that compares results; it opens without a network.
 
     Parameters
@@ -46,8 +65,8 @@ def report(
 
     Returns
     -------
-    Path
-        Where the page is.
+    ReportPath
+        Where the page is; a notebook shows the page itself.
 
     Raises
     ------
@@ -72,7 +91,7 @@ def report(
     """
     from backsight.report.page import write_page
 
-    return write_page(
+    page = write_page(
         results,
         path,
         problem=problem,
@@ -81,3 +100,4 @@ def report(
         profiles=profiles,
         library=library,
     )
+    return ReportPath(page)

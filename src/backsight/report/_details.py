@@ -16,8 +16,8 @@ import numpy as np
 from backsight.report.thin import Positions
 from backsight.types import Array
 
-ROOM = 1_200_000
-"""Bytes for all details of a page, as they stand in it."""
+PAGE, ROOM = 2_300_000, 1_200_000
+"""Bytes of a page, and of all details as they stand in it, at most."""
 
 _MISSING = 2**16 - 1  # as a code; the others are the numbers of equal steps
 _STEPS = 1000  # as fine as this must the bulk of a line be, to be kept in two bytes
@@ -72,9 +72,12 @@ class Detail:
         return (pairs.ravel(),), every / 2
 
 
-def thinning(details: Sequence[Detail]) -> int:
-    """Samples of which two values are kept so that all details fit; 1 if all of them do."""
-    ratio = sum(d.cost for d in details) / ROOM
+def thinning(details: Sequence[Detail], rest: int) -> int:
+    """Samples of which two values are kept so that all details fit; 1 if all of them do.
+
+    The `rest` of the page has so many bytes.
+    """
+    ratio = sum(d.cost for d in details) / min(ROOM, max(PAGE - rest, 1))
     return 1 if ratio <= 1.0 else 2 * math.ceil(ratio)
 
 

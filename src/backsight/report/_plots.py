@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from backsight.analysis.bands import innovation_band
 from backsight.analysis.comparison import failed
 from backsight.analysis.consistency import windowed_nis
-from backsight.analysis.outliers import taken
 from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading, remark
 from backsight.report._traces import Trace, band_trace, limits, line_trace, literal_text
@@ -44,7 +44,7 @@ def innovation_plots(every: Sequence[Series]) -> list[Plot]:
     plots = []
     for name, unit in signal_units(every, "output").items():
         having = [s for s in every if s.has("output", name)]
-        sound = [_innovation(s, name) for s in sound_ones(having)]
+        sound = [innovation_band(s.result, name) for s in sound_ones(having)]
         span = view([bulk(e) for e, _ in sound], [b for _, bound in sound for b in (-bound, bound)])
         plots += [
             _innovations(s, name, unit, span=span, wide=len(having) == 1, first=s is having[0])
@@ -68,7 +68,7 @@ def nis_plot(every: Sequence[Series]) -> Plot:
     title = f"mean NIS of {window} samples [1]" if window > 1 else "NIS [1]"
     layout = {
         "annotations": [heading(title), remark("95 % band")],
-        "yaxis": {"type": "log", "range": span, "exponentformat": "none", **_log_ticks(span)},
+        "yaxis": {"type": "log", "range": span, "exponentformat": "none", **log_ticks(span)},
     }
     return Plot("normalised innovation squared over time", traces, layout, height=260, wide=True)
 
@@ -142,7 +142,7 @@ def _short(name: str) -> str:
 def _innovations(
     s: Series, name: str, unit: str, *, span: list[float] | None, wide: bool, first: bool
 ) -> Plot:
-    e, bound = _innovation(s, name)
+    e, bound = innovation_band(s.result, name)
     title = heading(literal_text(f"{_short(s.name)}: {quantity(name, unit)}"))
     return Plot(
         f"innovation of {name}, {s.name}",
@@ -154,15 +154,6 @@ def _innovations(
     )
 
 
-def _innovation(s: Series, name: str) -> tuple[Array, Array]:
-    """Innovation and three of its standard deviations; NaN where none was taken in."""
-    i = list(s.result["output"].values).index(name)
-    variance = s.result["S"].values[:, i, i]
-    bound = 3.0 * np.sqrt(np.where(variance > 0, variance, np.nan))
-    there = taken(s.result).values[:, i]
-    return np.where(there, s.signal("e", "output", name), np.nan), np.where(there, bound, np.nan)
-
-
 def _inside(e: Array, bound: Array) -> list[dict[str, object]]:
     """How many innovations lie within their bounds, as a remark; none if that is unknown."""
     known = np.isfinite(e) & np.isfinite(bound)
@@ -172,7 +163,7 @@ def _inside(e: Array, bound: Array) -> list[dict[str, object]]:
     return [remark(f"{share:.1f} % within ±3σ")]
 
 
-def _log_ticks(span: list[float] | None) -> dict[str, object]:
+def log_ticks(span: list[float] | None) -> dict[str, object]:
     """Ticks of a logarithmic axis: powers of ten, or 1, 2, 5 if it spans few of them."""
     if span is None or span[1] - span[0] > 2.0:
         return {"dtick": 1}

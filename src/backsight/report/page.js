@@ -116,6 +116,7 @@
   let range = span; // of the time axis, common to all plots; null is whatever each has
   let dragmode = touch ? false : "zoom"; // a finger scrolls the page until told otherwise
   let linking = false;
+  let width; // of every plot on paper [px]; on a screen it is that of its place
 
   // Colours are names of CSS variables; everything else passes through.
   const css = getComputedStyle(document.documentElement); // of the medium: paper is light
@@ -131,7 +132,7 @@
   function draw(place) {
     const first = !drawn.has(place);
     const { traces, layout, over } = coloured(figures[places.indexOf(place)]);
-    const near = details && closer();
+    const near = details?.length && closer();
     const data = traces.map((t) => ({
       ...t,
       ...(near && t.detail !== undefined ? detailed(t, ...range, 4000) : {}),
@@ -140,7 +141,7 @@
     const xaxis = { ...layout.xaxis };
     if (range && over === "time") xaxis.range = [...range];
     // uirevision keeps what the reader zoomed when colours or visibility change.
-    const view = { ...layout, xaxis, dragmode, template: coloured(template), uirevision: "kept" };
+    const view = { ...layout, xaxis, dragmode, width, template: coloured(template), uirevision: "kept" };
     drawn.add(place);
     Plotly.react(place, data, view, config);
     if (first && over === "time") place.on("plotly_relayout", (change) => follow(place, change));
@@ -215,6 +216,7 @@
       closed.push(part);
       part.open = true;
     });
+    width = paper;
     places.forEach((place) => {
       place.style.width = `${paper}px`;
       draw(place);
@@ -222,6 +224,7 @@
   });
   addEventListener("afterprint", () => {
     closed.splice(0).forEach((part) => (part.open = false));
+    width = undefined;
     places.forEach((place) => (place.style.width = ""));
     redraw();
   });
@@ -242,7 +245,7 @@
     const names = [over === "time" ? "time_s" : "frequency_Hz"];
     const rows = new Map();
     for (const trace of traces.filter((t) => t.name && t.x && t.y && t.type === "scatter")) {
-      const whole = trace.detail === undefined ? null : detailedLine(details[trace.detail], -Infinity, Infinity, Infinity);
+      const whole = trace.detail === undefined || !details.length ? null : detailedLine(details[trace.detail], -Infinity, Infinity, Infinity);
       const { x, y } = whole ?? { x: trace.x, y: typeof trace.y.bdata === "string" ? plain(trace.y) : trace.y };
       for (let k = 0; k < x.length; k++) {
         if (Number.isNaN(x[k])) continue;

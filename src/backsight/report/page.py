@@ -52,6 +52,8 @@ def write_page(
         shown.append(Section("Tuning", profile_drawings(profiles)))
     plots = [plot for section in shown for plot in section.plots]
     figures, details = _figures(plots)
+    drawn, drawing = gzipped(_data(figures, every)), _library(library, Path(path))
+    thinned = thinning(details, len(drawn) + len(drawing))
     heading = title or str(every[0].result.attrs.get("model", "Estimates"))
     page = Template(_resource("page.html")).substitute(
         title=escape(heading),
@@ -62,11 +64,11 @@ def write_page(
         contents=contents(shown),
         legend=_legend(every, bool(reference)),
         sections="".join(map(str, shown)) + _problem(problem),
-        notes=_notes(every, thinning(details)),
+        notes=_notes(every, thinned),
         origin=" 'self' file:" if library == "beside" else "",
-        library=_library(library, Path(path)),
-        figures=gzipped(_data(figures, every)),
-        details=gzipped(_details(details)),
+        library=drawing,
+        figures=drawn,
+        details=gzipped(_details(details, thinned, every)),
         script=_resource("page.js"),
     )
     return write_whole(path, page.encode("utf-8"))
@@ -129,6 +131,8 @@ def _notes(every: Sequence[Series], thinned: int) -> str:
         return f"<p>{linked} The plots show every sample.</p>"
     length = interval_length(longest)
     out = "every sample" if thinned == 1 else f"the smallest and largest of every {thinned} samples"
+    if thinned >= length:
+        out = "no more, for want of room"
     return (
         f"<p>{linked} The recording is too long to draw every sample at once: the plots show the "
         f"smallest and largest of every {length} samples, so no peak is lost, and zooming in "
@@ -152,9 +156,11 @@ def _figures(plots: Sequence[Plot]) -> tuple[list[dict[str, object]], list[Detai
     return figures, details
 
 
-def _details(details: Sequence[Detail]) -> str:
-    every = thinning(details)
-    return json.dumps([d.packed(every) for d in details], separators=(",", ":"))
+def _details(details: Sequence[Detail], thinned: int, every: Sequence[Series]) -> str:
+    """All details; none if there is room for no more than the plots show anyway."""
+    some = thinned < interval_length(max(len(s.time) for s in every))
+    found = [d.packed(thinned) for d in details] if some else []
+    return json.dumps(found, separators=(",", ":"))
 
 
 def _data(figures: Sequence[Mapping[str, object]], every: Sequence[Series]) -> str:

@@ -2,8 +2,9 @@
 
 import dataclasses
 import functools
+import math
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import xarray as xr
 
@@ -66,7 +67,7 @@ class Comparison(Printed, Mapping[str, xr.Dataset]):
         rows = ranked_table(self.results, reference)
         outputs = units(next(iter(self.results.values())), "output")
         tables = [ranking(rows, outputs), final_values(rows)]
-        if any(row.rms_error for row in rows):
+        if any(not math.isnan(e) for row in rows for e in row.rms_error.values()):
             tables.append(true_errors(rows))
         if any(row.virtual for row in rows):
             tables.append(virtual_values(rows))
@@ -125,18 +126,30 @@ def compared(
     engine: Engine | None = None,
     throw: bool = True,
     progress: Callable[[str, int], None] = lambda *_: None,
+    interrupted: Callable[[Sequence[str]], None] | None = None,
 ) -> Comparison:
-    """Run what is ready, see `compare`: estimators of one model over one recording."""
+    """Run what is ready, see `compare`: estimators of one model over one recording.
+
+    An interrupt ends it. If `interrupted` is given and an estimator has finished, it is told the
+    names of those that have not, and the comparison is that of the others.
+    """
     samples = next(iter(tasks.values())).samples
     check_memory([task.numbers for task in tasks.values()], samples)
     results = {}
     for name, task in tasks.items():
         told = functools.partial(progress, name)
-        if isinstance(task, SmoothingTask):
-            found = carry_out_smoothing(task, engine=engine, throw=throw, progress=told)
-        else:
-            found = carry_out(task, engine=engine, throw=throw, progress=told)
+        told(0)
+        try:
+            if isinstance(task, SmoothingTask):
+                found = carry_out_smoothing(task, engine=engine, throw=throw, progress=told)
+            else:
+                found = carry_out(task, engine=engine, throw=throw, progress=told)
+        except KeyboardInterrupt:
+            if interrupted is None or not results:
+                raise
+            interrupted([other for other in tasks if other not in results])
+            break
         results[name] = found
-    estimators = {name: task.estimator for name, task in tasks.items()}
+    estimators = {name: tasks[name].estimator for name in results}
     first = next(iter(tasks.values()))
     return Comparison(audited(results, estimators, first.model, first.recording))

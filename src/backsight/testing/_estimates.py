@@ -122,8 +122,8 @@ def units_are_irrelevant(on: Subject) -> None:
     """In inches everything is what it is in metres."""
     data = on.problem.simulate(100, seed=5, hold=on.hold, noisy=True)
     data.y[30:33, 0] = np.nan
-    metres, inches = on.problem, dataclasses.replace(on.problem, length=1 / 0.0254)
-    expected = on.run(on.build(metres).compile(metres.model, DT), data.arrays)
+    inches = dataclasses.replace(on.problem, length=1 / 0.0254)
+    expected = on.run(on.recursion(), data.arrays)
     scaled = data.scaled(length=inches.length)
     result = on.run(on.build(inches).compile(inches.model, DT), scaled.arrays)
     factors = inches.factors
@@ -136,9 +136,8 @@ def units_are_irrelevant(on: Subject) -> None:
 def scales_are_irrelevant(on: Subject) -> None:
     """`Signal.scale` is for rounding only."""
     arrays = on.problem.simulate(100, seed=6, hold=on.hold, noisy=True).arrays
-    plain = on.problem
-    odd = dataclasses.replace(plain, scales={"q": 3e-4, "v": 20.0, "k": 7e3})
-    expected = on.run(on.build(plain).compile(plain.model, DT), arrays)
+    odd = dataclasses.replace(on.problem, scales={"q": 3e-4, "v": 20.0, "k": 7e3})
+    expected = on.run(on.recursion(), arrays)
     result = on.run(on.build(odd).compile(odd.model, DT), arrays)
     for name in ("x_hat", "P", "e", "S"):
         assert_close(result[name], expected[name], 1e-9, name)

@@ -73,8 +73,9 @@ CHECKS: tuple[Check, ...] = (
         needs="two outputs",
         both_engines=False,
     ),
-    Check(_estimates.units_are_irrelevant),
-    Check(_estimates.scales_are_irrelevant),
+    # Of the formulas, whichever engine computes them.
+    Check(_estimates.units_are_irrelevant, both_engines=False),
+    Check(_estimates.scales_are_irrelevant, both_engines=False),
     Check(_estimates.start_without_measurements_is_prediction),
     Check(_estimates.clipping_is_reported, needs="parameter"),
     Check(_estimates.breakdown_names_the_sample, both_engines=False),

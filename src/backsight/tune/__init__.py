@@ -11,6 +11,7 @@ from backsight.tune.fitting import HeldOut as HeldOut
 from backsight.tune.fitting import Likelihood as Likelihood
 from backsight.tune.fitting import MultiStep as MultiStep
 from backsight.tune.fitting import Prediction as Prediction
+from backsight.tune.fitting import Simulation as Simulation
 from backsight.tune.fitting import Tuned as Tuned
 from backsight.tune.fitting import Whiteness as Whiteness
 from backsight.tune.fitting import fit as fit

@@ -234,7 +234,8 @@ def lambda_from_sensors(
     -------
     LambdaChoice
         ``table`` has ``error (lam, output)``, the root mean square error of the prediction in
-        standard deviations of the sensor. `reached` is false if the best weight is at an end.
+        standard deviations of the sensor, and ``as_good (lam)``. `reached` is false if the best
+        weight is at an end.
 
     Raises
     ------
@@ -269,6 +270,7 @@ def lambda_from_sensors(
     worse = total - total[best]
     doubt = worse.std(axis=1) / np.sqrt(worse.shape[1])
     first = int(np.argmax(worse.mean(axis=1) <= doubt))
+    table["as_good"] = ("lam", worse.mean(axis=1) <= doubt)
     return LambdaChoice(float(grid[first]), table, first > 0 and best < points - 1)
 
 

@@ -17,10 +17,10 @@ from starlette.routing import Mount, Route
 from backsight.data.listing import FileColumns
 from backsight.errors import BacksightError, DataError, ProblemError
 from backsight.problem.reading.checking import validated
+from backsight.web.guard import OPEN, Guard
 from backsight.workbench._bench import FILES, Workbench
 from backsight.workbench._choices import METHODS, Choices
 from backsight.workbench._gallery import GALLERY
-from backsight.workbench._guard import OPEN, Guard
 from backsight.workbench._suggesting import completed, proper_names, suggested
 from backsight.workbench._writing import problem_text
 

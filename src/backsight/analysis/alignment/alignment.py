@@ -140,7 +140,12 @@ class Alignment(Printed):
         return self.likelihood[at] > WORTH and _chance(self.votes[at], self.parts) < CHANCE
 
     def _clear(self) -> bool:
-        """Whether one sample more and one less are both worse, and not by chance."""
+        """Whether one sample more and one less are both worse, and not by chance.
+
+        One with which the filter diverged tells nothing.
+        """
+        if not {-1, 1} <= set(self.shifts):
+            return False
         both = [self.shifts.index(s) for s in (-1, 1)]
         return all(_chance(1.0 - self.votes[i], self.parts) < CHANCE for i in both)
 

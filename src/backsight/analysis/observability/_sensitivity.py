@@ -10,6 +10,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import ModelError
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.models.singular import culprit
 from backsight.types import Array
 
 
@@ -43,9 +44,11 @@ def sensitivities(
     )
     finite = np.isfinite(np.vstack([before[1:], end])).all(axis=1)
     if not finite.all():
+        k = int(finite.argmin())
+        why = culprit(model, before[k, :nx], inputs[k])
         raise ModelError(
-            f"the motion of model '{model.name}' is not finite from sample {finite.argmin() + 1} "
-            "on; give another start, fewer samples or more sub-steps"
+            f"the motion of model '{model.name}' is not finite from sample {k + 1} on; "
+            + (why or "give another start, fewer samples or more sub-steps")
         )
     unit = _sizes(model.outputs, outputs)
     unit[unit == 0] = 1.0

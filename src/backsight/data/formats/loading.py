@@ -165,7 +165,7 @@ def list_contents(path: Path, request: Request, wish: str | None) -> list[Listed
 
 def _kind(path: Path, request: Request, wish: str | None) -> str:
     _check_file(path, READERS)
-    kind = ".parquet" if path.is_dir() else kind_of(path, wish, READERS)
+    kind = kind_of(path, wish, READERS)
     if request.text != TextForm(missing=request.text.missing) and kind not in TEXT:
         option = next(
             f.name
@@ -201,10 +201,8 @@ def _check_file(path: Path, known: Collection[str]) -> None:
     try:
         if not path.exists():
             raise DataError(f"there is no file '{path}'{_neighbour(path, known)}")
-        if is_bag_folder(path):
-            return
         if path.is_dir():
-            if not frames_in(path):
+            if not is_bag_folder(path) and not frames_in(path):
                 raise DataError(f"'{path}' is a folder; give a file, or a folder of Parquet parts")
         elif not path.is_file():
             raise DataError(f"'{path}' is a device or a pipe; give a file")

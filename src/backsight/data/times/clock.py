@@ -24,7 +24,7 @@ EPOCHS = {"unix_ms": (5e11, 5e12), "unix_us": (5e14, 5e15), "unix_ns": (5e17, 5e
 """Where stamps that count fractions of seconds from 1970 on lie for the dates 1985 to 2128."""
 
 
-def counted(values: Any) -> str | None:
+def epoch_form(values: Any) -> str | None:
     """The `NUMERIC` form of numbers that can only be fractions of seconds since 1970, or None.
 
     As seconds they would be the year 17 000 and later.

@@ -89,6 +89,11 @@ def write_c99(
     )
 
 
+def size_of(name: str, argument: str) -> str:
+    """Name of the macro that has the size of an argument."""
+    return f"{name}_{argument}_SIZE".upper()
+
+
 def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
     name, kind = to.name, to.kind
     guard = f"{name.upper()}_H"
@@ -96,13 +101,9 @@ def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
     fields = [f"    {name}_real {identifier(b.name)}[{max(b.size, 1)}];" for b in working]
     if program.kernels:
         fields += [f"    {name}_real {REALS}[{max(reals, 1)}];", f"    int {INTS}[{max(ints, 1)}];"]
-    sizes = [
-        f"   {label:<8} [{b.size}]"
-        for label, b in (
-            *((b.name, b) for b in to.data(program)),
-            *zip(to.results, program.outputs, strict=True),
-        )
-    ]
+    arguments = {b.name: b.size for b in to.data(program)}
+    arguments |= {label: b.size for label, b in zip(to.results, program.outputs, strict=True)}
+    sizes = [f"#define {size_of(name, label)} {size}" for label, size in arguments.items()]
     return "\n".join(
         [
             comment(to.about),
@@ -110,6 +111,9 @@ def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
             f"#define {guard}",
             "",
             f"typedef {kind.name} {name}_real;",
+            "",
+            "/* Sizes of the arguments of a step. */",
+            *sizes,
             "",
             "/* Everything that is kept from sample to sample. */",
             "typedef struct {",
@@ -125,8 +129,7 @@ def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
             f"{to.init};",
             "",
             *settings_struct(to),
-            "/* Process one sample. Sizes of the arguments:",
-            *sizes,
+            "/* Process one sample; for the sizes of the arguments see above.",
             "   Symmetric matrices are lower triangles, column by column. */",
             f"{to.step(program)};",
             "",

@@ -31,7 +31,7 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import seen_outputs, within_bounds
+from backsight.estimators.parts.substeps import seen_outputs, settled
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
@@ -98,8 +98,7 @@ class EKF(AbstractEstimator):
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
     looks_back: ClassVar[bool] = True
-    varies_noise: ClassVar[bool] = True
-    varies_sensors: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q", "R")
 
     noise: Noise
     prior: Prior
@@ -241,16 +240,3 @@ def _looked(s: Setting, x: Term, u: Term, y: Term, mask: Term) -> tuple[ca.MX, c
         lambda y, expected, mask: {"e": measured(mask) * (y - expected)},
     )
     return missed(y, y_prior, mask), H
-
-
-def settled(s: Setting) -> ca.Function:
-    """State within its bounds, and flags: ``(x, variances, of the innovation) -> (x, flags)``."""
-
-    def formula(x: ca.SX, variance: ca.SX, y: ca.SX) -> Results:
-        inside = within_bounds(s, x)
-        clipped = ca.if_else(ca.norm_1(inside - x) > 0, 1, 0)
-        definite = ca.mmin(ca.vertcat(variance, y)) >= 0
-        flags = Flags(clipped=clipped, not_positive_definite=ca.if_else(definite, 0, 1))
-        return {"x_inside": inside, "flags": flags.vector()}
-
-    return leaf("settled", {**notation(s), "variance": s.model.nx}, formula)

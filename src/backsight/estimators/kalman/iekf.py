@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import casadi as ca
 
-from backsight.algebra.factor import solve_spd
+from backsight.algebra.factor import smallest_pivot, solve_spd
 from backsight.algebra.update import masked
 from backsight.description import Count, NonNegative
 from backsight.discrete.runge_kutta import Integrator
@@ -28,6 +28,9 @@ from backsight.schema import Innovations
 
 UNKNOWN = 1e300
 """Cost before the first step."""
+
+NEGATIVE = -1e-10
+"""A smaller pivot of a covariance, in units of its variance, is no rounding."""
 
 ROUNDING = 1e-12
 """By how much, relatively, the cost of a step may be higher because of rounding."""
@@ -92,8 +95,7 @@ class IEKF(AbstractEstimator):
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
     looks_back: ClassVar[bool] = True
-    varies_noise: ClassVar[bool] = True
-    varies_sensors: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q", "R")
 
     noise: Noise
     prior: Prior
@@ -137,7 +139,9 @@ def _correct(s: Setting, limit: int, tolerance: float) -> ca.Function:
     # P as the EKF has it that linearises where the last step began.
     moved = _moved(s)
     _, P_post, flags = once(moved(x, P, w_last), P, *data)
-    x_post, raised = _finished(s, tolerance)(moved(x, P, w), go, flags)
+    # A linearisation far away, after an outlier, may leave P to rounding alone.
+    pivot = half("smallest_pivot", s, _pivot)(P_post)
+    x_post, raised = _finished(s, tolerance)(moved(x, P, w), go, flags, pivot)
     return ca.Function("iterated_correct", given, [x_post, P_post, raised])
 
 
@@ -217,16 +221,22 @@ def _moved(s: Setting) -> ca.Function:
     return half("moved_by_weights", s, formula, {"w": s.model.nx})
 
 
-def _finished(s: Setting, tolerance: float) -> ca.Function:
-    """Keep the bounds and say what happened: ``(x, go, flags) -> (x, flags)``."""
+def _pivot(P: Term) -> Results:
+    """Smallest pivot of a covariance; of many states the smallest variance."""
+    return {"pivot": ca.mmin(ca.diag(P)) if isinstance(P, ca.MX) else smallest_pivot(P)}
 
-    def formula(x: ca.SX, go: ca.SX, flags: ca.SX) -> Results:
-        inside = within_bounds(s, x)
+
+def _finished(s: Setting, tolerance: float) -> ca.Function:
+    """Keep the bounds and say what happened: ``(x, go, flags, pivot of P) -> (x, flags)``."""
+
+    def formula(x: ca.SX, go: ca.SX, flags: ca.SX, pivot: ca.SX) -> Results:
+        inside, known = within_bounds(s, x), Flags.of(flags)
         raised = dataclasses.replace(
-            Flags.of(flags),
+            known,
+            not_positive_definite=ca.if_else(pivot < NEGATIVE, 1, known.not_positive_definite),
             clipped=ca.if_else(ca.norm_1(inside - x) > 0, 1, 0),
             iteration_limit=go if tolerance > 0 else 0,
         )
         return {"x_inside": inside, "flags": raised.vector()}
 
-    return leaf("finished", {**notation(s), "go": 1}, formula)
+    return leaf("finished", {**notation(s), "go": 1, "pivot": 1}, formula)

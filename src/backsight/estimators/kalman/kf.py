@@ -14,7 +14,6 @@ from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman._linearised import linear_looks
-from backsight.estimators.kalman._reused_gain import filter_limit, reusing_filter
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves, wide
 from backsight.estimators.parts.covariance import Covariance, Term, congruence, matrix_product
@@ -23,6 +22,7 @@ from backsight.estimators.parts.fixed_gain import correct_with
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear, Varying, in_time
 from backsight.estimators.smoothing import passes
+from backsight.estimators.steady import filter_limit, reusing_filter
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations
@@ -88,8 +88,7 @@ class KalmanFilter(AbstractEstimator):
     title: ClassVar[str] = "Kalman filter"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
-    varies_noise: ClassVar[bool] = True
-    varies_sensors: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q", "R")
 
     noise: Noise
     prior: Prior

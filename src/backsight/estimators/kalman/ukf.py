@@ -14,9 +14,13 @@ from backsight.engine.loops import scan
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._exact_sensors import with_exact_sensors
-from backsight.estimators.kalman._sigma_pairs import Outside, Points, SigmaPoints
-from backsight.estimators.kalman._sigma_pairs import points_of as points_of
-from backsight.estimators.kalman._unscented import unscented_looks
+from backsight.estimators.kalman.sigma_points import (
+    Outside,
+    Points,
+    SigmaPoints,
+    points_of,
+    unscented_looks,
+)
 from backsight.estimators.kalman.square_root import covariance_of_factor
 from backsight.estimators.parts.covariance import Covariance, Term, scatter_and_noise
 from backsight.estimators.parts.factors import (
@@ -26,6 +30,7 @@ from backsight.estimators.parts.factors import (
     each_column,
     joint_factor,
     mean_and_deviations,
+    where_definite,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
@@ -65,7 +70,7 @@ class UKF(AbstractEstimator):
     outside : {"moved", "clipped"}
         Of sigma points outside the bounds. ``moved``: pairs are moved inside and tell the slope of
         the model; the spread is that without bounds, as in the other filters, see
-        `backsight.estimators.kalman._sigma_pairs`. ``clipped``: each is set to the bound; that
+        `backsight.estimators.kalman.sigma_points`. ``clipped``: each is set to the bound; that
         draws the mean away from it in every prediction and makes the bands too narrow there, but
         may hold parameters in place that a strongly nonlinear model would lose with a wide prior.
 
@@ -86,7 +91,7 @@ class UKF(AbstractEstimator):
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
     looks_back: ClassVar[bool] = True
-    varies_noise: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q",)
 
     noise: Noise
     prior: Prior
@@ -212,7 +217,7 @@ def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
         joint, definite = joint_factor(dY, kept.opened(spread), w, noise)
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
         x_post, flags = settle(x, KSy, Sy, e, chosen.held, definite, spread[-1])
-        L_next = ca.if_else(definite, kept.closed(L_post), spread[:-1])
+        L_next = where_definite(definite, kept.closed(L_post), spread[:-1])
         return {"x_post": x_post, "spread_post": ca.vertcat(L_next, 0), "flags": flags}
 
     return half("correct", s, formula, {"spread": kept.size})
@@ -262,7 +267,7 @@ def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Func
         mean, d = mean_and_deviations(X, w)
         added = columns_at(noise, roots, u) if roots else type(X)(ca.DM(noise))
         L, definite = deviation_factor(d, w, added)
-        L_next = ca.if_else(definite, kept.closed(L), spread[:-1])
+        L_next = where_definite(definite, kept.closed(L), spread[:-1])
         return {"x_next": inside(mean), "spread_next": ca.vertcat(L_next, 1 - definite)}
 
     gather = half("gather", s, gathered, {"spread": kept.size, "X": (s.model.nx, len(w.mean))})

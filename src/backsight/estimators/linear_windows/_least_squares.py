@@ -8,7 +8,7 @@ from backsight.engine.loops import iterate, scan
 from backsight.estimators.base import Setting
 from backsight.estimators.linear_windows._window_filter import window_filter
 from backsight.estimators.linear_windows.stacked import gains, product
-from backsight.estimators.parts.covariance import packed
+from backsight.estimators.parts.covariance import Covariance, packed
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.linear import Linear, Varying
 from backsight.estimators.varied_number import number_at
@@ -74,12 +74,20 @@ def start_of(s: Setting, arrival_weight: float) -> ca.Function:
     ``(measured, full, P, u) -> (go, diffuse, P)``
     """
     measured, full = ca.SX.sym("measured"), ca.SX.sym("full")
-    P, u = ca.SX.sym("P", len(packed(s.P0))), ca.SX.sym("u", s.model.nu)
+    u, weight = ca.SX.sym("u", s.model.nu), ca.SX(1)
     if arrival_weight == 0:
-        plan = [1 - full * measured, full, P]
+        plan = [1 - full * measured, full]
     else:
-        plan = [ca.SX(1), ca.SX(0), P / ca.if_else(full, number_at(arrival_weight, u), 1)]
-    return ca.Function("plan", [measured, full, P, u], plan)
+        plan = [ca.SX(1), ca.SX(0)]
+        weight = ca.if_else(full, number_at(arrival_weight, u), 1)
+    if not Covariance(s.model.nx).whole:
+        P = ca.SX.sym("P", len(packed(s.P0)))
+        return ca.Function("plan", [measured, full, P, u], [*plan, P / weight])
+    chosen = ca.Function("plan_of", [measured, full, u], [*plan, weight])
+    given = [ca.MX.sym(n, k) for n, k in (("m", 1), ("f", 1), ("P", len(packed(s.P0))))]
+    v = ca.MX.sym("u", s.model.nu)
+    *scalars, by = chosen(given[0], given[1], v)
+    return ca.Function("plan", [*given, v], [*scalars, given[2] / by])
 
 
 def _pass(through: ca.Function, wanted: int) -> ca.Function:

@@ -13,13 +13,18 @@ from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.triangular import compress, forward
 from backsight.algebra.update import gain, joseph, masked
 from backsight.engine.loops import scan
+from backsight.estimators.linear_windows._window_filter_dense import (
+    NEGLIGIBLE,
+    dense_absorb,
+    dense_advance,
+    dense_begin,
+    dense_solve_start,
+)
+from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.leaf import Results, Size, Symmetric, leaf, notation
 from backsight.estimators.parts.linear import Linear, Varying
 from backsight.models.lti import coefficients
 from backsight.types import Array
-
-NEGLIGIBLE = 1e-9
-"""A pivot this small beside its row says that the window does not determine the direction."""
 
 
 def window_filter(system: Linear | Varying, N: int) -> ca.Function:
@@ -35,16 +40,19 @@ def window_filter(system: Linear | Varying, N: int) -> ca.Function:
     diffuse = ca.MX.sym("diffuse")
     U, Y, M = (ca.MX.sym(n, k, N + 1) for n, k in (("U", nu), ("Y", ny), ("M", ny)))
     present = ca.MX.sym("present", 1, N + 1)
-    absorbed = _absorb(system)(
-        x, *_begin(system)(vP, diffuse), U[:, 0], Y[:, 0], M[:, 0], present[0]
-    )
+    many = Covariance(nx).whole
+    begin = dense_begin(system) if many else _begin(system)
+    absorb = dense_absorb(system) if many else _absorb(system)
+    advance = dense_advance(system) if many else _advance(system)
+    solve_start = dense_solve_start(system) if many else _solve_start(system)
+    absorbed = absorb(x, *begin(vP, diffuse), U[:, 0], Y[:, 0], M[:, 0], present[0])
     carry, _ = scan(
-        _next(system),
+        _next(absorb, advance),
         N,
         carry=list(absorbed),
         xs=[U[:, :-1], U[:, 1:], Y[:, 1:], M[:, 1:], present[:, :-1], present[:, 1:]],
     )
-    results = _solve_start(system)(*carry, diffuse, x)
+    results = solve_start(*carry, diffuse, x)
     return ca.Function("window_filter", [x, vP, diffuse, U, Y, M, present], list(results))
 
 
@@ -138,9 +146,8 @@ def _advance_varying(system: Varying) -> ca.Function:
     return ca.Function("advance", [*carry, u, v, before], list(ahead))
 
 
-def _next(system: Linear | Varying) -> ca.Function:
+def _next(absorb: ca.Function, advance: ca.Function) -> ca.Function:
     """Go on to the next sample and take it in."""
-    absorb, advance = _absorb(system), _advance(system)
     names = ("x", "P", "X", "L", "u", "v", "y", "m", "before", "here")
     sizes = [absorb.size_in(k) for k in (0, 1, 2, 3, 4, 4, 5, 6, 7, 7)]
     every = [ca.MX.sym(n, *size) for n, size in zip(names, sizes, strict=True)]

@@ -7,7 +7,6 @@ import numpy as np
 
 from backsight.algebra.symmetric import vech
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.loops import iterate
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.arrival import Arrival, Leaving
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
@@ -15,7 +14,12 @@ from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._starts import from_both_sides
 from backsight.estimators.mhe._window import linearise
-from backsight.estimators.parts.filtering import choose, data_inputs, physical, physical_innovation
+from backsight.estimators.parts.filtering import (
+    choose,
+    data_inputs,
+    physical,
+    physical_innovation,
+)
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.limits import Limits
@@ -27,6 +31,7 @@ from backsight.estimators.parts.window import (
     moved_on,
     no_window,
     queued,
+    unless_broken,
 )
 from backsight.solvers.box import GaussNewton
 from backsight.solvers.trajectory import Chain, iterated, mistaken, smoothed
@@ -204,7 +209,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
         "U": w.U, "Y": w.Y, "M": w.M, "present": w.present, "X": found["X"],
         "side": found["side"], "late": late,
     }  # fmt: skip
-    carry = _unless_broken(critical, w.memory.joined(after), w.memory.start)
+    carry = unless_broken(critical, w.memory.joined(after), w.memory.start)
 
     course = [found[k] for k in ("conflict", "limit", "open", "rejected")]
     names, infeasible, flags, P = _verdict(chain)(found["side"][:, end], *course, P, w.prior[1])
@@ -255,16 +260,6 @@ def within(s: Setting) -> ca.Function:
         return {"x": ca.if_else(stays, x, within_bounds(s, x))}
 
     return leaf("within", {**notation(s), "stays": 1}, formula)
-
-
-def _unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:
-    """The memory, or the one from before the first sample if a critical part is not finite."""
-    parts = [ca.SX.sym(f"p{k}", c.numel()) for k, c in enumerate(critical)]
-    size = ca.sum1(ca.fabs(ca.vertcat(*parts)))
-    broken = ca.Function("broken", parts, [ca.logic_not(size < np.inf)])(*critical)
-    symbols = [ca.MX.sym("go"), ca.MX.sym("carry", len(carry0)), ca.MX.sym("fresh", len(carry0))]
-    body = ca.Function("start_anew", symbols, [ca.MX(0), symbols[2]])
-    return iterate(body, 1, carry=[broken, carry], constants=[ca.MX(carry0)])[1]
 
 
 def _verdict(chain: Chain) -> ca.Function:

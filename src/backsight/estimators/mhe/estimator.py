@@ -141,8 +141,16 @@ class MHE(AbstractEstimator):
 
     @property
     def innovations(self) -> Innovations:
-        """See `AbstractEstimator.innovations`."""
-        return self.arrival.innovations
+        """See `AbstractEstimator.innovations`; a walk that the window neglects colours them."""
+        return "coloured" if self._neglects_walks() else self.arrival.innovations
+
+    def _neglects_walks(self) -> bool:
+        """Whether a state that is constant in the window may walk by the noise."""
+        walk = self.noise.sigma_w
+        if isinstance(walk, Mapping):
+            return any(walk.get(name, 0.0) > 0 for name in self.constant)
+        given = [k for k in (walk, self.noise.Q, self.noise.Qc) if k is not None]
+        return bool(self.constant) and any(np.any(k) for k in given)
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""

@@ -6,10 +6,12 @@ import numpy as np
 from backsight.algebra.factor import solve_spd
 from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine import dense
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
+from backsight.estimators.parts.covariance import Covariance, times_transposed
 from backsight.estimators.parts.leaf import Results, Symmetric, leaf, notation
-from backsight.estimators.parts.substeps import flow, substep_inputs
+from backsight.estimators.parts.substeps import flow, moved_state, seen_outputs, substep_inputs
 from backsight.estimators.varied_number import number_at
 from backsight.models.canonical.affine import moving_states
 
@@ -21,21 +23,23 @@ def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> 
     response; rows of states that are constant in the model are known and not computed.
     """
     nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
-    moving = moving_states(s.model)
+    many = Covariance(nx).whole
+    moving = list(range(nx)) if many else moving_states(s.model)
     start = np.eye(nx)[moving, :]
     x, rows = ca.MX.sym("x", nx), ca.MX.sym("S", len(moving), nx)
-    cost, c, G = ca.MX.sym("J"), ca.MX.sym("c", nx), ca.MX.sym("G", nx * (nx + 1) // 2)
+    size = nx * nx if many else nx * (nx + 1) // 2
+    cost, c, G = ca.MX.sym("J"), ca.MX.sym("c", nx), ca.MX.sym("G", size)
     u, u_next = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu)
     y, mask = ca.MX.sym("y", ny), ca.MX.sym("m", ny)
-    accumulate = _accumulate(s, moving, alpha)
+    accumulate = _accumulate_dense(s, alpha) if many else _accumulate(s, moving, alpha)
+    vary = _variation_dense(s, integrator) if many else _variation(s, integrator, moving)
     added = accumulate(x, rows, cost, c, G, u, y, mask)
     if s.model.continuous:
         n = integrator.steps
         columns, held = substep_inputs(integrator, u, u_next)
-        step = _variation(s, integrator, moving, s.dt / n)
-        advanced, _ = scan(step, n, carry=[x, rows], xs=columns, constants=held)
+        advanced, _ = scan(vary, n, carry=[x, rows], xs=columns, constants=held)
     else:
-        advanced = _variation(s, integrator, moving, 1.0)(x, rows, u, u_next)
+        advanced = vary(x, rows, u, u_next)
     sample = ca.Function("sample", [x, rows, cost, c, G, u, u_next, y, mask], [*advanced, *added])
     U, Y, M = (ca.MX.sym(k, m, N + 1) for k, m in (("U", nu), ("Y", ny), ("M", ny)))
     x0 = ca.MX.sym("x0", nx)
@@ -45,10 +49,10 @@ def window_cost(s: Setting, integrator: Integrator, *, N: int, alpha: float) -> 
         carry=[x0, ca.MX(start), ca.MX(0), ca.MX.zeros(nx), ca.MX.zeros(G.numel())],
         xs=[U[:, :-1], U[:, 1:], Y[:, :-1], M[:, :-1]],
     )
-    total = accumulate(*end, U[:, N], Y[:, N], M[:, N])
-    return ca.Function(
-        "window_cost", [x0, U, Y, M], list(total), ["x", "U", "Y", "M"], ["J", "c", "G"]
-    )
+    total = list(accumulate(*end, U[:, N], Y[:, N], M[:, N]))[-3:]
+    if many:
+        total[-1] = dense.triangle(ca.reshape(total[-1], nx, nx))
+    return ca.Function("window_cost", [x0, U, Y, M], total, ["x", "U", "Y", "M"], ["J", "c", "G"])
 
 
 def _full(rows: ca.SX, moving: list[int], nx: int) -> ca.SX:
@@ -57,9 +61,45 @@ def _full(rows: ca.SX, moving: list[int], nx: int) -> ca.SX:
     return full
 
 
-def _variation(s: Setting, integrator: Integrator, moving: list[int], h: float) -> ca.Function:
+def _variation_dense(s: Setting, integrator: Integrator) -> ca.Function:
+    """`_variation` of many states; S is transposed, and all of it."""
+    nx, nu, moved = s.model.nx, s.model.nu, moved_state(s, integrator)
+    x, St = ca.MX.sym("x", nx), ca.MX.sym("S", nx, nx)
+    ua, ub = ca.MX.sym("ua", nu), ca.MX.sym("ub", nu)
+    x_next, Phi = moved(x, ua, ub)
+    return ca.Function(
+        "variation_dense", [x, St, ua, ub], [x_next, ca.densify(times_transposed(St, Phi))]
+    )
+
+
+def _accumulate_dense(s: Setting, alpha: float) -> ca.Function:
+    """`_accumulate` of many states, of which S comes transposed and G is whole."""
+    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
+    x, St = ca.MX.sym("x", nx), ca.MX.sym("S", nx, nx)
+    cost, c, G = ca.MX.sym("J"), ca.MX.sym("c", nx), ca.MX.sym("G", nx * nx)
+    u, y, mask = ca.MX.sym("u", nu), ca.MX.sym("y", ny), ca.MX.sym("mask", ny)
+    expected, H = seen_outputs(s)(x, u)
+    HS = dense.transpose(times_transposed(St, H))
+    weights, v = ca.SX.sym("mask", ny), ca.SX.sym("u", nu)
+    _, _, R = masked(ca.SX.eye(ny), ca.SX.zeros(ny), ca.SX(ca.DM(s.R)), weights)
+    noise = ca.Function("noise_seen", [weights], [ca.densify(R)])(mask)
+    factor = dense.cholesky_of(noise)
+    rows = dense.scaled_rows(ca.horzcat(y - expected, HS), mask)
+    white = dense.solve_triangular(factor, rows)
+    e, W = white[:, 0], white[:, 1:]
+    by = ca.Function("alpha", [v], [number_at(alpha, v)])(u)
+    results = [
+        cost + by * ca.dot(e, e) / 2,
+        c + by * dense.product_of(W, e, turned=(True, False)),
+        G + by * ca.vec(dense.product_of(W, W, turned=(True, False))),
+    ]
+    return ca.Function("accumulate_dense", [x, St, cost, c, G, u, y, mask], results)
+
+
+def _variation(s: Setting, integrator: Integrator, moving: list[int]) -> ca.Function:
     """One sub-step of the state and of the moving rows of its sensitivities."""
     nx, continuous = s.model.nx, s.model.continuous
+    h = s.dt / integrator.steps if continuous else 1.0
 
     def formula(x: ca.SX, rows: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
         ahead = flow(s, integrator, x, ua=ua, ub=ub, h=h) if continuous else s.model.rhs(x, ua)

@@ -97,7 +97,7 @@ class MHO(AbstractEstimator):
     title: ClassVar[str] = "Moving horizon observer"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
-    varies_noise: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q",)
     varied_settings: ClassVar[tuple[str, ...]] = ("alpha",)
 
     noise: Noise

@@ -70,8 +70,11 @@ class Covariance:
 
     def of_triangle(self) -> ca.Function:
         """Lower triangle to what is kept."""
+        if self.whole:
+            triangle = ca.MX.sym("P", self.n * (self.n + 1) // 2)
+            return ca.Function("kept", [triangle], [ca.vec(dense.unpacked(triangle, self.n))])
         P = ca.SX.sym("P", self.n * (self.n + 1) // 2)
-        return ca.Function("kept", [P], [ca.vec(unvech(P)) if self.whole else P])
+        return ca.Function("kept", [P], [P])
 
 
 def packed(P: Array) -> Array:

@@ -19,7 +19,7 @@ from backsight.algebra.factor import (
 from backsight.algebra.sigma import Weights
 from backsight.algebra.symmetric import vech
 from backsight.engine import dense
-from backsight.engine.dense import VECTOR, add_product, transpose
+from backsight.engine.dense import VECTOR
 from backsight.engine.loops import scan
 from backsight.estimators.parts.covariance import Covariance, Term, packed, times_transposed
 from backsight.types import Array
@@ -147,6 +147,11 @@ def deviation_factor(deviations: Term, w: Weights, noise: Term) -> tuple[Term, T
     return downdate_factor(compress_rows(ca.horzcat(weighted[:, 1:count], noise)), weighted[:, 0])
 
 
+def where_definite(definite: Term, new: Term, old: Term) -> Term:
+    """What is new if a factor is one of a definite matrix, which is often known beforehand."""
+    return new if definite.is_one() else ca.if_else(definite, new, old)
+
+
 def joint_factor(Y: Term, L: Term, w: Weights, noise: Term) -> tuple[Term, Term]:
     r"""Lower factor of outputs and states together, and 1 if it is definite.
 
@@ -193,19 +198,25 @@ def sigma_columns(x: Term, L: Term, spread: float) -> Term:
     """Sigma points side by side, see `backsight.algebra.sigma.sigma_points`."""
     if not isinstance(x, ca.MX):
         return sigma.sigma_points(x, L, spread)
-    ones = ca.MX.ones(x.numel(), 1)
-    return ca.horzcat(x, add_product(spread * L, x, ones), add_product(-spread * L, x, ones))
+    d, centre = ca.SX.sym("d", x.numel()), ca.SX.sym("x", x.numel())
+    pair = ca.Function("pair", [d, centre], [centre + spread * d, centre - spread * d])
+    return ca.horzcat(x, *each_column(pair, ca.densify(L), x))
 
 
 def minus(X: Term, x: Term) -> Term:
     """Columns of X minus x."""
-    if isinstance(X, ca.MX):
-        return add_product(X, -x, ca.MX.ones(X.shape[1], 1))
-    return X - x
+    if not isinstance(X, ca.MX):
+        return X - x
+    column, middle = ca.SX.sym("column", x.numel()), ca.SX.sym("x", x.numel())
+    away = ca.Function("minus", [column, middle], [column - middle])
+    return each_column(away, X, x)[0]
 
 
 def on_top(parts: Sequence[Term]) -> Term:
     """Matrices of as many columns on top of each other."""
-    if isinstance(parts[0], ca.MX):
-        return transpose(ca.horzcat(*(transpose(part) for part in parts)))
-    return ca.vertcat(*parts)
+    if not isinstance(parts[0], ca.MX):
+        return ca.vertcat(*parts)
+    columns = [ca.SX.sym("column", part.shape[0]) for part in parts]
+    stack = ca.Function("on_top", columns, [ca.vertcat(*columns)])
+    width = parts[0].shape[1]
+    return scan(stack, width, carry=[], xs=[ca.densify(part) for part in parts])[1][0]

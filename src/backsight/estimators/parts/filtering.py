@@ -218,8 +218,15 @@ def data_inputs(s: Setting) -> list[ca.MX]:
     return [ca.MX.sym(n, k) for n, k in (("u", s.model.nu), ("y", s.model.ny), ("m", s.model.ny))]
 
 
+LARGE = 256
+"""Numbers from which on a choice is a loop."""
+
+
 def choose(flag: ca.MX, then: Sequence[ca.MX], otherwise: Sequence[ca.MX]) -> list[ca.MX]:
     """Elementwise `then` where the scalar flag is not zero, else `otherwise`."""
+    if max(t.numel() for t in then) > LARGE:
+        pairs = zip(then, otherwise, strict=True)
+        return [ca.if_else(flag, ca.densify(i), ca.densify(j)) for i, j in pairs]
     shapes = [t.shape for t in then]
     c = ca.SX.sym("c")
     a, b = ([ca.SX.sym("v", *shape) for shape in shapes] for _ in range(2))

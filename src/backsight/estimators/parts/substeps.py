@@ -16,6 +16,7 @@ from backsight.discrete.steps import advanced
 from backsight.engine.dense import FEW
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import matrix_product
+from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.models.lti import output_equation, state_equation
 from backsight.types import Array
@@ -47,6 +48,19 @@ def ramp(n: int, a: ca.MX, b: ca.MX) -> list[ca.MX]:
 def within_bounds(s: Setting, x: ca.SX) -> ca.SX:
     """Set states outside their bounds to the bounds."""
     return bounds.clip(x, s.lower, s.upper)
+
+
+def settled(s: Setting) -> ca.Function:
+    """State within its bounds, and flags: ``(x, variances, of the innovation) -> (x, flags)``."""
+
+    def formula(x: ca.SX, variance: ca.SX, y: ca.SX) -> Results:
+        inside = within_bounds(s, x)
+        clipped = ca.if_else(ca.norm_1(inside - x) > 0, 1, 0)
+        definite = ca.mmin(ca.vertcat(variance, y)) >= 0
+        flags = Flags(clipped=clipped, not_positive_definite=ca.if_else(definite, 0, 1))
+        return {"x_inside": inside, "flags": flags.vector()}
+
+    return leaf("settled", {**notation(s), "variance": s.model.nx}, formula)
 
 
 def seen_outputs(s: Setting) -> ca.Function:

@@ -117,9 +117,9 @@ class RangeCondition(Condition):
         newest = float(values[-1])
         inside = low + table.hysteresis <= newest <= high - table.hysteresis
         unit = self._quantities.units[table.of]
-        value, std = float(values[worst]), float(spread[worst])
+        value, ends = float(values[worst]), float(band[worst])
         end = f"below {low:g}" if value < low else f"above {high:g}"
-        sentence = f"{table.of} is {value:.5g} ± {std:.2g} {unit}".rstrip()
+        sentence = f"{table.of} is {value:.5g} ± {ends:.2g} {unit}".rstrip()
         there = bool(beyond[worst] > 0)
         return Sighting(there, inside, f"{sentence}, {end}" if there else sentence, value)
 

@@ -6,6 +6,7 @@ import dataclasses
 import threading
 import time
 from collections.abc import Callable, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -59,19 +60,23 @@ class Inbox:
         self.lost = 0
         """Payloads for which there was no room."""
 
-    def put(self, payload: bytes) -> None:
-        """Take in a payload that arrives now."""
-        self.put_many([payload])
+    def put(self, payload: bytes) -> bool:
+        """Take in a payload that arrives now; whether there was room."""
+        return self.put_many([payload])
 
-    def put_many(self, payloads: Sequence[bytes], *, moment: float | None = None) -> None:
-        """Take in payloads that arrive together, now if no moment [s since 1970] is given."""
+    def put_many(self, payloads: Sequence[bytes], *, moment: float | None = None) -> bool:
+        """Take in payloads that arrive together, now if no moment [s since 1970] is given.
+
+        Whether there was room.
+        """
         now, size = time.time() if moment is None else moment, sum(map(len, payloads))
         with self._lock:
             if self._bytes + size > ROOM:
                 self.lost += len(payloads)
-                return
+                return False
             self._bytes += size
             self._waiting += [(now, payload) for payload in payloads]
+        return True
 
     def take(self) -> list[tuple[float, bytes]]:
         """Everything that is there."""
@@ -89,8 +94,16 @@ class LiveSource(abc.ABC):
     feed : FeedTable
     """
 
+    stamped: ClassVar[bool] = False
+    """Whether the first column is the time of the sample [s], whatever the table says."""
+    durable = False
+    """Whether it sends again what was not acknowledged."""
+
     def __init__(self, name: str, feed: FeedTable) -> None:
         self.name, self.feed = name, feed
+        self.columns = wanted_columns(feed)
+        self.taken: list[tuple[float, bytes]] = []
+        """Times of arrival and payloads of the last `take`, of one that is durable."""
         self.state = "starts"
         """What it does, in a word or two."""
         self.ended = False
@@ -179,6 +192,8 @@ class ReceivingSource(LiveSource):
         """See `LiveSource.take`."""
         taken = self.inbox.take()
         self.lost = self.inbox.lost
+        self.noted(len(taken))
+        self.taken = taken if self.durable else []
         if not taken:
             return None
         values, owner, faults = self._decode([payload for _, payload in taken])
@@ -186,6 +201,9 @@ class ReceivingSource(LiveSource):
             self.fault(found.payload, found.reason)
         arrival = np.array([moment for moment, _ in taken])[owner]
         return Batch(arrival, values) if len(values) else None
+
+    def noted(self, payloads: int) -> None:
+        """So many payloads were taken."""
 
     def stop(self) -> None:
         """See `LiveSource.stop`."""

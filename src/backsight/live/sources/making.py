@@ -5,12 +5,16 @@ from collections.abc import Callable
 import xarray as xr
 
 from backsight.errors import ProblemError
+from backsight.live.sources._mqtt import MqttSource
+from backsight.live.sources._opcua import OpcuaSource
 from backsight.live.sources._streams import SerialSource, StdinSource, TcpSource
 from backsight.live.sources._udp import UdpSource
 from backsight.live.sources.base import LiveSource
 from backsight.live.sources.replay import ReplaySource
 from backsight.problem.reading.tables import (
     FeedTable,
+    MqttFeed,
+    OpcuaFeed,
     ReplayFeed,
     SerialFeed,
     StdinFeed,
@@ -43,6 +47,10 @@ def source_of(name: str, feed: FeedTable, recording: Callable[[], xr.Dataset]) -
             return StdinSource(name, feed)
         case SerialFeed():
             return SerialSource(name, feed)
+        case MqttFeed():
+            return MqttSource(name, feed)
+        case OpcuaFeed():
+            return OpcuaSource(name, feed)
         case ReplayFeed():
             return ReplaySource(name, feed, recording)
     raise ProblemError(f"source.{name}.kind: there is nothing that receives '{feed.kind}'")

@@ -23,8 +23,11 @@ class ReplaySource(LiveSource):
         Gives the recording.
     """
 
+    stamped = True
+
     def __init__(self, name: str, feed: ReplayFeed, read: Callable[[], xr.Dataset]) -> None:
         super().__init__(name, feed)
+        self.signals: list[str] = []
         self._read, self._speed, self._next = read, feed.speed, 0
 
     def start(self) -> None:

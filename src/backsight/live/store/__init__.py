@@ -1,5 +1,7 @@
 """Where results are kept while they come."""
 
+from backsight.live.store.journal import Journal as Journal
+from backsight.live.store.journal import journaled as journaled
 from backsight.live.store.keeping import Keeper as Keeper
 from backsight.live.store.keeping import checkpoint_bytes as checkpoint_bytes
 from backsight.live.store.keeping import column_units as column_units

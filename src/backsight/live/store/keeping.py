@@ -8,6 +8,8 @@ import numpy as np
 
 from backsight.errors import OutputError
 from backsight.live.engine import Checkpoint, LiveRows
+from backsight.live.sources import LiveSource
+from backsight.live.store.journal import Journal
 from backsight.live.store.writing import LiveStore
 from backsight.models.model import Model
 from backsight.problem.reading.tables import StoreTable
@@ -94,6 +96,9 @@ class Keeper:
         self._writing: concurrent.futures.Future[None] | None = None
         self._in_work: tuple[list[LiveRows], Callable[[], None]] | None = None
         self._due = time.monotonic() + self._every
+        self.journal: Journal | None = None
+        """For payloads that are acknowledged before they are in a part."""
+        self._superfluous: list[Callable[[], None]] = []
         self.stored = self.given_up = 0
         """Samples on the disk, and such for which there was no room for too long."""
         self.failure = ""
@@ -121,8 +126,23 @@ class Keeper:
             return
         self._due = time.monotonic() + self._every
         rows, self._waiting = self._waiting, []
+        if self.journal is not None:
+            self._superfluous.append(self.journal.turn())
         self._in_work = (rows, stored())
         self._writing = self._pool.submit(self._write, rows, checkpoint())
+
+    def keep(self, source: LiveSource) -> None:
+        """Write what a source has just brought to the journal; acknowledge it when it is safe."""
+        if self.journal is None or not source.taken:
+            return
+        mark = source.mark()
+        try:
+            wait = self.journal.append(source.name, source.taken)
+        except OutputError as error:  # it is sent again, or acknowledged with the part
+            if not self.failure:
+                self._tell(str(error))
+            return
+        self._pool.submit(lambda: (wait(), source.acknowledge(mark)))
 
     def close(
         self, checkpoint: Callable[[], bytes], stored: Callable[[], Callable[[], None]]
@@ -134,6 +154,8 @@ class Keeper:
         self.tick(checkpoint, stored)
         self._pool.shutdown(wait=True)
         self._look()
+        if self.journal is not None:
+            self.journal.close()
 
     def _look(self) -> None:
         """See whether a part has been written."""
@@ -147,6 +169,9 @@ class Keeper:
                 self._tell("the store can be written again")
                 self.failure = ""
             told()
+            for remove in self._superfluous:
+                remove()
+            self._superfluous = []
             return
         if not isinstance(error, OutputError):
             raise error

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from backsight.analysis.bands import state_band
 from backsight.report._plots import line_of, sound_ones
 from backsight.report._series import Plot, Series, quantity, signal_units
 from backsight.report._theme import heading
@@ -82,6 +83,8 @@ def _state(
 
 
 def _edges(s: Series, name: str, of: _Estimated) -> tuple[Array, Array]:
+    if of is _STATES:
+        return state_band(s.result, name)
     x, std = s.signal(of.value, of.dim, name), s.signal(of.std, of.dim, name)
     return x - 3.0 * std, x + 3.0 * std
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from backsight.analysis.consistency import innovation_spectrum
-from backsight.report._plots import line_of
+from backsight.report._plots import line_of, log_ticks
 from backsight.report._series import Plot, Series, signal_units
 from backsight.report._theme import heading
 from backsight.report._traces import literal_text
@@ -33,7 +33,7 @@ def _spectrum(every: Sequence[Series], name: str) -> Plot:
     layout = {
         "annotations": [heading(literal_text(f"{name}: density of the innovations [1]"))],
         "xaxis": _AXIS,
-        "yaxis": {"type": "log", "range": span, "dtick": 1, "exponentformat": "none"},
+        "yaxis": {"type": "log", "range": span, "exponentformat": "none", **log_ticks(span)},
         "shapes": [{"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1, **_WHITE}],
     }
     label = f"spectrum of the innovations of {name}"

@@ -15,6 +15,7 @@ from backsight.models.model import Model
 from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.diagnosis._judges import Judges
+from backsight.run.diagnosis._lone_readings import lone_readings
 from backsight.run.diagnosis._readings import clipped_readings, coarse_readings, turned_readings
 from backsight.run.diagnosis._walks import Walks
 from backsight.run.diagnosis.parameters.flat import behind_kinks
@@ -64,6 +65,11 @@ def doubts_found(
     return {
         name: read
         + coarse_readings(estimator, model, recording)
+        + (
+            []
+            if estimator.innovations == "forced" or failed(results[name])
+            else lone_readings(estimator, results[name])
+        )
         + (
             []
             if large or estimator.innovations == "forced" or failed(results[name])

@@ -125,7 +125,7 @@ def output_mask(model: Model, recording: xr.Dataset) -> Array:
 
 
 def _check_unit(kind: str, name: str, given: str, wanted: str) -> None:
-    """Raise `DataError` if a signal is another number in the unit of the model, or no such thing."""
+    """Raise `DataError` if a signal has another number in the unit of the model, or none."""
     if not (given and wanted) or given == wanted or not (is_unit(given) and is_unit(wanted)):
         return
     if not convertible(given, wanted):

@@ -48,6 +48,11 @@ class Stream:
         self._stepper = stepper(recursion, engine)
         self._fresh = self.save()
 
+    def __repr__(self) -> str:
+        _, model, dt, engine, _ = self._made_of
+        names = ", ".join(s.name for s in model.states)
+        return f"Stream of {self._estimator.title}, {engine}, every {dt:g} s: {names}"
+
     def step(self, u: ByName, y: ByName, *, sigma_factor: ByName | None = None) -> dict[str, Array]:
         """Process one sample.
 

@@ -9,8 +9,17 @@ from backsight.algebra.factor import ldl, solve_spd
 from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.triangular import forward
 from backsight.description import Count, Description, NonNegative
+from backsight.engine.dense import UNROLL
 from backsight.engine.loops import iterate
 from backsight.solvers.box._box import dual_active_set
+from backsight.solvers.box._gauss_newton_dense import (
+    dense_covariance,
+    dense_held,
+    dense_hessian,
+    dense_products,
+    dense_step,
+    dense_trial,
+)
 from backsight.types import Array
 
 
@@ -121,6 +130,8 @@ def minimise(
 
 def trial(nx: int) -> ca.Function:
     """Point after a step, ``(z, d, t, x_bar, L) -> (z, x)``."""
+    if nx > UNROLL:
+        return dense_trial(nx)
     z, d, t = ca.SX.sym("z", nx), ca.SX.sym("d", nx), ca.SX.sym("t")
     x_bar, L = ca.SX.sym("x_bar", nx), _lower("L", nx)
     z_try = z + t * d
@@ -129,6 +140,8 @@ def trial(nx: int) -> ca.Function:
 
 def _hessian(nx: int) -> ca.Function:
     """Hessian I + L' G L of the whole cost in z, ``(G, L) -> A``."""
+    if nx > UNROLL:
+        return dense_hessian(nx)
     vG, L = ca.SX.sym("G", nx * (nx + 1) // 2), _lower("L", nx)
     T = ca.tril(L)
     return ca.Function("gn_hessian", [vG, L], [vech(T.T @ unvech(vG) @ T + ca.SX.eye(nx))])
@@ -136,6 +149,8 @@ def _hessian(nx: int) -> ca.Function:
 
 def _step(nx: int, bounded: list[int]) -> ca.Function:
     """Gauss-Newton step without bounds, and what the bounds need: columns V, M = Sigma_bb."""
+    if nx > UNROLL:
+        return dense_step(nx, bounded)
     z, x_bar, L = ca.SX.sym("z", nx), ca.SX.sym("x_bar", nx), _lower("L", nx)
     c, vA = ca.SX.sym("c", nx), ca.SX.sym("A", nx * (nx + 1) // 2)
     T, A = ca.tril(L), unvech(vA)
@@ -150,32 +165,56 @@ def _step(nx: int, bounded: list[int]) -> ca.Function:
 
 def _judge(nx: int, nb: int, method: GaussNewton, cost_unit: float) -> ca.Function:
     """Accept the trial point and take the step from there, or halve the step that led to it."""
-    z, d, t = ca.SX.sym("z", nx), ca.SX.sym("d", nx), ca.SX.sym("t")
-    cost, slope, count = ca.SX.sym("cost"), ca.SX.sym("slope"), ca.SX.sym("count")
-    vG, vG_try = (ca.SX.sym(n, nx * (nx + 1) // 2) for n in ("G", "G_try"))
+    many, n = nx > UNROLL, nx * (nx + 1) // 2
+    sizes = {
+        "z": nx, "d": nx, "t": 1, "cost": 1, "slope": 1, "G": n, "side": nb, "count": 1,
+        "z_try": nx, "loss": 1, "c": nx, "G_try": n, "z_free": nx, "V": (nx, nb), "lam": nb,
+        "side_try": nb, "L": (nx, nx),
+    }  # fmt: skip
+    shapes = {k: size if isinstance(size, tuple) else (size, 1) for k, size in sizes.items()}
+    k = {name: (ca.MX if many else ca.SX).sym(name, *shape) for name, shape in shapes.items()}
+    products = dense_products(k) if many else _products(k)
+    d_try, *measured = products
+    given = [k[name] for name in ("z", "d", "t", "cost", "slope", "side", "count", "z_try", "loss")]
+    decide = _decided(nx, nb, method, cost_unit)
+    accept, go, *kept = decide.call([*given, k["side_try"], d_try, *measured])
+    G = ca.if_else(accept, k["G_try"], k["G"])
+    *before, side, count, stalled = kept
+    return ca.Function("judge", list(k.values()), [go, *before, G, side, count, stalled])
+
+
+def _products(k: dict[str, ca.SX]) -> tuple[ca.SX, ...]:
+    """The step from the trial point, and L' c, L d, G L d, L (z_try - z), L z for `_decided`."""
+    T = ca.tril(k["L"])
+    d_try = k["z_free"] + k["V"] @ k["lam"] - k["z_try"]
+    Ld = T @ d_try
+    moved = T @ (k["z_try"] - k["z"])
+    return d_try, T.T @ k["c"], Ld, unvech(k["G_try"]) @ Ld, moved, T @ k["z"]
+
+
+def _decided(nx: int, nb: int, method: GaussNewton, cost_unit: float) -> ca.Function:
+    """Whether the trial point is accepted, and what `_judge` puts out but for the Hessian."""
+    z, d, z_try, d_try, Lc, Ld, GLd, moved, Lz = (
+        ca.SX.sym(n, nx) for n in ("z", "d", "z_try", "d_try", "Lc", "Ld", "GLd", "moved", "Lz")
+    )
+    t, cost, slope, count, loss = (ca.SX.sym(n) for n in ("t", "cost", "slope", "count", "loss"))
     side, side_try = ca.SX.sym("side", nb), ca.SX.sym("side_try", nb)
-    z_try, loss, c = ca.SX.sym("z_try", nx), ca.SX.sym("loss"), ca.SX.sym("c", nx)
-    z_free, V, lam = ca.SX.sym("z_free", nx), ca.SX.sym("V", nx, nb), ca.SX.sym("lam", nb)
-    L = _lower("L", nx)
-    T = ca.tril(L)
 
     cost_try = ca.sumsqr(z_try) / 2 + loss
     # The cost counts in units of log-likelihood, where 1e-9 means nothing; rounding of residuals
     # that are small beside the outputs may cost that much and must not reject a good step.
     accept = cost_try <= cost + 1e-4 * t * slope + 1e-9 * (1 + ca.fabs(cost))
-    d_try = z_free + V @ lam - z_try
-    slope_try = ca.dot(z_try - T.T @ c, d_try)
-    Ld = T @ d_try
-    length = ca.sumsqr(d_try) + ca.dot(Ld, unvech(vG_try) @ Ld)
+    slope_try = ca.dot(z_try - Lc, d_try)
+    length = ca.sumsqr(d_try) + ca.dot(Ld, GLd)
     done = length < method.tolerance**2
     stop = ca.SX(0)
     if method.cost_tolerance is not None:
         before, now = 2 * cost_unit * cost, 2 * cost_unit * cost_try
         stop = ca.logic_or(stop, ca.fabs(before - now) < method.cost_tolerance * (1 + before))
     if method.step_tolerance is not None:
-        moved, size = ca.norm_2(T @ (z_try - z)), 1 + ca.norm_2(T @ z)
-        stop = ca.logic_or(stop, ca.logic_and(count > 0, moved < method.step_tolerance * size))
-    d_try = ca.if_else(stop, 0, d_try)
+        far = ca.norm_2(moved) < method.step_tolerance * (1 + ca.norm_2(Lz))
+        stop = ca.logic_or(stop, ca.logic_and(count > 0, far))
+    d_next = ca.if_else(stop, 0, d_try)
     done = ca.logic_or(done, stop)
 
     halved = t / 2
@@ -184,23 +223,20 @@ def _judge(nx: int, nb: int, method: GaussNewton, cost_unit: float) -> ca.Functi
     # A step that nobody will evaluate is taken only where the number of steps is fixed.
     last = ca.logic_and(go, count + 1 >= method.max_iterations)
     held = ca.logic_or(stalled, last) if method.tolerance > 0 else stalled
-    outputs = [
+    results = [
+        accept,
         go,
         ca.if_else(accept, z_try, z),
-        ca.if_else(accept, d_try, d),
+        ca.if_else(accept, d_next, d),
         ca.if_else(held, 0, ca.if_else(accept, 1, halved)),
         ca.if_else(accept, cost_try, cost),
         ca.if_else(accept, slope_try, slope),
-        ca.if_else(accept, vG_try, vG),
         ca.if_else(accept, side_try, side),
         count + 1,
         stalled,
     ]
-    inputs = [
-        z, d, t, cost, slope, vG, side, count,
-        z_try, loss, c, vG_try, z_free, V, lam, side_try, L,
-    ]  # fmt: skip
-    return ca.Function("judge", inputs, outputs)
+    given = [z, d, t, cost, slope, side, count, z_try, loss, side_try]
+    return ca.Function("decided", [*given, d_try, Lc, Ld, GLd, moved, Lz], results)
 
 
 def finish(nx: int, bounded: list[int], lower: Array, upper: Array) -> ca.Function:
@@ -222,6 +258,8 @@ def finish(nx: int, bounded: list[int], lower: Array, upper: Array) -> ca.Functi
 
 def _covariance(nx: int) -> ca.Function:
     """Covariance L A^-1 L' of x, ``(A, L) -> Sigma``."""
+    if nx > UNROLL:
+        return dense_covariance(nx)
     vA, L = ca.SX.sym("A", nx * (nx + 1) // 2), _lower("L", nx)
     C, D = ldl(unvech(vA))
     W = ca.horzcat(*(forward(C, column) for column in ca.horzsplit(ca.tril(L).T)))
@@ -230,6 +268,8 @@ def _covariance(nx: int) -> ca.Function:
 
 def _held(nx: int, bounded: list[int]) -> ca.Function:
     """Covariance when the states at a bound are held there, ``(Sigma, side) -> Sigma``."""
+    if nx > UNROLL:
+        return dense_held(nx, bounded)
     vSigma, side = ca.SX.sym("Sigma", nx * (nx + 1) // 2), ca.SX.sym("side", len(bounded))
     Sigma, D = unvech(vSigma), ca.diag(side**2)
     free = ca.SX.eye(len(bounded)) - D

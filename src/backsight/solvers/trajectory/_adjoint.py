@@ -2,6 +2,7 @@
 
 import casadi as ca
 
+from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
 from backsight.solvers.trajectory.chain import VIOLATED, Chain, Stage, constant, naming
 
@@ -46,7 +47,8 @@ def _backward(chain: Chain) -> ca.Function:
     K, K_y = ca.reshape(past["K"], nx, chain.n), ca.reshape(past["K_y"], nx, chain.ny)
     A, H, F = ca.SX(chain.A, z.A), ca.SX(chain.H, z.H), ca.SX(chain.F, z.F)
     # Given the whole window the mean is x = d + P lam, with lam after the sample's updates.
-    x = d + chain.matrix(vP) @ lam
+    moved = ca.SX.sym("moved", nx) if chain.dense else chain.matrix(vP) @ lam
+    x = d + moved
     left, adj = residual, lam
     # Before an update with gain K and innovation nu0 the adjoint is lam + a (nu0 - K' lam): the
     # last output first, then the limits on the state.
@@ -70,11 +72,17 @@ def _backward(chain: Chain) -> ca.Function:
     side, change = _sides(chain, z, nu, g, value, enter)
     broken = _broken(chain, z, value)
     back = ca.densify(F.T @ adj)
-    return ca.Function(
-        "backward",
-        [lam, wrong, residual, *past.values(), *z.symbols, enter],
-        [back, wrong + change, left, x, eta, nu, side, value, broken],
-    )
+    results = [back, wrong + change, left, x, eta, nu, side, value, broken]
+    inputs = [lam, wrong, residual, *past.values(), *z.symbols, enter]
+    if not chain.dense:
+        return ca.Function("backward", inputs, results)
+    at = 3 + list(past).index("P")
+    inputs[at] = moved
+    leaf = ca.Function("backward_leaf", inputs, results)
+    given = [ca.MX.sym("i", *k.shape) for k in inputs]
+    given[at] = ca.MX.sym("P", chain.size_P)
+    product = product_of(ca.reshape(given[at], nx, nx), given[0])
+    return ca.Function("backward", given, leaf.call([*given[:at], product, *given[at + 1 :]]))
 
 
 def _sides(

@@ -2,6 +2,7 @@
 
 import casadi as ca
 
+from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
 from backsight.solvers.trajectory.chain import Chain, constant
 
@@ -30,23 +31,24 @@ def merit(chain: Chain, proximal: bool) -> ca.Function:
 
 
 def _of_start(chain: Chain, proximal: bool) -> ca.Function:
+    """``(offset, P, free, eta, eta_next) -> (J, slope, defects)`` of the first sample."""
     nx = chain.nx
-    offset, vP, free = (
-        ca.SX.sym("offset", nx),
-        ca.SX.sym("P", chain.size_P),
-        ca.SX.sym("free"),
-    )
-    eta, eta_next = ca.SX.sym("eta", nx), ca.SX.sym("eta_next", nx)
-    moved = chain.matrix(vP) @ eta
-    J, slope, defects = (
+    sizes = {"offset": nx, "moved": nx, "free": 1, "eta": nx, "eta_next": nx}
+    offset, moved, free, eta, eta_next = symbols = [ca.SX.sym(k, n) for k, n in sizes.items()]
+    results = [
         ca.dot(eta, moved) / 2,
         ca.dot(moved, eta_next - eta),
         ca.vertcat(ca.fabs(offset + moved), ca.SX.zeros(chain.n)),
-    )
-    results = [J, slope, defects]
+    ]
     if proximal:
         results = [ca.if_else(free, 0, r) for r in results]
-    return ca.Function("merit_of_start", [offset, vP, free, eta, eta_next], results)
+    terms = ca.Function("merit_of_first", symbols, results)
+    kind = ca.MX if chain.dense else ca.SX
+    sizes = {"offset": nx, "P": chain.size_P, "free": 1, "eta": nx, "eta_next": nx}
+    given = [kind.sym(k, n) for k, n in sizes.items()]
+    at, P, unknown, now, after = given
+    product = product_of(ca.reshape(P, nx, nx), now) if chain.dense else chain.matrix(P) @ now
+    return ca.Function("merit_of_start", given, terms.call([at, product, unknown, now, after]))
 
 
 def _of_sample(chain: Chain) -> ca.Function:

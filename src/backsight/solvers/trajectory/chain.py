@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.symmetric import unvech, vech
-from backsight.engine.dense import UNROLL
+from backsight.engine.dense import UNROLL, triangle, unpacked
 from backsight.types import Array
 
 VIOLATED = 1e4
@@ -107,13 +107,21 @@ class Chain:
 
     def triangle(self) -> ca.Function:
         """From a stored covariance to its lower triangle."""
+        if self.dense:
+            stored = ca.MX.sym("P", self.size_P)
+            return ca.Function(
+                "triangle", [stored], [triangle(ca.reshape(stored, self.nx, self.nx))]
+            )
         P = ca.SX.sym("P", self.size_P)
         return ca.Function("triangle", [P], [vech(self.matrix(P))])
 
     def whole(self) -> ca.Function:
         """From the lower triangle of a covariance to how it is stored."""
+        if self.dense:
+            given = ca.MX.sym("P", self.nx * (self.nx + 1) // 2)
+            return ca.Function("whole", [given], [ca.vec(unpacked(given, self.nx))])
         P = ca.SX.sym("P", self.nx * (self.nx + 1) // 2)
-        return ca.Function("whole", [P], [ca.vec(unvech(P)) if self.dense else P])
+        return ca.Function("whole", [P], [P])
 
     def window(self) -> list[ca.MX]:
         """Symbols of the first sample's mean and covariance and of the description of all."""

@@ -5,6 +5,7 @@ from backsight.tune.fitting.criteria import AbstractCriterion as AbstractCriteri
 from backsight.tune.fitting.criteria import Likelihood as Likelihood
 from backsight.tune.fitting.criteria import MultiStep as MultiStep
 from backsight.tune.fitting.criteria import Prediction as Prediction
+from backsight.tune.fitting.criteria import Simulation as Simulation
 from backsight.tune.fitting.criteria import Whiteness as Whiteness
 from backsight.tune.fitting.tuned import HeldOut as HeldOut
 from backsight.tune.fitting.tuned import Tuned as Tuned

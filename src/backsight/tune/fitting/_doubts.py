@@ -120,10 +120,13 @@ def doubts_of_search(best: Optimum, worse: Sequence[float], passes: float) -> li
     return found
 
 
-def doubts_of_halves(held_out: HeldOut, count: int) -> list[str]:
-    """Sentences on how the values of one half do in the other."""
+def doubts_of_halves(held_out: HeldOut, count: int, *, inflated: float = 1.0) -> list[str]:
+    """Sentences on how the values of one half do in the other.
+
+    Of errors that follow from each other, chance is `inflated` by as much as variances are.
+    """
     loss = held_out.first_half - held_out.everything
-    if loss > DIFFERENT + 3 * count:
+    if loss > (DIFFERENT + 3 * count) * inflated:
         return [
             "the two halves of the recording want different values: those of the first predict "
             f"the second {significant(loss, 3)} worse than those of both"

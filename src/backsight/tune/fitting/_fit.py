@@ -14,6 +14,7 @@ from backsight.models.model import Model
 from backsight.run.estimation import check_window, match
 from backsight.tune.fitting._descent import Search
 from backsight.tune.fitting._tuning import Tuning
+from backsight.tune.fitting._weight import tuned_weight
 from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood, MultiStep
 from backsight.tune.fitting.runners import Data
 from backsight.tune.fitting.tuned import Tuned
@@ -86,10 +87,12 @@ def fit(
 
     Notes
     -----
-    Noise and prior of Kalman filters, `sigma_y` of all estimators that weigh samples, and
-    parameters of models run in lanes. Anything else is built anew for every value, which takes as
-    long as it takes to build an estimator. Of a linear model with free parameters the filter is the
-    extended one with a Runge-Kutta method.
+    Noise and prior of Kalman filters, `sigma_y` of all estimators that weigh samples, parameters of
+    models, delays, and the settings that methods name in `varied_settings` run in lanes. Anything
+    else is built anew for every value, which takes as long as it takes to build an estimator. The
+    weight `lam` of sparse forces is found by itself, by `lambda_from_sensors`, or
+    `lambda_from_whiteness` if there is one sensor. Of a linear model with free parameters the
+    filter is the extended one with a Runge-Kutta method.
 
     References
     ----------
@@ -110,6 +113,8 @@ def fit(
     if not given:
         raise DataError("there is no recording")
     wanted = [Free(f) if isinstance(f, str) else f for f in free]
+    if isinstance(estimator, AbstractForceEstimator) and [f.name for f in wanted] == ["lam"]:
+        return tuned_weight(estimator, model, given)
     choices = [f for f in wanted if isinstance(f, Choice)]
     unknowns: tuple[Unknown, ...] = ()
     if len(choices) < len(wanted) or not wanted:

@@ -26,7 +26,12 @@ from backsight.tune.fitting._doubts import (
 )
 from backsight.tune.fitting._halving import Candidate, Halving, candidates_of, halve
 from backsight.tune.fitting._objective import Objective, Runner, coordinates_of
-from backsight.tune.fitting.criteria import AbstractCriterion
+from backsight.tune.fitting._output_error import (
+    doubts_of_simulation,
+    simulating,
+    unknowns_of_simulation,
+)
+from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood, Simulation
 from backsight.tune.fitting.runners import (
     Data,
     LaneRunner,
@@ -122,7 +127,9 @@ class Tuning:
         halves = self._halves(objective, best) if check and names and objective.fast else None
         doubts = doubts_of(objective, best, covariance, ratio, profiles)
         doubts += doubts_of_search(best, worse, self.searching.passes)
-        doubts += doubts_of_halves(halves, len(names)) if halves else []
+        inflated = 1.0 if self.criterion.independent else float((ratio**2).max(initial=1.0))
+        doubts += doubts_of_halves(halves, len(names), inflated=inflated) if halves else []
+        doubts += self._of_simulation(unknowns, objective, best) if check else []
         ends = [
             placed(self.estimator, self.model, unknowns, objective.values(best.place, k))
             for k in range(len(self.data))
@@ -155,6 +162,25 @@ class Tuning:
             converged=best.converged,
         )
 
+    def _of_simulation(
+        self, unknowns: Sequence[Unknown], objective: Objective, best: Optimum
+    ) -> list[str]:
+        """Sentences on how a simulation with the parameters found would do."""
+        shared = all(u.per == "all" for u in unknowns)
+        bent = any(u.kind == "parameter" for u in unknowns)
+        ready = shared and bent and objective.fast and not self.criterion.simulates
+        if not ready or self.searching.exhausted or self.model.driven or self.estimator.horizon:
+            return []
+        found = placed(self.estimator, self.model, unknowns, objective.values(best.place, 0))
+        free = unknowns_of_simulation(*found, tuple(unknowns), recordings=len(self.data))
+        outliers = self.criterion.outliers if isinstance(self.criterion, Likelihood) else 0.0
+        criterion = Simulation(outliers=outliers)
+        data = tuple((u, y, mask, y, mask) for u, y, mask, *_ in self.data)
+        other = dataclasses.replace(
+            self, estimator=found[0], model=found[1], criterion=criterion, data=data
+        )
+        return doubts_of_simulation(other.objective(free))
+
     def _history(self, names: list[str], scales: Sequence[AbstractScale]) -> xr.Dataset:
         history = self.searching.history
         values = [
@@ -185,12 +211,20 @@ class Tuning:
 
     def objective(self, unknowns: Sequence[Unknown]) -> Objective:
         """Criterion and prior over all recordings."""
+        estimator = self.estimator
+        if self.criterion.simulates:
+            if any(u.kind in ("walk", "sigma_x0", "P0") or u.matrix for u in unknowns):
+                raise TuningError(
+                    "a simulation has no process noise and no prior: free parameters, start "
+                    "values and sigma_y"
+                )
+            estimator = simulating(estimator, self.model)
         known: dict[float, Runner] = {}
         for dt in self.periods:
             if dt not in known:
-                given, ahead = (self.estimator, self.model, dt), self.criterion.alone
+                given, ahead = (estimator, self.model, dt), self.criterion.alone
                 lanes = lanes_of(*given, unknowns, ahead=ahead) if unknowns else None
-                rebuilt = Rebuilt(self.estimator, self.model, tuple(unknowns), dt, ahead)
+                rebuilt = Rebuilt(estimator, self.model, tuple(unknowns), dt, ahead)
                 known[dt] = lanes or rebuilt
         runners = tuple(known[dt] for dt in self.periods)
         if any(u.late_output for u in unknowns) and not all(

@@ -8,6 +8,7 @@ from backsight.problem.reading.tables._alarms import RangeAlarm as RangeAlarm
 from backsight.problem.reading.tables._alarms import SilentAlarm as SilentAlarm
 from backsight.problem.reading.tables._alarms import StatusAlarm as StatusAlarm
 from backsight.problem.reading.tables._live import FEEDS as FEEDS
+from backsight.problem.reading.tables._live import DashboardTable as DashboardTable
 from backsight.problem.reading.tables._live import FeedTable as FeedTable
 from backsight.problem.reading.tables._live import LiveTable as LiveTable
 from backsight.problem.reading.tables._live import MessageTable as MessageTable

@@ -223,6 +223,34 @@ FEEDS: Mapping[str, type[FeedTable]] = {
 """Kind of a source to its table."""
 
 
+class DashboardTable(StrictTable):
+    """``[dashboard]``: a page in the browser that shows how it stands.
+
+    Parameters
+    ----------
+    host : str
+        Address to listen on; another one than 127.0.0.1 is seen from other computers.
+    port : int
+        0: any that is free.
+    certificate, key : str
+        Files for https, relative to the problem file.
+    token_file : str
+        File with the secret part of the address, made if it is not there; else it is new each time.
+    minutes : float
+        Time whose samples are kept in memory to be saved as a recording [min].
+    saved : str
+        Folder for saved recordings and their reports, relative to the problem file.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = pydantic.Field(default=0, ge=0, le=65535)
+    certificate: str | None = None
+    key: str | None = None
+    token_file: str | None = None
+    minutes: float = pydantic.Field(default=10.0, gt=0, le=1440)
+    saved: str = "saved"
+
+
 class StoreTable(StrictTable):
     """``[store]``: a folder of Parquet files to which results are appended.
 

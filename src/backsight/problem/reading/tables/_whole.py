@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import pydantic
 
-from backsight.problem.reading.tables._live import LiveTable, StoreTable
+from backsight.problem.reading.tables._live import DashboardTable, LiveTable, StoreTable
 from backsight.problem.reading.tables._recorded import RecordingTable
 from backsight.problem.reading.tables._strict import ShortTable, StrictTable
 from backsight.problem.reading.tables._unknowns import (
@@ -177,6 +177,8 @@ class ProblemTable(StrictTable):
         Of `backsight live`: where results are kept.
     alarm : dict
         Of `backsight live`: what is told to people.
+    dashboard : table
+        Of `backsight live`: the page in the browser.
     """
 
     title: str = ""
@@ -199,3 +201,4 @@ class ProblemTable(StrictTable):
     live: LiveTable = LiveTable()
     store: StoreTable | None = None
     alarm: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)
+    dashboard: DashboardTable | None = None

@@ -14,6 +14,7 @@ from backsight.models.model import Model
 from backsight.rounding import significant
 from backsight.run.diagnosis._free_forces import constants_and_forces
 from backsight.run.diagnosis._judges import Judges
+from backsight.run.diagnosis.parameters.identifiability import check_identifiability
 from backsight.types import Array
 
 REACH = 2.0
@@ -103,24 +104,32 @@ def _distance(model: Model, i: int, x: float, x0: float, std: float) -> float:
 def _too_narrow(
     judge: AbstractEstimator, judges: Judges, x: Array, std: Array, asked: list[int]
 ) -> list[str]:
-    """Bands far below what the recording tells at the estimate.
+    """Bands far below what the recording tells at the estimate, and what is then flat.
 
-    A filter that began far away has linearised at other values, and what it took for information
-    then is not. Begun at the estimate, with the same prior, it gathers what there is: the Fisher
-    information along the motion.
+    A filter whose estimates move linearises at one value after the other, and takes for information
+    what none of them tells: most of all along a trade-off, whose direction turns. Begun at the
+    estimate, with the same prior, and measuring what it simulates, it stays there: what it then
+    gathers is the Fisher information.
     """
     model, (_, prior) = judges.model, judge.assumed
-    start = prior.mean(model)
+    before = prior.mean(model)
+    start, ratio = before.copy(), np.ones(model.nx)
     start[asked] = x[asked]
-    again = dataclasses.replace(judge, prior=Prior(x0=start, P0=prior.covariance(model)))  # type: ignore[call-arg]
-    found = judges.result(again)
-    if found is None:
+    for i in asked:
+        if model.states[i].positive and before[i] > 0 and x[i] > 0:
+            ratio[i] = x[i] / before[i]  # the prior of a logarithm is relative
+    P0 = prior.covariance(model) * np.outer(ratio, ratio)
+    again = dataclasses.replace(judge, prior=Prior(x0=start, P0=P0))  # type: ignore[call-arg]
+    try:
+        expected = check_identifiability(again, model, judges.recording)
+    except BacksightError:
         return []
-    told = found["x_std"].values[-1]
-    return [
-        f"{model.states[i].name} is said to be known ± {significant(std[i], 2)}, but the recording "
-        f"tells ± {significant(told[i], 2)} at this value: begin nearer to it, or iterate (MHE, "
-        "MHO)"
-        for i in asked
-        if np.isfinite(told[i]) and std[i] < SHRUNK * told[i]
+    told = {band.name: band.std for band in expected.parameters}
+    names = {model.states[i].name: i for i in asked}
+    narrow = [n for n, i in names.items() if n in told and std[i] < SHRUNK * told[n]]
+    found = [
+        f"{n} is said to be known ± {significant(std[names[n]], 2)}, but the recording tells "
+        f"± {significant(told[n], 2)} at this value: begin nearer to it, or iterate (MHE, MHO)"
+        for n in narrow
     ]
+    return [*found, *expected.flat] if found else []

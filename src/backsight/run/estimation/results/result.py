@@ -24,12 +24,14 @@ from backsight.schema import (
     AGO,
     EVERY,
     INNOVATIONS,
+    LOWER,
     POSITIVE,
     RESULT_VARIABLES,
     ROLE,
     SCHEMA_VERSION,
     SIGMA_FACTOR,
     UNKNOWN,
+    UPPER,
     VIRTUAL_TRUE,
     Status,
 )
@@ -183,6 +185,12 @@ def _dataset(
         variables[SIGMA_FACTOR] = xr.Variable(
             ("time", "output"), factors.astype(outputs.dtype, copy=False)
         )
+    if "x_true" in made.recording and outputs.keeps("x_true"):
+        states = [s.name for s in made.model.states]
+        variables["x_true"] = _truth(made, "state", states, outputs)
+        if made.model.virtual is not None and "virtual" in made.coordinates:
+            signals = [s.name for s in made.model.virtual.signals]
+            variables[VIRTUAL_TRUE] = _truth(made, "virtual", signals, outputs)
     result = xr.Dataset(variables, coords=_with_time(made, outputs.every))
     if any(s.positive for s in made.model.states) and "x_std" in result:
         ends = _bands(values["x_hat"], values["x_std"], made.model)
@@ -190,10 +198,6 @@ def _dataset(
             result[name] = (("time", "state"), end, {"long_name": _long_name(name)})
     if "d_std" not in result and "P_d" in result:
         result["d_std"] = (("time", "force"), deviation(result["P_d"].values))
-    if "x_true" in made.recording and outputs.keeps("x_true"):
-        result["x_true"] = _truth(made, thin).astype(outputs.dtype)
-        if made.model.virtual is not None and "virtual" in result.dims:
-            result[VIRTUAL_TRUE] = _virtual_truth(made, thin).astype(outputs.dtype)
     return result
 
 
@@ -224,6 +228,9 @@ def coordinates(model: Model, channels: Iterable[Channel]) -> xr.Coordinates:
         "output_unit": ("output", [s.unit for s in model.outputs]),
         "input_unit": ("input", [s.unit for s in model.inputs]),
     }
+    lower, upper = ([getattr(s, end) for s in model.states] for end in ("lower", "upper"))
+    if np.isfinite([*lower, *upper]).any():
+        found |= {LOWER: ("state", lower), UPPER: ("state", upper)}
     found |= {c.dims[0]: list(c.labels) for c in channels if c.labels}
     if model.virtual is not None and "virtual" in found:
         found["virtual_unit"] = ("virtual", [s.unit for s in model.virtual.signals])
@@ -246,21 +253,16 @@ def _bands(x: Array, std: Array, model: Model) -> tuple[Array, Array]:
     return low, high
 
 
-def _truth(made: Made, thin: slice) -> xr.DataArray:
-    names = [s.name for s in made.model.states]
-    truth = made.recording["x_true"].isel(time=thin)
-    known = [n for n in names if n in truth["state"].values]
-    return truth.sel(state=known).reindex(state=names).transpose("time", "state")
-
-
-def _virtual_truth(made: Made, thin: slice) -> xr.DataArray:
-    """True values of virtual outputs, NaN where they are not known."""
-    virtual = made.model.virtual
-    names = [s.name for s in virtual.signals] if virtual is not None else []
-    truth = made.recording["x_true"].isel(time=thin)
-    known = truth.sel(state=[n for n in names if n in truth["state"].values])
-    columns = known.reindex(state=names).transpose("time", "state").values
-    return xr.DataArray(columns, dims=("time", "virtual"), coords={"time": truth["time"]})
+def _truth(made: Made, dim: str, names: Sequence[str], outputs: Outputs) -> xr.Variable:
+    """True values of states or virtual outputs, NaN where they are not known."""
+    truth = made.recording["x_true"].variable.transpose("time", "state")
+    column = {name: i for i, name in enumerate(made.recording["state"].values)}
+    values = truth.values[_every(outputs.every)]
+    found = np.full((len(values), len(names)), np.nan, dtype=outputs.dtype)
+    for i, name in enumerate(names):
+        if name in column:
+            found[:, i] = values[:, column[name]]
+    return xr.Variable(("time", dim), found, truth.attrs)
 
 
 _BITS = [bit for bit in Status if bit]

@@ -95,6 +95,8 @@ class AbstractCriterion(Description, abc.ABC):
 
     independent: ClassVar[bool] = True
     """Whether what it sums up is independent from sample to sample if everything is right."""
+    simulates: ClassVar[bool] = False
+    """Whether no measurement corrects the estimate."""
 
     def hidden(self, samples: int) -> Mask:
         """Which samples are kept from the estimator, (samples,) of bool; none by default."""

@@ -128,3 +128,25 @@ class Prediction(Likelihood):
                 f"the recording has {samples} samples; a block and what is before it {every}"
             )
         return np.arange(samples) % every >= every - self.ahead
+
+
+@dataclasses.dataclass(frozen=True)
+class Simulation(Likelihood):
+    """Likelihood of a simulation of the whole recording, which no measurement corrects.
+
+    For parameters with which the model shall simulate: there is no process noise, and the start is
+    the one that is given, or free (`x0`). `sigma_y` is then what the simulation misses. Its errors
+    follow from each other; the standard deviations of the tuned values know of that.
+
+    References
+    ----------
+    Ljung, "System Identification: Theory for the User", 1999, chapter 3.
+
+    Examples
+    --------
+    >>> bs.tune.Simulation().simulates
+    True
+    """
+
+    independent: ClassVar[bool] = False
+    simulates: ClassVar[bool] = True

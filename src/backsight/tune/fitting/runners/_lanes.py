@@ -71,16 +71,13 @@ class LaneRunner:
         """Innovations and their variances (lanes, n, ny) with every setting, piece by piece."""
         from backsight.engine.lanes import run_many  # brings the compiler along
 
-        carries = [self._start(values) for values in settings]
-        # Programs of one lane and of many are two: a lone setting runs beside itself.
-        many = carries if len(carries) > 1 else carries * 2
+        many = [self._start(values) for values in settings]
         rows = [self._rows(data, values) for values in settings]
-        rows = rows if len(rows) > 1 else rows * 2
         for first in range(0, len(data[0]), CHUNK):
             part = [[a[first : first + CHUNK] for a in lane] for lane in rows]
             outcome = run_many(self.recursion, part, carries=many, threads=1)
             many = [carry for carry, _ in outcome]
-            outputs = [o for _, o in outcome[: len(settings)]]
+            outputs = [o for _, o in outcome]
             yield tuple(np.stack([o[i] for o in outputs]) for i in range(2))  # type: ignore[misc]
 
     def _rows(self, data: Data, values: Mapping[str, float]) -> list[Array]:
@@ -148,7 +145,7 @@ def _able(estimator: AbstractEstimator, unknowns: Sequence[Unknown]) -> bool:
     if "walk" in kinds or words:
         if not estimator.varies_noise or noise.beyond_additive:
             return False
-        if "R" in words and not estimator.varies_sensors:
+        if "R" in words and "R" not in estimator.varies_noise:
             return False
     if kinds & {"sigma_y", "R"} and not estimator.weighs:
         return False

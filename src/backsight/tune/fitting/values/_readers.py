@@ -32,13 +32,17 @@ UNKNOWN = 50.0
 direction in which the data say nothing either."""
 
 
-def sigma_y(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
+def sensor_deviations(
+    free: Free, entry: str, estimator: AbstractEstimator, model: Model
+) -> list[Unknown]:
     """Standard deviations of the sensors."""
     sigma = np.sqrt(np.diag(estimator.assumed[0].measurement(model)))
     return _each(free, "sigma_y", entry, model.outputs, sigma)
 
 
-def sigma_w(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
+def walking_deviations(
+    free: Free, entry: str, estimator: AbstractEstimator, model: Model
+) -> list[Unknown]:
     """Steps of the states that walk."""
     noise = estimator.assumed[0]
     if noise.sigma_w is None:
@@ -47,7 +51,9 @@ def sigma_w(free: Free, entry: str, estimator: AbstractEstimator, model: Model) 
     return _each(free, "walk", entry, model.states, sigma)
 
 
-def sigma_x0(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
+def prior_deviations(
+    free: Free, entry: str, estimator: AbstractEstimator, model: Model
+) -> list[Unknown]:
     """Standard deviations of the prior."""
     sigma = np.sqrt(np.diag(estimator.assumed[1].covariance(model)))
     return _each(free, "sigma_x0", entry, model.states, sigma)
@@ -69,7 +75,9 @@ def _each(
     ]
 
 
-def x0(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
+def start_values(
+    free: Free, entry: str, estimator: AbstractEstimator, model: Model
+) -> list[Unknown]:
     """Start values."""
     prior = estimator.assumed[1]
     mean, sigma = prior.mean(model), np.sqrt(np.diag(prior.covariance(model)))
@@ -90,7 +98,9 @@ def x0(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> li
     return found
 
 
-def factor(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
+def whole_factor(
+    free: Free, entry: str, estimator: AbstractEstimator, model: Model
+) -> list[Unknown]:
     """A factor of all of `R` or `P0`."""
     del estimator, model
     if entry:
@@ -99,7 +109,7 @@ def factor(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -
     return [_positive(free, kind, free.name, free.name, 1.0, LOOSE)]
 
 
-def walk(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
+def walk_entry(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
     """`Q` or `Qc`: a factor, or one entry of the diagonal."""
     noise, (group, _, _) = estimator.assumed[0], free.name.partition(".")
     given = noise.stated_density(model) if group == "Qc" else noise.stated_process(model)
@@ -116,7 +126,7 @@ def walk(free: Free, entry: str, estimator: AbstractEstimator, model: Model) -> 
     return [_positive(free, "walk", free.name, free.name, float(given[i, i]), LOOSE**2)]
 
 
-def matrix(free: Free, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
+def matrix_entries(free: Free, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
     """Variances and correlations of a covariance with a structure."""
     noise = estimator.assumed[0]
     if free.name == "R":
@@ -138,7 +148,7 @@ def matrix(free: Free, estimator: AbstractEstimator, model: Model) -> list[Unkno
     return found
 
 
-def delay(free: Free, entry: str, model: Model) -> Unknown:
+def channel_delay(free: Free, entry: str, model: Model) -> Unknown:
     """By how much the samples of a channel come late."""
     inputs, outputs = ([s.name for s in k] for k in (model.inputs, model.outputs))
     if entry not in (*inputs, *outputs):
@@ -160,7 +170,7 @@ def delay(free: Free, entry: str, model: Model) -> Unknown:
     return Unknown(free.name, "delay", f"{kind}.{entry}", scale, 1.0, free.per, "s")
 
 
-def parameter(free: Free, model: Model) -> Unknown:
+def model_parameter(free: Free, model: Model) -> Unknown:
     """A parameter of the model that is no state."""
     s = next(s for s in model.parameters if s.name == free.name)
     if not s.lower < s.value < s.upper:
@@ -189,7 +199,7 @@ def _positive(
     return Unknown(name, kind, entry, LogScale(start), spread, free.per, unit)
 
 
-def setting(free: Free, estimator: AbstractEstimator) -> Unknown:
+def estimator_setting(free: Free, estimator: AbstractEstimator) -> Unknown:
     """A number among the settings, within the range of its field."""
     start, (lower, upper) = number_at(estimator, free.name), range_at(estimator, free.name)
     if isinstance(start, int):

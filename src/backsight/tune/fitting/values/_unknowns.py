@@ -53,11 +53,17 @@ def _refuse_overlaps(found: Sequence[Unknown]) -> None:
 def _resolved(free: Free, estimator: AbstractEstimator, model: Model) -> list[Unknown]:
     group, _, entry = free.name.partition(".")
     readers = {
-        "sigma_y": read.sigma_y, "sigma_w": read.sigma_w, "sigma_x0": read.sigma_x0,
-        "x0": read.x0, "R": read.factor, "P0": read.factor, "Q": read.walk, "Qc": read.walk,
-    }  # fmt: skip
+        "sigma_y": read.sensor_deviations,
+        "sigma_w": read.walking_deviations,
+        "sigma_x0": read.prior_deviations,
+        "x0": read.start_values,
+        "R": read.whole_factor,
+        "P0": read.whole_factor,
+        "Q": read.walk_entry,
+        "Qc": read.walk_entry,
+    }
     if free.structure != "scale":
-        return read.matrix(free, estimator, model)
+        return read.matrix_entries(free, estimator, model)
     if group in readers:
         estimator.assumed  # noqa: B018 - raises if it has none
         return readers[group](free, entry, estimator, model)
@@ -68,15 +74,15 @@ def _resolved(free: Free, estimator: AbstractEstimator, model: Model) -> list[Un
             f"'{free.name}' is a parameter of the model and a setting of the estimator; rename it"
         )
     if free.name in parameters:
-        return [read.parameter(free, model)]
+        return [read.model_parameter(free, model)]
     if isinstance(estimator, AbstractForceEstimator) and free.name in ("lam", "threshold"):
         raise TuningError(
-            f"'{free.name}' decides how many forces there are, which no likelihood can: use "
-            "lambda_from_noise, lambda_from_whiteness or lambda_from_sensors, and propose_threshold"
+            f"'{free.name}' decides how many forces there are, which no likelihood can say: free "
+            "lam alone, or take one of the ways in bs.tune that begin with lambda_from"
         )
     if free.name in settings:
-        return [read.setting(free, estimator)]
+        return [read.estimator_setting(free, estimator)]
     if group == "delay":
-        return [read.delay(free, entry, model)]
+        return [read.channel_delay(free, entry, model)]
     known = [*readers, "delay", *parameters, *settings]
     raise TuningError(f"'{free.name}' cannot be free: {nearest(free.name, known)}")

@@ -10,7 +10,6 @@ from backsight.discrete.riccati import riccati_limit
 from backsight.engine.dense import gain_of, transpose, triangle
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
-from backsight.estimators.kalman.ekf import settled
 from backsight.estimators.parts.covariance import (
     Covariance,
     congruence,
@@ -22,8 +21,9 @@ from backsight.estimators.parts.filtering import PriorMemory, data_inputs, estim
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.linear import Linear
 from backsight.estimators.parts.memory import Memory, diagonal_of_triangle
-from backsight.estimators.parts.substeps import few_entries, moved_state, seen_outputs
-from backsight.estimators.steady import SteadyState, kept_or_new, kept_parts, reused, steady_state
+from backsight.estimators.parts.substeps import few_entries, moved_state, seen_outputs, settled
+from backsight.estimators.steady.reuse import kept_or_new, kept_parts, reused
+from backsight.estimators.steady.state import SteadyState, steady_state
 from backsight.types import Array
 
 

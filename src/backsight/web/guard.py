@@ -1,4 +1,4 @@
-"""Who may speak to a page of this computer: whoever knows the token, by the right name.
+"""Who may speak to a page that is served here: whoever knows the token, by the right name.
 
 A page of the web can send requests to 127.0.0.1, and by a name of its own that leads there it may
 read the answers (DNS rebinding). Neither knows the token, which is part of every address; cookies
@@ -30,12 +30,21 @@ class Guard:
     app : ASGIApp
         Whose addresses all begin with ``/TOKEN/`` or with `OPEN`.
     token : str
-    hosts : collection of str
-        Names with port under which the page may be asked for.
+    hosts : collection of str, optional
+        Names with port under which the page may be asked for; any if not given.
+    command : str
+        What printed the address.
     """
 
-    def __init__(self, app: ASGIApp, *, token: str, hosts: Collection[str]) -> None:
-        self.app, self.token, self.hosts = app, token, hosts
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        token: str,
+        hosts: Collection[str] | None,
+        command: str = "backsight open",
+    ) -> None:
+        self.app, self.token, self.hosts, self.command = app, token, hosts, command
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, see ASGI."""
@@ -43,14 +52,14 @@ class Guard:
             return
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
-        if host not in self.hosts:
+        if self.hosts is not None and host not in self.hosts:
             refusal = "this name does not lead here"
-        elif origin not in (None, "null", f"http://{host}") or (
+        elif origin not in (None, "null", f"{scope.get('scheme', 'http')}://{host}") or (
             origin == "null" and scope["method"] not in ("GET", "HEAD")
         ):
             refusal = "another page must not ask"
         elif not self._knows(scope["path"]):
-            refusal = "open the address that backsight open has printed"
+            refusal = f"open the address that {self.command} has printed"
         else:
             await self.app(scope, receive, _protected(send, scope["path"]))
             return

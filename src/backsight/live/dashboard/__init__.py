@@ -1,0 +1,4 @@
+"""A page in the browser that shows a run: curves, a verdict, alarms, sources."""
+
+from backsight.live.dashboard._board import Board as Board
+from backsight.live.dashboard.serving import served_board as served_board
