@@ -19,7 +19,7 @@ import numpy as np
 
 from backsight.engine.parallel import cores
 
-DT, DISTINCT, AT_ONCE = 0.01, 50, 64
+DT, DISTINCT, AT_ONCE = 0.01, 8, 64
 
 PROBLEM = """\
 recording = { path = "none.npy", time = "t", inputs.u = "force", outputs.y = "place" }
