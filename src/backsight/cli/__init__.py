@@ -17,6 +17,7 @@ from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.cli._exporting import export
 from backsight.cli._fleet import fleet
 from backsight.cli._options import Env, Force, Out, Outside
+from backsight.cli._parts import run_parts
 from backsight.cli._reporting import report_again
 from backsight.cli._tuning import tune
 from backsight.errors import ProblemError, nearest
@@ -72,10 +73,12 @@ def run_file(
 ) -> None:
     """Run the estimators of a problem file over its recording and compare them.
 
-    The exit code is 0 if all went well, 1 if an estimator failed (the
-    others are written), and 2 if the problem, the recording or the folder
-    is at fault and nothing is written. After an interrupt it is 130, and
-    what had finished is written.
+    A recording with a table [recording.parts] need not fit into memory; a
+    run that was interrupted goes on when it is started again. The exit
+    code is 0 if all went well, 1 if an estimator failed (the others are
+    written), and 2 if the problem, the recording or the folder is at
+    fault and nothing is written. After an interrupt it is 130, and what
+    had finished is written.
     """
     with told():
         from backsight.problem import load, run_problem
@@ -89,6 +92,9 @@ def run_file(
             advance("reading", 0.0)
             read = load(problem)
             advance("reading", 1.0)
+        if read.recording.parts is not None:
+            return run_parts(read, out, env or ())
+        with bar() as advance:
             results = run_problem(
                 read,
                 out,
@@ -114,6 +120,7 @@ def run_file(
         raise typer.Exit(130)
     if any(failures.values()):
         raise typer.Exit(1)
+    return None
 
 
 @app.command(short_help="Say whether the recording can show what is asked for.")
@@ -177,7 +184,7 @@ def check(
 
 app.command(short_help="Find noise, prior and settings from the recording.")(tune)
 app.command(short_help="Write an estimator as C99 or FMU for a controller.")(export)
-app.command()(fleet)
+app.command(short_help="Run a problem over many recordings, with many settings.")(fleet)
 
 
 app.command("report")(report_again)

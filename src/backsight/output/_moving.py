@@ -42,11 +42,11 @@ def exchange(names: Sequence[str], part: Path, target: Path) -> None:
     for name in names:
         if os.path.lexists(target / name):
             _second_name(target / name, kept / name)
-    written(part / READY, json.dumps(list(names)))
+    note_down(part / READY, json.dumps(list(names)))
     try:
         _forward(names, part, target)
     except BaseException:
-        written(part / BACK, "")
+        note_down(part / BACK, "")
         _back(names, part, target)
         raise
 
@@ -67,7 +67,7 @@ def settle(folder: Path) -> None:
             os.close(number)
 
 
-def written(path: Path, text: str) -> None:
+def note_down(path: Path, text: str) -> None:
     """Write a file that survives a power cut from then on."""
     with path.open("w", encoding="utf-8") as file:
         file.write(text)

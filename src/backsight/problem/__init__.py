@@ -16,6 +16,9 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
                                   # start, stop, resample, grid [s]; format, axis, time_format,
                                   # missing, delimiter, decimal, thousands, encoding, header,
                                   # skip_lines]
+    [recording.parts]             # [larger than memory: read and estimated part by part]
+    samples = 1_000_000           # [variables, every, dtype: what is kept]
+
     [recording.sources.camera]    # [a further file, with all keys of [recording]]
     path = "camera.csv"
     delay = 0.012                 # [s by which its clock is late]

@@ -10,8 +10,10 @@ import xarray as xr
 from backsight.data.columns import Column
 from backsight.data.derived import convert_units
 from backsight.data.merging import merge
+from backsight.data.parts import RecordingParts, read_parts
 from backsight.data.reader import read
 from backsight.errors import ProblemError
+from backsight.models.model import Model
 from backsight.problem.problem import Problem
 from backsight.problem.reading.tables import ColumnTable, FileTable, SourceTable
 from backsight.signals import high_pass
@@ -20,6 +22,9 @@ _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 DATA = "BACKSIGHT_DATA"
 """The environment variable that every problem file may use: it holds nothing but a folder."""
+
+IN_PARTS = {"path", "source", "inputs", "outputs", "time", "dt", "format", "parts"}
+"""Keys of ``[recording]`` that a recording in parts knows."""
 
 
 def recording_of(
@@ -47,11 +52,54 @@ def recording_of(
         for where, path in paths_of(problem, env=env).items()
     ]
     recording = merge(*parts) if len(parts) > 1 else parts[0]
-    model, cutoff = problem.model, problem.recording.high_pass
+    cutoff = problem.recording.high_pass
+    found = convert_units(recording, _units(problem.model))
+    return found if cutoff is None else high_pass(found, cutoff)
+
+
+def parts_of(problem: Problem, *, env: Collection[str] = ()) -> RecordingParts:
+    """The recording of a problem in parts, as `backsight.large.read_parts` opens it.
+
+    Raises
+    ------
+    ProblemError
+        If a key asks for what needs the whole recording, or for an environment variable that is
+        not allowed.
+    DataError
+        As of `backsight.large.read_parts`.
+    """
+    table = problem.recording
+    assert table.parts is not None
+    asked = table.model_dump(exclude_unset=True)
+    for key in asked.keys() - IN_PARTS:
+        raise ProblemError(
+            f"recording.{key}: needs the whole recording, or is not known for one in parts; leave "
+            "it out, or leave out recording.parts"
+        )
+    for name, entry in {**table.inputs, **table.outputs}.items():
+        if entry.delay or entry.remove_mean or name in table.with_gaps:
+            raise ProblemError(
+                f"recording: '{name}' has a delay, gaps or a mean to be removed, which needs the "
+                "whole recording; leave it out, or leave out recording.parts"
+            )
+    model = problem.model
+    return read_parts(
+        problem.path.parent / expanded(table.path, "recording.path", env=env),
+        inputs={name: _column(entry) for name, entry in table.inputs.items()},
+        outputs={name: _column(entry) for name, entry in table.outputs.items()},
+        time=None if table.time is None else _column(table.time),
+        dt=table.dt,
+        samples=table.parts.samples,
+        format=table.format,
+        units=_units(model),
+    )
+
+
+def _units(model: Model) -> dict[str, str]:
+    """Units that signals of a recording have in the model."""
     virtual = () if model.virtual is None else model.virtual.signals
     signals = (*model.inputs, *model.outputs, *model.states, *virtual)
-    found = convert_units(recording, {s.name: s.unit for s in signals if s.unit})
-    return found if cutoff is None else high_pass(found, cutoff)
+    return {s.name: s.unit for s in signals if s.unit}
 
 
 def paths_of(problem: Problem, *, env: Collection[str] = ()) -> dict[str, Path]:

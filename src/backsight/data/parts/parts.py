@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.data.columns import Column, ColumnLike, column, columns
+from backsight.data.derived import convert_units
 from backsight.data.parts._columns import opened
 from backsight.data.reader import read
 from backsight.data.recording import Group, as_recording
@@ -43,6 +44,8 @@ class RecordingParts(Printed):
     time : Column, optional
     format : str, optional
         As of `backsight.read`.
+    units : dict
+        Signals to the units that they are converted to; those without one keep theirs.
     """
 
     files: tuple[Path, ...]
@@ -53,6 +56,7 @@ class RecordingParts(Printed):
     outputs: Mapping[str, Column]
     time: Column | None
     format: str | None
+    units: Mapping[str, str]
 
     @property
     def count(self) -> int:
@@ -77,7 +81,7 @@ class RecordingParts(Printed):
         found = self._slice(k) if self.rows else self._file(k)
         if self.stamp(k) != before:
             raise DataError(f"{before[0]} changes while it is read; wait until it is whole")
-        return found
+        return convert_units(found, self.units) if self.units else found
 
     def _file(self, k: int) -> xr.Dataset:
         return read(
@@ -126,6 +130,7 @@ def read_parts(
     dt: float | None = None,
     samples: Count = 1_000_000,
     format: str | None = None,  # noqa: A002  the word of problem files
+    units: Mapping[str, str] | None = None,
 ) -> RecordingParts:
     """Open a recording that need not fit into memory; see `backsight.large.estimate_parts`.
 
@@ -140,6 +145,8 @@ def read_parts(
         the one before ends.
     samples : int
         Samples of a part of one file.
+    units : dict, optional
+        Name of a signal to the unit that it is converted to, see `backsight.data.convert_units`.
 
     Returns
     -------
@@ -194,6 +201,7 @@ def read_parts(
         outputs=signals[1],
         time=clock,
         format=format,
+        units=dict(units or {}),
     )
 
 

@@ -156,6 +156,27 @@ class SourceTable(FileTable):
     delay: float = 0.0
 
 
+class PartsTable(StrictTable):
+    """``[recording.parts]``: a recording that need not fit into memory, part by part.
+
+    Parameters
+    ----------
+    samples : int
+        Samples of a part of one file; of a folder or a pattern every file is a part.
+    variables : list of str
+        What is kept of the results, as of `backsight.large.Outputs`; all of it if not given.
+    every : int
+        Every so many samples are kept.
+    dtype : float64 or float32
+        How numbers are stored.
+    """
+
+    samples: int = pydantic.Field(default=1_000_000, ge=2)
+    variables: list[str] | None = None
+    every: int = pydantic.Field(default=1, ge=1)
+    dtype: Literal["float64", "float32"] = "float64"
+
+
 class RecordingTable(FileTable):
     """``[recording]``: the file, and others that were recorded with it.
 
@@ -165,11 +186,14 @@ class RecordingTable(FileTable):
         Further files by names of your own.
     high_pass : float
         Corner frequency of a high-pass that is taken of inputs and outputs alike [Hz].
+    parts : table
+        Read and estimate part by part; `path` may be a folder or a pattern then.
     """
 
     outputs: dict[str, SensorColumnTable] = pydantic.Field(min_length=1)
     sources: dict[str, SourceTable] = pydantic.Field(default_factory=dict)
     high_pass: float | None = None
+    parts: PartsTable | None = None
 
     @property
     def gaps(self) -> dict[str, GapsTable]:
