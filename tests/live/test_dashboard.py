@@ -183,7 +183,7 @@ def test_the_page_shows_what_is_published(tmp_path, samples):
                 == len(board.described()["series"]) - 1
             )  # the prediction is drawn with what was measured
             page.click("#alarms button")
-            page.wait("!document.querySelector('#alarms button')")
+            page.wait("document.querySelector('#alarms button').hidden")
             assert live.session.alarms.alarms["stiff"].acknowledged
             for number, (width, dark) in enumerate([(1400, False), (1400, True), (400, False)]):
                 page.size(width, 900, dark=dark)

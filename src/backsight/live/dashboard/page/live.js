@@ -127,19 +127,27 @@ function values(frame) {
   }
 }
 
+// What can be clicked stays the same element: a press and its release may have a frame between them.
+const entries = new Map();
+
+function alarmEntry(name) {
+  const entry = { item: element("li"), text: element("span"), button: element("button", "Acknowledge") };
+  entry.button.type = "button";
+  entry.button.onclick = () => ask("acknowledge", { name }).catch((e) => told(e.message));
+  entry.item.append(entry.text, entry.button);
+  by("alarms").querySelector("ul").append(entry.item);
+  entries.set(name, entry);
+  return entry;
+}
+
 function alarms(frame) {
   by("alarms").hidden = frame.alarms.length === 0;
-  const list = by("alarms").querySelector("ul");
-  list.replaceChildren(...frame.alarms.map((a) => {
-    const item = element("li", `${a.name}: ${a.raised ? a.sentence : a.acknowledged ? "quiet" : `was raised: ${a.sentence}`}`, a.raised ? "raised" : "");
-    if (!a.acknowledged) {
-      const button = element("button", "Acknowledge");
-      button.type = "button";
-      button.onclick = () => ask("acknowledge", { name: a.name }).catch((e) => told(e.message));
-      item.append(button);
-    }
-    return item;
-  }));
+  for (const a of frame.alarms) {
+    const entry = entries.get(a.name) || alarmEntry(a.name);
+    entry.text.textContent = `${a.name}: ${a.raised ? a.sentence : a.acknowledged ? "quiet" : `was raised: ${a.sentence}`}`;
+    entry.item.className = a.raised ? "raised" : "";
+    entry.button.hidden = a.acknowledged;
+  }
 }
 
 function sources(frame) {
@@ -155,7 +163,12 @@ function sources(frame) {
   }));
 }
 
+let savedBefore = "";
+
 function saved(frame) {
+  const now = JSON.stringify(frame.saved);
+  if (now === savedBefore) return;
+  savedBefore = now;
   by("saved").replaceChildren(...frame.saved.map((s) => {
     const item = element("li", `${s.name}: `);
     if (s.report) {
