@@ -183,7 +183,7 @@ def workers_of(
                 local(
                     n_workers=number or cores(),
                     threads_per_worker=1,
-                    dashboard_address=None,
+                    dashboard_address="127.0.0.1:0",  # a port that is free, for this computer
                     silence_logs=logging.CRITICAL,
                 )
             ).scheduler_address
