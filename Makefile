@@ -9,12 +9,15 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 OUT ?= out
 KERNELS := $(wildcard src/backsight/kernels/*.[ch] src/backsight/kernels/*/*.[ch])
 
-.PHONY: setup demo test test-all fast-tests all-tests wheel-test lint bench docs clean
+.PHONY: setup demo live test test-all fast-tests all-tests wheel-test lint bench docs clean
 
 setup: $(VENV)/.dev
 
 demo: $(VENV)/.base
 	$(BIN)/backsight run examples/stage/problem.toml --out $(OUT)/demo
+
+live: $(VENV)/.live
+	$(BIN)/python examples/live/run.py
 
 # Types are checked on one core at most, which would leave the other idle: tests begin meanwhile.
 test: $(VENV)/.dev
@@ -56,6 +59,10 @@ $(VENV)/.base: $(VENV)/bin/python pyproject.toml setup.py constraints.txt $(KERN
 
 $(VENV)/.dev: $(VENV)/.base studies/pyproject.toml
 	$(PIP) --editable '.[dev]' --editable ./studies
+	@touch $@
+
+$(VENV)/.live: $(VENV)/.base
+	$(PIP) --editable '.[live]'
 	@touch $@
 
 $(VENV)/.wheel: $(VENV)/.base

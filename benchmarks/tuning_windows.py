@@ -19,7 +19,7 @@ import backsight as bs
 from backsight.engine.lanes import run_many
 from backsight.engine.recursion import Recursion
 from backsight.run.estimation import match
-from backsight.tune.fitting.runners import widened
+from backsight.tune.fitting.runners import opened_to_inputs
 from backsight.tune.fitting.values import unknowns_of
 from backsight.types import Array
 
@@ -135,7 +135,7 @@ def errors(model: bs.Model, recording: xr.Dataset, k: Array) -> dict[tuple[float
 def _program(N: int) -> Recursion:
     """The observer with its weight as an input, so that one program serves all."""
     given, model = observer(1.0, N), joint()
-    wide = widened(given, model, DT, unknowns_of([bs.tune.Free("alpha")], given, model))
+    wide = opened_to_inputs(given, model, DT, unknowns_of([bs.tune.Free("alpha")], given, model))
     return wide.varied.compile(wide.model, DT)
 
 

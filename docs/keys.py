@@ -28,7 +28,7 @@ def page() -> str:
     tables = schema["properties"]
     parts = [HEAD, _section("The file", schema, schema)]
     for name, entry in tables.items():
-        if name in ("model", "estimators", "source", "alarm"):
+        if name in ("model", "estimators", "source", "alarm", "sink"):
             continue
         title = f"[{name}.NAME]" if name in OF_A_NAME else f"[{name}]"
         inner = entry["additionalProperties"] if name in OF_A_NAME else entry
@@ -43,7 +43,12 @@ def page() -> str:
     estimators = tables["estimators"]["additionalProperties"]
     parts += ["## `[estimators.NAME]`\n\n`kind` says which method it is.\n"]
     parts += _kinds(estimators, schema)
-    for name, about in (("source", "where samples come from"), ("alarm", "what it looks at")):
+    kinds = {
+        "source": "where samples come from",
+        "alarm": "what it looks at",
+        "sink": "where estimates go",
+    }
+    for name, about in kinds.items():
         parts += [f"## `[{name}.NAME]`\n\nOf `backsight live`; `kind` says {about}.\n"]
         parts += _kinds(tables[name]["additionalProperties"], schema)
     return "\n".join(parts)

@@ -1,12 +1,13 @@
 """A folder of files that are there together or not at all, and that replace nothing of others."""
 
+import contextlib
 import json
 import os
 import threading
+from pathlib import Path
 
 import pytest
 
-from backsight import output
 from backsight.errors import OutputError
 from backsight.output import MARKER, whole
 
@@ -198,7 +199,7 @@ def test_an_error_while_files_move_brings_the_old_ones_back(
     write(tmp_path, one="1", two="2")
     marker = (tmp_path / MARKER).read_text()
     moves = []
-    replace = output.Path.replace
+    replace = Path.replace
 
     def failing(path, target):
         moves.append(path)
@@ -209,15 +210,56 @@ def test_an_error_while_files_move_brings_the_old_ones_back(
     def no_link(*_, **__):
         raise OSError("not supported")
 
-    monkeypatch.setattr(output.Path, "replace", failing)
+    monkeypatch.setattr(Path, "replace", failing)
     if not links:
-        monkeypatch.setattr(output.os, "link", no_link)
+        monkeypatch.setattr(os, "link", no_link)
     with pytest.raises((OutputError, KeyboardInterrupt)):
         write(tmp_path, one="new", two="new", three="new")
     monkeypatch.undo()
     assert seen(tmp_path) == {"one": "1", "two": "2"}
     assert (tmp_path / MARKER).read_text() == marker
     assert len(list(tmp_path.iterdir())) == 3
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that can be killed anywhere")
+@pytest.mark.parametrize("error_at", [None, 2])
+@pytest.mark.parametrize("killed_at", range(6))
+def test_what_a_killed_process_had_begun_is_finished(tmp_path, killed_at, error_at):
+    """Killed at any move, on the way there or, after an error, on the way back."""
+    write(tmp_path, one="1", two="2")
+    child = os.fork()
+    if not child:
+        moves, replace = [], Path.replace
+
+        def cut_off(path, target):
+            if len(moves) == killed_at:
+                os._exit(9)
+            moves.append(path)
+            if len(moves) == error_at:
+                raise OSError("no space left")
+            return replace(path, target)
+
+        Path.replace = cut_off
+        with contextlib.suppress(OutputError):
+            write(tmp_path, one="new", two="new", three="new")
+        os._exit(0)
+    died = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+    assert died == (killed_at < (4 if error_at is None else 5))
+    write(tmp_path, four="4")
+    found = seen(tmp_path)
+    old, new = {"one": "1", "two": "2"}, {"one": "new", "two": "new", "three": "new"}
+    assert found in [kind | {"four": "4"} for kind in (old, new)]
+    came_back = error_at is not None and killed_at >= error_at
+    assert ("three" not in found) == came_back
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*found, MARKER])
+
+
+def test_a_process_at_work_is_left_alone(tmp_path):
+    with whole(tmp_path, names=["one"]) as folder:
+        (folder / "one").write_text("1")
+        write(tmp_path, two="2")
+        assert (folder / "one").exists()
+    assert seen(tmp_path) == {"one": "1", "two": "2"}
 
 
 def test_results_of_runs_at_once_do_not_mix(tmp_path):

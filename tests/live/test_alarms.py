@@ -40,7 +40,7 @@ def test_with_hysteresis_it_does_not_flutter(tmp_path, samples):
     for hysteresis in (0.0, 0.5):
         alarm = f'[alarm.y]\nkind = "range"\nof = "y"\nupper = 0.05\nhysteresis = {hysteresis}\n'
         with fed(tmp_path, IN_ORDER + COLUMNS + alarm) as live:
-            live.feed(map(message, swinging), at_once=5)
+            live.feed(map(message, swinging), at_once=20)
         counts.append(len(events(live)))
     assert counts[0] >= 6
     assert counts[1] == 1
@@ -54,6 +54,14 @@ def test_innovations_that_are_larger_than_believed(tmp_path, samples):
         live.feed(map(message, noisy), at_once=10)
     assert events(live)[0] == ("doubt", "raised")
     assert 5.0 <= live.session.alarms.events[0]["time"] <= 6.0
+
+
+def test_innovations_that_are_a_little_off_are_no_alarm(tmp_path, samples):
+    alarm = '[alarm.doubt]\nkind = "nis"\nover = 3.0\nlevel = 0.6\nfactor = 1.0\n'
+    for factor, expected in (("1.0", True), ("1.5", False)):
+        with fed(tmp_path, IN_ORDER + COLUMNS + alarm.replace("1.0", factor)) as live:
+            live.feed(map(message, samples), at_once=20)
+        assert bool(events(live)) == expected
 
 
 def test_a_sensor_that_is_silent_and_comes_back(tmp_path, samples):

@@ -102,6 +102,7 @@ def test_nothing_that_was_acknowledged_is_lost_by_a_kill(tmp_path, samples, expe
 
 
 @needs_broker
+@pytest.mark.slow
 def test_a_broker_that_goes_and_comes_back(tmp_path, samples, expected):
     port = free_port()
     with contextlib.ExitStack() as stack:
@@ -153,6 +154,7 @@ def test_cbor(samples):
     assert len(faults) == 2
 
 
+@pytest.mark.slow
 def test_an_opc_ua_server(tmp_path, samples):
     """Values are written with the times of the samples; each variable by itself."""
     asyncua = pytest.importorskip("asyncua")
@@ -202,7 +204,8 @@ def test_an_opc_ua_server(tmp_path, samples):
     thread.start()
     beginning.wait(20)
     assert not trouble
-    live_tables = f'[live]\ndt = {DT}\nlag = 10.0\n[source.rig]\nkind = "opcua"\nurl = "{url}"\n' + (
+    live_tables = (
+        f'[live]\ndt = {DT}\nlag = 10.0\n[source.rig]\nkind = "opcua"\nurl = "{url}"\n'
         'inputs.u = "ns=2;s=u"\noutputs.y = "ns=2;s=y"\n'
     )
     try:

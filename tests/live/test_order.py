@@ -83,6 +83,13 @@ def test_after_a_long_gap_the_estimator_begins_anew(tmp_path, samples):
     assert sum("begins anew" in sentence for sentence in live.told) == 1
 
 
+def test_many_samples_at_once_are_no_gap(tmp_path, samples, expected):
+    with fed(tmp_path, STORED.replace("bridge = 5.0", "bridge = 0.2")) as live:
+        live.feed(map(message, samples), at_once=N)
+    check(tmp_path, expected)
+    assert not live.told
+
+
 def test_a_short_gap_is_bridged_by_the_model(tmp_path, samples):
     with fed(tmp_path, STORED) as live:
         live.feed(map(message, np.delete(samples, range(400, 420), axis=0)))
@@ -105,3 +112,25 @@ def test_a_clock_that_is_set_back_is_said_and_followed(tmp_path, samples):
     assert 0 < live.counts.too_late <= 40
     times = stored(tmp_path, ["time"])["time"]
     assert (np.diff(times) > 0).all()
+
+
+def test_a_source_that_is_faster_than_the_grid_is_said(tmp_path, samples):
+    faster = samples.copy()
+    faster[300:, 0] = samples[300, 0] + 0.5 * (samples[300:, 0] - samples[300, 0])
+    with fed(tmp_path, STORED) as live:
+        live.feed(map(message, faster))
+    said = [
+        sentence for sentence in live.told if "faster than live.dt" in " ".join(sentence.split())
+    ]
+    assert len(said) == 1
+    assert "200 samples a second" in said[0]
+
+
+def test_a_source_that_is_slower_than_the_grid_is_no_fault(tmp_path, samples):
+    """Several rates: what was not measured at a sample is not measured."""
+    with fed(tmp_path, STORED) as live:
+        live.feed(map(message, samples[::3]))
+    found = stored(tmp_path, ["y.y", "u.u", "x_hat.k"])
+    assert np.isfinite(found["y.y"]).sum() == len(samples[::3]) - np.isnan(samples[::3, 2]).sum()
+    assert np.array_equal(found["u.u"][:300], np.repeat(samples[:300:3, 1], 3))
+    assert not live.told

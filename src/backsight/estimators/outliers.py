@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from backsight.description import Called, Description, Positive, Range
-from backsight.estimators.varied_number import number_at
+from backsight.estimators.varied_number import varied_at
 
 DOUBTED = 0.5
 """A weight below this counts as an outlier: its noise is taken at least twice as large."""
@@ -144,7 +144,7 @@ class StudentT(AbstractOutlierRule):
 
     def weight(self, z2: ca.SX, u: ca.SX) -> ca.SX:
         """See `AbstractOutlierRule.weight`."""
-        nu = number_at(self.nu, u)
+        nu = varied_at(self.nu, u)
         return ca.fmin(1, ca.sqrt((nu + 1) / (nu + z2)))
 
 
@@ -184,5 +184,5 @@ class Huber(AbstractOutlierRule):
 
     def weight(self, z2: ca.SX, u: ca.SX) -> ca.SX:
         """See `AbstractOutlierRule.weight`."""
-        k = number_at(self.k, u)
+        k = varied_at(self.k, u)
         return ca.sqrt(k / ca.fmax(k, ca.sqrt(z2)))

@@ -8,7 +8,7 @@ class VariedNumber(float):
 
     As a float it is where it starts. `backsight.tune.fit` makes it and keeps the input constant
     over a recording; it is no part of what a user describes. Methods whose `varied_settings` name
-    the field read it by `number_at`.
+    the field read it by `varied_at`.
 
     Parameters
     ----------
@@ -29,6 +29,6 @@ class VariedNumber(float):
         return float(self), self.index
 
 
-def number_at(given: float, u: Any) -> Any:
+def varied_at(given: float, u: Any) -> Any:
     """Value of a setting at inputs u, SX or MX: itself, or the input that it is."""
     return u[given.index] if isinstance(given, VariedNumber) else given

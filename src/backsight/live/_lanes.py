@@ -13,6 +13,9 @@ from backsight.live.engine import LiveEstimation
 from backsight.live.sources import Batch, LiveSource
 from backsight.live.sources.replay import ReplaySource
 
+_STEPS, _FAST = 10, 0.7
+"""Steps from which a rate is judged, and their share of a period below which it is too high."""
+
 _RATE_OVER = 5.0
 """Seconds over which a rate is told."""
 
@@ -38,6 +41,9 @@ class Lane:
         self.last_arrival: float | None = None
         self.began = time.time()
         self._last_time = 0.0
+        self.too_fast: float | None = None
+        """Samples per second, when they are more than the grid has and this was not told."""
+        self._told_rate, self._times = False, np.empty(0)
         self.worst_lateness = 0.0
         """Largest time that a sample came after a newer one [s]."""
 
@@ -92,11 +98,21 @@ class Lane:
                 stamps = batch.values[:, 0] * factor + feed.time.offset
             times = self.clock.common(stamps, batch.arrival)
         self._last_time = float(times[-1])
+        self._times = times
         if self._grid.newest >= 0:
             behind = float(self._grid.time(self._grid.newest)) - float(times.min())
             self.worst_lateness = max(self.worst_lateness, behind)
         values = self.channels.physical(batch.values)
         return self.placing.place(times, values, base=estimation.base, now=self.last_arrival)
+
+    def _look_at_rate(self, duplicates: int) -> None:
+        """See whether samples come faster than the grid takes them; of each period one is used."""
+        steps = np.diff(np.unique(self._times))
+        if self._told_rate or not duplicates or len(steps) < _STEPS:
+            return
+        period = float(np.median(steps))
+        if period < _FAST * self._grid.dt:
+            self.too_fast, self._told_rate = 1 / period, True
 
     def put(self, placed: Placed, estimation: LiveEstimation) -> None:
         """Put values into their rows; a channel that is late goes to the row of its time."""
@@ -111,6 +127,7 @@ class Lane:
             places = [channels.places[k] for k in chosen]
             duplicates, late = estimation.put(places, slots, values)
             counts.duplicates += duplicates
+            self._look_at_rate(duplicates)
             counts.late += late
 
     def rate(self, now: float) -> float:

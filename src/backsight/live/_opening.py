@@ -17,6 +17,7 @@ from backsight.live._freezing import SEEN, Freezable, Freezer, freezable
 from backsight.live._lanes import Lane
 from backsight.live._problem import LiveProblem
 from backsight.live._session import LiveSession
+from backsight.live._sinks import Sinks
 from backsight.live.alarms import Alarm, Alarms, Quantities, condition_of
 from backsight.live.clock import TimeGrid
 from backsight.live.engine import Checkpoint, LiveEstimation, LiveRows
@@ -94,6 +95,11 @@ def opened_session(
             tell(f"goes on from {float(grid.time(estimation.base)):.6f} s")
         session = LiveSession(live, lanes, grid, estimation, keeper=keeper, tell=tell)
         session.alarms = alarms
+        if live.sinks:
+            states = [s.name for s in live.model.states]
+            quantities = Quantities(live.model, labels)
+            session.sinks = Sinks(live.sinks, quantities, states=states, tell=tell)
+            stack.callback(session.sinks.close)
         if varied is not None:
             window = max(1, round((live.settings.freeze or 0.0) / dt))
             session.freezer = Freezer(estimation, varied.walks, window=window, tell=tell)

@@ -16,12 +16,14 @@ from backsight.problem.reading.loading import problem_of, text_of, tree_of
 from backsight.problem.reading.tables import (
     ALARMS,
     FEEDS,
+    SINKS,
     AlarmTable,
     ColumnTable,
     DashboardTable,
     FeedTable,
     LiveTable,
     ReplayFeed,
+    SinkTable,
     StoreTable,
     StrictTable,
 )
@@ -50,6 +52,8 @@ class LiveProblem:
     parameters : tuple of str
         Parameters that are estimated.
     dashboard : DashboardTable, optional
+    sinks : dict
+        By name.
     """
 
     problem: Problem
@@ -59,6 +63,7 @@ class LiveProblem:
     alarms: Mapping[str, AlarmTable]
     parameters: tuple[str, ...]
     dashboard: DashboardTable | None
+    sinks: Mapping[str, SinkTable]
 
     @property
     def model(self) -> Model:
@@ -124,6 +129,7 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
         alarms=_by_kind(given, "alarm", ALARMS),
         parameters=tuple(given.get("estimate", {})),
         dashboard=None if shown is None else validated(DashboardTable, shown, where="dashboard"),
+        sinks=_by_kind(given, "sink", SINKS),
     )
 
 

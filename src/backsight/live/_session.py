@@ -10,6 +10,7 @@ from backsight.live._freezing import Freezer
 from backsight.live._lanes import Lane
 from backsight.live._nis import with_nis
 from backsight.live._problem import LiveProblem
+from backsight.live._sinks import Sinks
 from backsight.live.alarms import Alarms
 from backsight.live.clock import TimeGrid
 from backsight.live.engine import LiveEstimation, LiveRows
@@ -50,6 +51,7 @@ class LiveSession:
         self.newest: LiveRows | None = None
         """Samples of the last round in which there were any."""
         self.alarms: Alarms | None = None
+        self.sinks: Sinks | None = None
         self.freezer: Freezer | None = None
         self.listeners: list[Callable[[LiveRows], None]] = []
         """Told the newest samples of every round."""
@@ -93,6 +95,13 @@ class LiveSession:
                 self._leap(before, int(placed.slots.min()))
             lane.put(placed, self.estimation)
             before = max(before, int(placed.slots.max()))
+        if lane.too_fast is not None:
+            self.tell(
+                f"source {lane.name} sends {lane.too_fast:.4g} samples a second, faster than "
+                f"live.dt takes them ({1 / self.grid.dt:.4g}): one in a period is used, the others "
+                "are counted as duplicates"
+            )
+            lane.too_fast = None
         if lane.placing.set_back and not lane.replayed:
             moved = lane.set_clock()
             self.tell(f"source {lane.name}: its clock was set back; {moved:.6g} s are added now")
@@ -122,6 +131,9 @@ class LiveSession:
                 self.freezer.look(self.newest)
             if self.alarms is not None:
                 self.alarms.see(self.newest, lambda slot: float(self.grid.time(slot)))
+            if self.sinks is not None:
+                slots = np.arange(rows.start, rows.start + len(rows))
+                self.sinks.send(self.newest, self.grid.time(slots))
             for listener in self.listeners:
                 listener(self.newest)
         self._keep(estimation.settle())
@@ -141,6 +153,8 @@ class LiveSession:
             self.keeper.close(self._checkpoint, self._acknowledging)
         if self.alarms is not None:
             self.alarms.close()
+        if self.sinks is not None:
+            self.sinks.close()
 
     def _checkpoint(self) -> bytes:
         clocks = {lane.name: lane.clock.shift for lane in self.lanes}

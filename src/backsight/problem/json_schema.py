@@ -24,6 +24,7 @@ from backsight.problem.reading.settings import dataclasses_in, fields_of, requir
 from backsight.problem.reading.tables import (
     ALARMS,
     FEEDS,
+    SINKS,
     EstimatorTable,
     MovingTable,
     NoiseTable,
@@ -83,7 +84,7 @@ def json_schema(*, tell: Callable[[str], None] = lambda _: None) -> Schema:
     own = {name: common[name] for name in EstimatorTable.model_fields if name != "kind"}
     settings = {key: _estimator(kind, own) for key, kind in _working(ALL_ESTIMATORS, tell).items()}
     properties["estimators"]["additionalProperties"] = _by_kind(settings)
-    for name, tables in (("source", FEEDS), ("alarm", ALARMS)):
+    for name, tables in (("source", FEEDS), ("alarm", ALARMS), ("sink", SINKS)):
         properties[name]["additionalProperties"] = _by_kind(
             {kind: _named_by_kind(table, definitions) for kind, table in tables.items()}
         )

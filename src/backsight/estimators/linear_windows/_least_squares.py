@@ -11,7 +11,7 @@ from backsight.estimators.linear_windows.stacked import gains, product
 from backsight.estimators.parts.covariance import Covariance, packed
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.linear import Linear, Varying
-from backsight.estimators.varied_number import number_at
+from backsight.estimators.varied_number import varied_at
 
 Window = Sequence[ca.MX]
 """Inputs, outputs, masks and presence of the samples, side by side."""
@@ -79,7 +79,7 @@ def start_of(s: Setting, arrival_weight: float) -> ca.Function:
         plan = [1 - full * measured, full]
     else:
         plan = [ca.SX(1), ca.SX(0)]
-        weight = ca.if_else(full, number_at(arrival_weight, u), 1)
+        weight = ca.if_else(full, varied_at(arrival_weight, u), 1)
     if not Covariance(s.model.nx).whole:
         P = ca.SX.sym("P", len(packed(s.P0)))
         return ca.Function("plan", [measured, full, P, u], [*plan, P / weight])

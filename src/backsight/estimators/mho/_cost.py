@@ -12,7 +12,7 @@ from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Covariance, times_transposed
 from backsight.estimators.parts.leaf import Results, Symmetric, leaf, notation
 from backsight.estimators.parts.substeps import flow, moved_state, seen_outputs, substep_inputs
-from backsight.estimators.varied_number import number_at
+from backsight.estimators.varied_number import varied_at
 from backsight.models.canonical.affine import moving_states
 
 
@@ -87,7 +87,7 @@ def _accumulate_dense(s: Setting, alpha: float) -> ca.Function:
     rows = dense.scaled_rows(ca.horzcat(y - expected, HS), mask)
     white = dense.solve_triangular(factor, rows)
     e, W = white[:, 0], white[:, 1:]
-    by = ca.Function("alpha", [v], [number_at(alpha, v)])(u)
+    by = ca.Function("alpha", [v], [varied_at(alpha, v)])(u)
     results = [
         cost + by * ca.dot(e, e) / 2,
         c + by * dense.product_of(W, e, turned=(True, False)),
@@ -119,7 +119,7 @@ def _accumulate(s: Setting, moving: list[int], alpha: float) -> ca.Function:
         y_model = s.model.output(x, u)
         H, e, R = masked(ca.jacobian(y_model, x), y - y_model, ca.SX(s.R), mask)
         HS = H @ _full(rows, moving, nx)
-        weighted = number_at(alpha, u) * solve_spd(R, ca.horzcat(e, HS))
+        weighted = varied_at(alpha, u) * solve_spd(R, ca.horzcat(e, HS))
         return {
             "cost": cost + ca.dot(e, weighted[:, 0]) / 2,
             "c": c + HS.T @ weighted[:, 0],

@@ -21,7 +21,7 @@ from backsight.estimators.base import Setting
 from backsight.estimators.mho._linearised import LinearisedSteps
 from backsight.estimators.parts.covariance import Covariance, Term, transposed
 from backsight.estimators.parts.leaf import Results, Symmetric, half
-from backsight.estimators.varied_number import number_at
+from backsight.estimators.varied_number import varied_at
 from backsight.types import Array
 
 
@@ -121,7 +121,7 @@ def _gain(s: Setting, alpha: float) -> ca.Function:
 
     def formula(T: Term, Phi: Term, weighted: Term, Sigma: Term, u: Term) -> Results:
         T_next = _times(Phi, T)
-        L = number_at(alpha, u) * _times(Sigma, transposed(_times(weighted, T_next)))
+        L = varied_at(alpha, u) * _times(Sigma, transposed(_times(weighted, T_next)))
         return {"T_next": T_next, "L": L}
 
     return half("optimiser_gain", s, formula, _sizes(s))

@@ -27,7 +27,7 @@ from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, Size, Symmetric, leaf, named_results
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import ramp
-from backsight.estimators.varied_number import VariedNumber, number_at
+from backsight.estimators.varied_number import VariedNumber, varied_at
 from backsight.types import Array
 
 
@@ -100,7 +100,7 @@ def assemble_observer(name: str, plan: Plan) -> Recursion:
         **gain,
     )
 
-    lam = number_at(plan.lam, u) if varied else m.lam
+    lam = varied_at(plan.lam, u) if varied else m.lam
 
     # 1. innovation: the model alone, from the last sample to this one
     between, P_last = _Between(plan, (m.u_last, u)), _with_noise(plan)(m.P, m.B)

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from backsight.errors import ProblemError, nearest
 from backsight.live.engine import LiveRows
@@ -21,6 +21,9 @@ from backsight.problem.reading.tables import (
 )
 from backsight.schema import Status
 from backsight.types import Array
+
+_BACK = 0.8
+"""Share of its band inside which a mean must be again before an alarm is cleared."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,6 +91,10 @@ class Quantities:
                     f"{where}.of: there is no quantity '{name}', {nearest(name, self._places)}"
                 )
 
+    def has_band(self, rows: LiveRows, name: str) -> bool:
+        """Whether a standard deviation is known."""
+        return self._places[name][1] in rows.values
+
     def of(self, rows: LiveRows, name: str) -> tuple[Array, Array]:
         """Values and standard deviations, (n,) each."""
         hat, std, k = self._places[name]
@@ -144,15 +151,18 @@ class NisCondition(Condition):
         if not freedom or sum(n for n, _, _ in self._parts) < wanted:
             return None
         tail = (1 - self._table.level) / 2
-        low, high = scipy.stats.chi2.ppf([tail, 1 - tail], freedom) / freedom
+        # Quantiles of chi-square; `scipy.stats` takes longer to import than all of this package.
+        low, high = 2 * scipy.special.gammaincinv(freedom / 2, [tail, 1 - tail]) / freedom
+        # Over hours, any model is wrong by more than chance.
+        low, high = min(low, 1 / self._table.factor), max(high, self._table.factor)
         mean = total / freedom
         what = "larger than" if mean > high else "smaller than" if mean < low else "as"
         sentence = (
             f"the innovations are {what} the estimator believes: mean NIS {mean:.3g} over "
             f"{self._table.over:g} s, its band is {low:.3g} to {high:.3g}"
         )
-        inside = bool(low <= mean <= high)
-        return Sighting(not inside, inside, sentence, mean)
+        back = _BACK * (low - 1) <= mean - 1 <= _BACK * (high - 1)
+        return Sighting(not low <= mean <= high, bool(back), sentence, mean)
 
 
 class HitCondition(Condition):

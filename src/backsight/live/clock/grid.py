@@ -91,6 +91,15 @@ class TimeGrid:
         return np.where(sound, found, -1.0).astype(np.int64)
 
 
+def _reached(slots: np.ndarray, newest: int, bridge: int) -> int:
+    """Newest slot to which samples go on from another without a gap that is too long."""
+    if slots.max() <= newest + bridge:
+        return int(max(slots.max(), newest))
+    steps = np.unique(np.append(slots[slots > newest], newest))
+    gaps = np.flatnonzero(np.diff(steps) > bridge)
+    return int(steps[gaps[0]] if len(gaps) else steps[-1])
+
+
 class Placing:
     """The samples of one source: which are believed.
 
@@ -120,7 +129,7 @@ class Placing:
             return []
         slots = grid.slots(times)
         newest = max(grid.newest, base) if grid.newest >= 0 else int(slots[0])
-        far = slots > newest + grid.bridge
+        far = slots > _reached(slots, newest, grid.bridge)
         near = self._near(slots[~far], values[~far], base=base, now=now)
         if not far.any():
             self._doubtful.clear()

@@ -16,13 +16,14 @@ from backsight.live._freezing import SEEN
 from backsight.live._problem import LiveProblem
 from backsight.live.engine import LiveRows
 from backsight.output import write_whole
-from backsight.problem import load, run_problem
-from backsight.problem.running import PAGE
+
+PAGE = "report.html"
+"""What `run_problem` writes."""
 
 MOST_BYTES = 256 * 2**20
 """Of samples in memory; beyond that fewer minutes are kept."""
 
-LIVE_TABLES = ("source", "live", "store", "alarm", "dashboard", "recording")
+LIVE_TABLES = ("source", "live", "store", "alarm", "dashboard", "sink", "recording")
 
 
 @dataclasses.dataclass
@@ -143,6 +144,8 @@ class Recent:
         return tomlkit.dumps(document)
 
     def _estimate(self, saved: Saved) -> None:
+        from backsight.problem import load, run_problem  # as heavy as all else at the start
+
         try:
             problem = load(saved.folder / "problem.toml")
             run_problem(problem, saved.folder, progress=lambda *_: None, force=False)

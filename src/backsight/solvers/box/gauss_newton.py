@@ -1,6 +1,7 @@
 """Bounded nonlinear least squares around a Gaussian prior, by Gauss-Newton steps."""
 
 import dataclasses
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -172,8 +173,9 @@ def _judge(nx: int, nb: int, method: GaussNewton, cost_unit: float) -> ca.Functi
         "side_try": nb, "L": (nx, nx),
     }  # fmt: skip
     shapes = {k: size if isinstance(size, tuple) else (size, 1) for k, size in sizes.items()}
-    k = {name: (ca.MX if many else ca.SX).sym(name, *shape) for name, shape in shapes.items()}
-    products = dense_products(k) if many else _products(k)
+    symbol: Any = ca.MX.sym if many else ca.SX.sym
+    k: dict[str, Any] = {name: symbol(name, *shape) for name, shape in shapes.items()}
+    products: tuple[Any, ...] = dense_products(k) if many else _products(k)
     d_try, *measured = products
     given = [k[name] for name in ("z", "d", "t", "cost", "slope", "side", "count", "z_try", "loss")]
     decide = _decided(nx, nb, method, cost_unit)

@@ -1,5 +1,7 @@
 """The merit of a point on the way to the best trajectory, see `iterated`."""
 
+from typing import Any
+
 import casadi as ca
 
 from backsight.engine.dense import product_of
@@ -45,7 +47,7 @@ def _of_start(chain: Chain, proximal: bool) -> ca.Function:
     terms = ca.Function("merit_of_first", symbols, results)
     kind = ca.MX if chain.dense else ca.SX
     sizes = {"offset": nx, "P": chain.size_P, "free": 1, "eta": nx, "eta_next": nx}
-    given = [kind.sym(k, n) for k, n in sizes.items()]
+    given: list[Any] = [kind.sym(k, n) for k, n in sizes.items()]
     at, P, unknown, now, after = given
     product = product_of(ca.reshape(P, nx, nx), now) if chain.dense else chain.matrix(P) @ now
     return ca.Function("merit_of_start", given, terms.call([at, product, unknown, now, after]))

@@ -26,6 +26,11 @@ from backsight.problem.reading.tables._recorded import FileTable as FileTable
 from backsight.problem.reading.tables._recorded import RecordingTable as RecordingTable
 from backsight.problem.reading.tables._recorded import SensorColumnTable as SensorColumnTable
 from backsight.problem.reading.tables._recorded import SourceTable as SourceTable
+from backsight.problem.reading.tables._sinks import SINKS as SINKS
+from backsight.problem.reading.tables._sinks import MqttSink as MqttSink
+from backsight.problem.reading.tables._sinks import SinkTable as SinkTable
+from backsight.problem.reading.tables._sinks import StdoutSink as StdoutSink
+from backsight.problem.reading.tables._sinks import UdpSink as UdpSink
 from backsight.problem.reading.tables._strict import ShortTable as ShortTable
 from backsight.problem.reading.tables._strict import StrictTable as StrictTable
 from backsight.problem.reading.tables._unknowns import DisturbanceTable as DisturbanceTable

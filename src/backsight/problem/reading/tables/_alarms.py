@@ -57,10 +57,13 @@ class NisAlarm(AlarmTable):
         Time over which the mean is taken [s].
     level : float
         Share of the time for which a sound estimator stays inside.
+    factor : float
+        What does no harm: a mean between this and its inverse is never told.
     """
 
     over: float = pydantic.Field(default=10.0, gt=0)
     level: float = pydantic.Field(default=0.9999, gt=0, lt=1)
+    factor: float = pydantic.Field(default=1.5, ge=1)
 
 
 class HitAlarm(AlarmTable):

@@ -179,6 +179,8 @@ class ProblemTable(StrictTable):
         Of `backsight live`: what is told to people.
     dashboard : table
         Of `backsight live`: the page in the browser.
+    sink : dict
+        Of `backsight live`: who gets the estimates.
     """
 
     title: str = ""
@@ -202,3 +204,4 @@ class ProblemTable(StrictTable):
     store: StoreTable | None = None
     alarm: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)
     dashboard: DashboardTable | None = None
+    sink: dict[str, dict[str, Any]] = pydantic.Field(default_factory=dict)

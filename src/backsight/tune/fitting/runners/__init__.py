@@ -6,4 +6,4 @@ from backsight.tune.fitting.runners._lanes import LaneRunner as LaneRunner
 from backsight.tune.fitting.runners._lanes import able_settings as able_settings
 from backsight.tune.fitting.runners._lanes import lanes_of as lanes_of
 from backsight.tune.fitting.runners._rebuilt import Rebuilt as Rebuilt
-from backsight.tune.fitting.runners._wide import widened as widened
+from backsight.tune.fitting.runners._wide import opened_to_inputs as opened_to_inputs

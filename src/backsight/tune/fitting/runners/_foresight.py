@@ -63,7 +63,7 @@ def with_foresight(model: Model, look: ca.Function, dt: float) -> Recursion:
     carry = ca.MX.sym("carry", (nx + nu) * ahead)
     data = [ca.MX.sym(k, n) for k, n in (("x", nx), ("u", nu), ("y", ny), ("mask", ny))]
     x, u, y, mask = data
-    X, U = remembered(carry, nx, nu, ahead)
+    X, U = last_estimates(carry, nx, nu, ahead)
     r = look(X[:, 0], ca.horzcat(U, u), y, mask)
     after = ca.vertcat(ca.vec(ca.horzcat(X[:, 1:], x)), ca.vec(ca.horzcat(U[:, 1:], u)))
     return Recursion(
@@ -74,7 +74,7 @@ def with_foresight(model: Model, look: ca.Function, dt: float) -> Recursion:
     )
 
 
-def remembered(memory: ca.MX, nx: int, nu: int, ahead: int) -> tuple[ca.MX, ca.MX]:
+def last_estimates(memory: ca.MX, nx: int, nu: int, ahead: int) -> tuple[ca.MX, ca.MX]:
     """Estimates and inputs of the last `ahead` samples, side by side, the oldest first."""
     X, U = ca.vertsplit(memory, [0, nx * ahead, (nx + nu) * ahead])
     return ca.reshape(X, nx, ahead), ca.reshape(U, nu, ahead)

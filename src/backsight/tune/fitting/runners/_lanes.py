@@ -25,8 +25,8 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.varied_noise import noise_at, scaled_parts
 from backsight.models.model import Model
 from backsight.tune.fitting.runners._delays import shifted
-from backsight.tune.fitting.runners._foresight import foresight, remembered
-from backsight.tune.fitting.runners._wide import Wide, widened
+from backsight.tune.fitting.runners._foresight import foresight, last_estimates
+from backsight.tune.fitting.runners._wide import Wide, opened_to_inputs
 from backsight.tune.fitting.values import Unknown, placed, sensor_factors
 from backsight.types import Array
 
@@ -123,7 +123,7 @@ def lanes_of(
     if not _able(estimator, unknowns):
         return None
     try:
-        wide = widened(estimator, model, dt, unknowns)
+        wide = opened_to_inputs(estimator, model, dt, unknowns)
         inner = wide.varied.compile(wide.model, dt)
     except (TuningError, ModelError):
         return None
@@ -180,7 +180,7 @@ def _judging(
     after, *values = inner.step.call([memory, given, y, _weights(ny)(mask, factor)], True, False)
     named = dict(zip([c.name for c in inner.channels], values, strict=True))
     if ahead:
-        X, U = remembered(history, model.nx, nu, ahead)
+        X, U = last_estimates(history, model.nx, nu, ahead)
         held = ca.vertcat(ca.horzcat(U, u), ca.repmat(inputs, 1, ahead + 1))
         look = foresight(wide.varied, wide.model, inner.dt, ahead)
         judged = [look(X[:, 0], held, y_all, mask_all), ca.MX.ones(ny)]

@@ -67,7 +67,7 @@ class Wide:
     remembers: bool
 
 
-def widened(
+def opened_to_inputs(
     estimator: AbstractEstimator, model: Model, dt: float, unknowns: Sequence[Unknown]
 ) -> Wide:
     """Make inputs of all values but those of the prior and those that are factors of sensors."""

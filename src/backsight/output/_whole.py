@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from backsight.errors import OutputError
+from backsight.output._moving import INTERNAL, OWNER, exchange, is_name, owned, settle
 
 MARKER = ".backsight.json"
 """Names of the files in a folder that may be replaced."""
@@ -77,7 +78,8 @@ def whole(
     """Give a folder to write into; its files move to `out` when the block ends without an error.
 
     Whether `out` can be written, and would lose nothing, is known before the block begins. After an
-    error or an interrupt nothing is left behind.
+    error or an interrupt nothing is left behind. If the process is killed while files move, the
+    next one that writes to the folder finishes that first.
 
     Parameters
     ----------
@@ -96,18 +98,21 @@ def whole(
         If `out` cannot be written, or files that are not from an earlier call would be replaced.
     """
     target = Path(out)
-    _check_free(target, names, force=force)
     # A neighbour on the same disk: moving a file there is one step.
     there = next(p for p in (target, *target.absolute().parents) if p.exists())
+    with writing(target):
+        settle(there)
+    _check_free(target, names, force=force)
     part = there / f".backsight-{secrets.token_hex(4)}.part"
     with writing(target):
         part.mkdir()
     try:
-        yield part
-        with writing(target):
-            for file in part.iterdir():
-                _to_disk(file)
-            _publish(part, target, force=force)
+        with owned(part):
+            yield part
+            with writing(target):
+                for name in _in(part):
+                    _to_disk(part / name)
+                _publish(part, target, force=force)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
@@ -126,13 +131,14 @@ def writing(target: Path) -> Iterator[None]:
 
 def _publish(part: Path, target: Path, *, force: bool) -> None:
     """Move the files, all of them or none."""
-    names = sorted(file.name for file in part.iterdir())
+    names = _in(part)
     if not target.exists():
         # The new folder appears with all that is in it.
         (part / MARKER).write_text(_marked(names), encoding="utf-8")
         target.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(OSError):  # another process was faster
             part.rename(target)
+            (target / OWNER).unlink(missing_ok=True)
             return _to_disk(target.parent)
     target.mkdir(exist_ok=True)
     with _alone(target):
@@ -140,37 +146,14 @@ def _publish(part: Path, target: Path, *, force: bool) -> None:
         _check_free(target, names, force=force)
         # The marker goes first: whatever happens, the files are known for what they are.
         (part / MARKER).write_text(_marked([*own, *names]), encoding="utf-8")
-        _exchange([MARKER, *names], part, target)
+        exchange(list(dict.fromkeys([MARKER, *names])), part, target)
         _to_disk(target)
     return None
 
 
-def _exchange(names: Collection[str], part: Path, target: Path) -> None:
-    """Put the files in their places; after an error, put those back that were there."""
-    kept = part / ".replaced"
-    kept.mkdir()
-    done: list[str] = []
-    try:
-        for name in dict.fromkeys(names):
-            if os.path.lexists(target / name):
-                _second_name(target / name, kept / name)
-            done.append(name)
-            (part / name).replace(target / name)
-    except BaseException:
-        for name in reversed(done):
-            if os.path.lexists(kept / name):
-                (kept / name).replace(target / name)
-            elif not os.path.lexists(part / name):
-                (target / name).unlink()
-        raise
-
-
-def _second_name(path: Path, other: Path) -> None:
-    """Give a file another name, by a copy where the disk has no links."""
-    try:
-        os.link(path, other, follow_symlinks=False)
-    except (OSError, NotImplementedError):
-        shutil.copy2(path, other, follow_symlinks=False)
+def _in(part: Path) -> list[str]:
+    """Names of what was written into a part."""
+    return sorted({file.name for file in part.iterdir()} - INTERNAL)
 
 
 def _check_free(target: Path, names: Collection[str] | None, *, force: bool) -> None:
@@ -203,7 +186,7 @@ def _own(target: Path) -> list[str]:
             return []
         match json.loads(path.read_text(encoding="utf-8")):
             case {"program": "backsight", "files": [*files]}:
-                return [MARKER, *(n for n in files if isinstance(n, str) and _is_name(n))]
+                return [MARKER, *(n for n in files if isinstance(n, str) and is_name(n))]
     except (OSError, ValueError, RecursionError):
         pass
     return []
@@ -213,10 +196,6 @@ def _marked(names: Collection[str]) -> str:
     files = sorted(set(names) - {MARKER})
     about = {"program": "backsight", "version": importlib.metadata.version("backsight")}
     return json.dumps({**about, "files": files}, indent=1) + "\n"
-
-
-def _is_name(text: str) -> bool:
-    return text not in ("", ".", "..") and not set(text) & {"/", "\\", "\0"}
 
 
 def _unfinished(name: str) -> bool:
