@@ -78,6 +78,27 @@ def test_a_scheduler_that_does_not_answer(tmp_path, monkeypatch):
             run_fleet(fleet, tmp_path / "store", scheduler=address)
 
 
+def test_a_scheduler_that_goes_is_told_and_what_is_finished_stays(tmp_path, scheduler, monkeypatch):
+    fleet = load_fleet(write_fleet(tmp_path, count=20))
+    real, gone = distributed.Client.nthreads, []
+
+    def nthreads(client):
+        if gone:
+            raise distributed.comm.CommClosedError("in <TCP (closed)>")
+        return real(client)
+
+    monkeypatch.setattr(distributed.Client, "nthreads", nthreads)
+    monkeypatch.setattr("backsight.fleet._plan.SECONDS", 0.0)
+    with pytest.raises(WorkerError, match="connection to the scheduler is lost"):
+        run_fleet(
+            fleet,
+            tmp_path / "store",
+            scheduler=scheduler,
+            progress=lambda done, _: gone.append(done) if done else None,
+        )
+    assert 0 < len(kept(tmp_path / "store")) < 20
+
+
 def test_work_that_kills_is_cut_down_to_the_recording_that_does_it(tmp_path, monkeypatch):
     """Three recordings go together; the one that kills is a row, the others have theirs."""
 

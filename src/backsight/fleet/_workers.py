@@ -1,7 +1,9 @@
 """Who does the work: this process, workers on this computer, or a cluster that is there."""
 
 import abc
+import asyncio
 import collections
+import concurrent.futures
 import contextlib
 import importlib.metadata
 import logging
@@ -93,7 +95,8 @@ class DaskWorkers(Workers):
     @property
     def slots(self) -> int:
         """See `Workers.slots`."""
-        return max(sum(self._client.nthreads().values()), 1)
+        with _reaching():
+            return max(sum(self._client.nthreads().values()), 1)
 
     @property
     def running(self) -> int:
@@ -102,14 +105,26 @@ class DaskWorkers(Workers):
 
     def submit(self, work: Work) -> None:
         """See `Workers.submit`."""
-        future = self._client.submit(done, work, pure=False)
-        self._works[future.key] = work
-        self._ended.add(future)
+        with _reaching():
+            future = self._client.submit(done, work, pure=False)
+            self._works[future.key] = work
+            self._ended.add(future)
 
     def finished(self) -> Iterator[tuple[Work, Answer | str]]:
         """See `Workers.finished`."""
-        for future, result in self._ended.next_batch():
+        with _reaching():
+            batch = self._ended.next_batch()
+        for future, result in batch:
             yield self._works.pop(future.key), _answer(future.status, result)
+
+
+@contextlib.contextmanager
+def _reaching() -> Iterator[None]:
+    """Say what it means if the scheduler does not answer any more."""
+    try:
+        yield
+    except (OSError, concurrent.futures.CancelledError, asyncio.CancelledError):
+        raise WorkerError(GONE) from None
 
 
 def _answer(status: str, result: Any) -> Answer | str:
@@ -183,7 +198,7 @@ def workers_of(
                 local(
                     n_workers=number or cores(),
                     threads_per_worker=1,
-                    dashboard_address=None,
+                    dashboard_address="127.0.0.1:0",  # a port that is free, for this computer
                     silence_logs=logging.CRITICAL,
                 )
             ).scheduler_address
@@ -191,10 +206,11 @@ def workers_of(
             client = stack.enter_context(distributed.Client(scheduler, set_as_default=False))
         except (OSError, ValueError, TypeError) as error:
             raise WorkerError(f"the scheduler '{scheduler}' does not answer: {error}") from None
-        if not client.nthreads():
-            tell(f"the scheduler {scheduler} has no workers yet; waiting for the first")
-        client.wait_for_workers(1)
-        _check_versions(client)
+        with _reaching():
+            if not client.nthreads():
+                tell(f"the scheduler {scheduler} has no workers yet; waiting for the first")
+            client.wait_for_workers(1)
+            _check_versions(client)
         yield DaskWorkers(client)
 
 

@@ -144,7 +144,8 @@ def _carry_out(
 ) -> None:
     landed = 0
     while True:
-        while crew.running < AHEAD * crew.slots and (work := plan.next(crew.slots)) is not None:
+        slots = crew.slots  # workers come and go
+        while crew.running < AHEAD * slots and (work := plan.next(slots)) is not None:
             crew.submit(work)
         if not crew.running:
             return
