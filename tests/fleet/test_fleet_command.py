@@ -1,6 +1,5 @@
 """``backsight fleet`` and its page, as a user has them."""
 
-import os
 import subprocess
 import sys
 
@@ -93,11 +92,10 @@ def test_twenty_at_once_on_one_folder(tmp_path):
     assert len(pd.read_csv(tmp_path / "store" / "rows.csv")) == 40
 
 
-@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="everything may be written")
 def test_a_folder_that_cannot_be_written(tmp_path):
     path = write_fleet(tmp_path, count=1)
-    (tmp_path / "locked").mkdir(mode=0o500)
-    code, _, told = backsight("fleet", path, "--workers", 0, "--out", tmp_path / "locked" / "store")
+    (tmp_path / "file").write_text("in the way")
+    code, _, told = backsight("fleet", path, "--workers", 0, "--out", tmp_path / "file" / "store")
     assert (code, told.count("\n")) == (2, 1)
 
 
