@@ -7,6 +7,8 @@ let choices = null;
 let edited = false; // the problem file was changed by hand, or one was opened
 let right = false; // the last check found nothing wrong
 let asked = 0; // the newest check: answers to older ones come too late
+let suggested = 0; // the newest suggestion, and whether its answer is still to come:
+let open = false; // what is chosen meanwhile must not be lost to it
 let shown = null;
 const ticked = new Set();
 
@@ -58,17 +60,11 @@ function draw() {
   }
 }
 
-async function choose(machine) {
-  const found = await ask("suggest", { machine });
-  if (!found) return;
-  choices = found;
-  edited = false;
-  draw();
-  check();
-}
+const choose = (machine) => suggest({ machine });
 
 function update(part) {
   choices = { ...choices, ...part };
+  if (open) return complete(); // the answer that is on its way knows nothing of this
   edited = false;
   draw();
   check();
@@ -88,9 +84,16 @@ async function assign(column, role) {
   await complete();
 }
 
-async function complete() {
-  const found = await ask("suggest", choices);
+const complete = () => suggest(choices);
+
+async function suggest(wish) {
+  const mine = ++suggested;
+  open = true;
+  const found = await ask("suggest", wish);
+  if (mine !== suggested) return;
+  open = false;
   if (found) choices = found;
+  if (!choices) return;
   edited = false;
   draw();
   check();
@@ -167,6 +170,8 @@ async function take(file) {
   const found = await ask(`recording?name=${encodeURIComponent(file.name)}`, file, "PUT");
   if (!found) return;
   choices = null;
+  suggested++;
+  open = false;
   edited = false;
   Object.assign(state, found);
   draw();
