@@ -95,13 +95,14 @@ def backsight(*arguments: str) -> list[str]:
 def problems(folder: Path) -> Iterator[tuple[str, bool]]:
     """Every problem file whose recording ships, and whether it needs a kernel.
 
-    Those of an extension, which is a distribution of its own, need that one installed.
+    Those of an extension, which is a distribution of its own, need that one installed; what runs
+    live has no recording.
     """
     for file in sorted(folder.glob("examples/*/*.toml")):
         if (file.parent / "pyproject.toml").is_file():
             continue
         given = tomllib.loads(file.read_text(encoding="utf-8"))
-        if "${" not in given["recording"]["path"]:
+        if "recording" in given and "${" not in given["recording"]["path"]:
             kinds = {entry["kind"] for entry in given["estimators"].values()}
             yield file.relative_to(folder).as_posix(), "csmhe" in kinds
 
@@ -126,7 +127,8 @@ def runs(folder: Path) -> Iterator[Try]:
         written = tuple(f"c/{prefix}/{prefix}{ending}" for ending in (".c", ".h", "_selftest.c"))
         command = backsight("export", f"examples/{file}", "-e", estimator, "-o", f"c/{prefix}")
         yield Try(f"backsight export {file} {estimator}", command, writes=written)
-    for program in sorted(folder.glob("examples/*/*.py")):
+    programs = {p for file, _ in problems(folder) for p in (folder / file).parent.glob("*.py")}
+    for program in sorted(programs):
         name = program.relative_to(folder).as_posix()
         says = "wrote" if program.name.startswith("make_") else SAID.get(name, "consistent")
         yield Try(f"python {name}", [sys.executable, "-W", "error", name], says=says)

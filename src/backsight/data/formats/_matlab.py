@@ -68,7 +68,7 @@ def _picked(found: Objects, request: Request) -> Contents:
     for name in ours.values():
         _check_foreign(arrays, name)
     clock = ours.get(request.clock or "")
-    dates = [clock] if clock in arrays and _is_date(arrays[clock]) else []
+    dates = [clock] if clock is not None and clock in arrays and _is_date(arrays[clock]) else []
     numbers = [name for name in dict.fromkeys(ours.values()) if name not in dates]
     taken = pick(arrays, numbers, axis=request.axis, column_major=found.column_major)
     taken |= {name: np.ravel(arrays[name]) for name in dates}

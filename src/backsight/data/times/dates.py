@@ -47,7 +47,7 @@ def parsed(cells: pd.Series, time_format: str | None, where: str) -> np.ndarray:
         If a cell is no date, or if day and month could be either way and the order matters.
     """
     cells = cells.str.strip()
-    known = cells[~cells.isin(["", "NaT", "NaN", "nan", "NA"])]
+    known = cells.loc[~cells.isin(["", "NaT", "NaN", "nan", "NA"])]
     if known.empty:
         return np.full(len(cells), np.datetime64("NaT", "ns"))
     if time_format is not None:
@@ -137,7 +137,7 @@ def _clock_times(known: pd.Series, where: str) -> np.ndarray:
     )
     wrong = parts["s"].isna()
     if wrong.any():
-        raise DataError(f"{where}: time is '{known[wrong].iloc[0]}' among clock times")
+        raise DataError(f"{where}: time is '{known.loc[wrong].iloc[0]}' among clock times")
     if parts["h"].isna().all() and parts["f"].isna().all():
         raise DataError(
             f"{where}: time is '{known.iloc[0]}', hours or minutes first; give time_format, "

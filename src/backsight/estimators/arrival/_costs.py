@@ -12,6 +12,7 @@ from backsight.description import Called, Positive, Sound, alike
 from backsight.estimators.arrival._base import AbstractArrival, Arrival, Fitting, Leaving
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman import ekf, ukf
+from backsight.estimators.kalman.sigma_points import points_of
 from backsight.estimators.kalman.square_root import WIDE, width_of_prior
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.uncertainty import covariance, covariance_faults
@@ -144,7 +145,7 @@ class UKFArrival(AbstractArrival):
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        points = ukf.points_of(to.s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
+        points = points_of(to.s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
         halves = ukf.ukf_halves(to.s, to.integrator, points)
         return _filter(halves, to.s.P0, _whole(to.chain, halves.covariance))
 

@@ -125,7 +125,8 @@ def noise_between(
     """The covariances of `substep_noise` at inputs."""
     before, after = substep_noise(s, integrator)
     added = [(part.index, *_added(s, integrator, part.Qc)) for part in s.parts]
-    firsts, lasts = ([(k[0], k[i]) for k in added] for i in (1, 2))
+    firsts = [(index, first) for index, first, _ in added]
+    lasts = [(index, last) for index, _, last in added]
     return lambda u: (noise_at(before, firsts, u), noise_at(after, lasts, u))
 
 
