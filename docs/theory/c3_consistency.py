@@ -31,7 +31,7 @@ forced = bs.lti(
     [[0, 0], [1, 1]],
     [[1, 0]],
     states={"q": "m", "v": "m/s"},
-    inputs={"u": "m/s2", "w": "m/s2"},
+    inputs={"u": "N", "w": "N"},  # on a mass of 1 kg
     outputs={"y": "m"},
 )
 push = np.sign(np.sin(0.03 * np.arange(SAMPLES)))

@@ -21,6 +21,9 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from backsight.estimators.parts.covariance import Covariance
+from backsight.problem import load
+
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = Path(sysconfig.get_path("scripts"))
 COMPILERS = ("cc", "gcc", "clang", "c99", "cl", "tcc")
@@ -104,7 +107,8 @@ def problems(folder: Path) -> Iterator[tuple[str, bool]]:
         given = tomllib.loads(file.read_text(encoding="utf-8"))
         if "recording" in given and "${" not in given["recording"]["path"]:
             kinds = {entry["kind"] for entry in given["estimators"].values()}
-            yield file.relative_to(folder).as_posix(), "csmhe" in kinds
+            needs_kernel = "csmhe" in kinds or Covariance(load(file).model.nx).whole
+            yield file.relative_to(folder).as_posix(), needs_kernel
 
 
 def basic() -> Iterator[Try]:
