@@ -74,7 +74,7 @@ def windows(bounds: str) -> tuple[Window, ...]:
     """Windows of the recording as the converged estimator meets them."""
     of = problem(bounds, GaussNewton())
     s, N = of.setting, of.estimator.N
-    look = of.estimator.inspect(of.model, s.dt)
+    look = of.estimator.inspect(of.model, s.dt).solve
     u, y = of.data[0] / s.su, of.data[1] / s.sy
     made = []
     for place in places(bounds):
