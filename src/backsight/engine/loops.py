@@ -12,6 +12,7 @@ import re
 from collections.abc import Sequence
 
 import casadi as ca
+import numpy as np
 
 from backsight.errors import EngineError
 
@@ -146,6 +147,27 @@ def iterate(
         f"iterate_{limit}_{n_carry}_0_{len(constants)}_of_{body.name()}", symbols, final
     )
     return loop.call(inputs)
+
+
+PIECE = 64
+"""Numbers that `all_finite` looks at in one pass."""
+
+
+def all_finite(values: ca.MX) -> ca.MX:
+    """1 if no number is infinite or none, else 0; in a loop, so that the code for many is short."""
+    n = values.numel()
+    column = ca.vec(ca.densify(values))
+    pieces, rest = divmod(n, PIECE)
+    total = ca.MX(0)
+    if pieces:
+        so_far, piece = ca.SX.sym("so_far"), ca.SX.sym("piece", PIECE)
+        add = ca.Function("add_sizes", [so_far, piece], [so_far + ca.norm_1(piece)])
+        stack = ca.reshape(column[: n - rest], PIECE, pieces)
+        total = scan(add, pieces, carry=[total], xs=[stack])[0][0]
+    so_far, piece = ca.SX.sym("so_far"), ca.SX.sym("piece", rest)
+    # NaN is not below infinity either.
+    found = ca.if_else(so_far + ca.norm_1(piece) < np.inf, 1, 0)
+    return ca.Function("all_finite", [so_far, piece], [found])(total, column[n - rest :])
 
 
 def loop_of(function: ca.Function) -> LoopFunction | None:

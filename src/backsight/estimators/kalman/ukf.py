@@ -16,7 +16,6 @@ from backsight.estimators.base import AbstractEstimator, Setting, Spread, settin
 from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman.sigma_points import (
     Outside,
-    Points,
     SigmaPoints,
     points_of,
     unscented_looks,
@@ -128,7 +127,7 @@ class UKF(AbstractEstimator):
             points.weights,
             opened=_opened(s),
             moved=_images(s, points, s.integrator),
-            shown=_shown(s, points),
+            shown=_shown(s, _looked(s, points)),
             Q=_noise_root(s),
         )
         parts = ukf_halves(s, s.integrator, points)
@@ -142,45 +141,49 @@ class UKF(AbstractEstimator):
 
 def ukf_halves(s: Setting, integrator: Integrator, points: SigmaPoints) -> Halves:
     """Measurement update and time update, see `UKF`; the spread is that of `Factor`."""
-    kept = Factor(Covariance(s.model.nx))
+    kept, looked = Factor(Covariance(s.model.nx)), _looked(s, points)
     return Halves(
         spread_of=kept.spread,
-        innovation=_innovation(s, points),
-        correct=_correct(s, points),
+        innovation=_innovation(s, points, looked),
+        correct=_correct(s, points, looked),
         predict=_predict(s, points, integrator),
         covariance=covariance_of_factor(s),
         ramp=integrator.hold == "foh",
     )
 
 
-def _around(s: Setting, points: SigmaPoints, x: Term, spread: Term) -> Points:
-    """Sigma points of what the filter keeps."""
-    return points.around(s, x, Factor(Covariance(s.model.nx)).opened(spread))
-
-
-def _outputs(s: Setting, points: SigmaPoints, chosen: Points, u: Term) -> Term:
-    """Outputs (ny, 2 n + 1) at sigma points."""
+def _looked(s: Setting, points: SigmaPoints) -> ca.Function:
+    """Outputs (ny, 2 n + 1) at sigma points, ``(x, spread, u) -> (Y, held)``, see `placed`."""
+    opened, placed, told = _opened(s), points.placed(s), points.told(s, s.model.ny)
     output = leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)})
-    return points.told(s, each_column(output, chosen.inside, u)[0], chosen.pairs)
+    sizes = {"X": placed.size_out(0), "Y": told.size_in(0)}
+    each = half("outputs", s, lambda X, u: {"Y": each_column(output, X, u)[0]}, sizes)
+    x, spread = ca.MX.sym("x", s.model.nx), ca.MX.sym("spread", opened.numel_in(0))
+    u = ca.MX.sym("u", s.model.nu)
+    X, pairs, held = placed(x, opened(spread))
+    return ca.Function("looked", [x, spread, u], [told(each(X, u), pairs, held), held])
 
 
-def _innovation(s: Setting, points: SigmaPoints) -> ca.Function:
-    w, sizes = points.weights, {"spread": Factor(Covariance(s.model.nx)).size, "y_mean": s.model.ny}
+def _innovation(s: Setting, points: SigmaPoints, looked: ca.Function) -> ca.Function:
+    w, ny = points.weights, s.model.ny
+    sizes = {"Y": looked.size_out(0), "y_mean": ny}
 
     def seen(y: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
         return {"e": measured(mask) * (y - y_mean)}
 
     missed = leaf("missed", {**notation(s), **sizes}, seen)
 
-    def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
-        y_mean, dY = mean_and_deviations(_outputs(s, points, _around(s, points, x, spread), u), w)
+    def formula(Y: Term, y: Term, mask: Term) -> Results:
+        y_mean, dY = mean_and_deviations(Y, w)
         S = scatter_and_noise(dY, w.covariance, s.R, mask)
         return {"e": missed(y, y_mean, mask), "S": S}
 
-    return half("innovation", s, formula, sizes)
+    told = half("innovation_seen", s, formula, sizes)
+    x, spread, u, y, mask = given = _sample_of(s, looked)
+    return ca.Function("innovation", given, list(told(looked(x, spread, u)[0], y, mask)))
 
 
-def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
+def _correct(s: Setting, points: SigmaPoints, looked: ca.Function) -> ca.Function:
     """Measurement update from one triangular factor.
 
     The joint factor of outputs and states, [[Sy, 0], [K Sy, L+]], holds the gain and the factor of
@@ -189,7 +192,7 @@ def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
     nx, ny, kept, w = s.model.nx, s.model.ny, Factor(Covariance(s.model.nx)), points.weights
     sizes = {
         **notation(s), "dY": (ny, len(w.mean)), "KSy": (nx, ny), "Sy": (ny, ny), "held": 1,
-        "definite": 1, "failed": 1, "spread": kept.size,
+        "definite": 1, "failed": 1, "spread": kept.size, "Y": looked.size_out(0),
     }  # fmt: skip
 
     def rows(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
@@ -208,26 +211,34 @@ def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
 
     weigh, settle = leaf("weigh", sizes, rows), leaf("settle", sizes, settled)
 
-    def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
-        chosen = _around(s, points, x, spread)
-        y_mean, dY = mean_and_deviations(_outputs(s, points, chosen, u), w)
+    def formula(x: Term, spread: Term, Y: Term, held: Term, y: Term, mask: Term) -> Results:
+        y_mean, dY = mean_and_deviations(Y, w)
         dY, e, noise = weigh(y, dY, y_mean, mask)
         # The outputs see points inside the bounds, the spread is that of the state: or else every
         # sample would make it smaller next to a bound, whatever was measured.
         joint, definite = joint_factor(dY, kept.opened(spread), w, noise)
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
-        x_post, flags = settle(x, KSy, Sy, e, chosen.held, definite, spread[-1])
+        x_post, flags = settle(x, KSy, Sy, e, held, definite, spread[-1])
         L_next = where_definite(definite, kept.closed(L_post), spread[:-1])
         return {"x_post": x_post, "spread_post": ca.vertcat(L_next, 0), "flags": flags}
 
-    return half("correct", s, formula, {"spread": kept.size})
+    corrected = half("corrected", s, formula, sizes)
+    x, spread, u, y, mask = given = _sample_of(s, looked)
+    return ca.Function("correct", given, list(corrected(x, spread, *looked(x, spread, u), y, mask)))
+
+
+def _sample_of(s: Setting, looked: ca.Function) -> list[ca.MX]:
+    """Symbols of x, spread, u, y and mask."""
+    sizes = {"x": s.model.nx, "spread": looked.numel_in(1), "u": s.model.nu}
+    sizes |= {"y": s.model.ny, "mask": s.model.ny}
+    return [ca.MX.sym(k, n) for k, n in sizes.items()]
 
 
 def _images(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
     """Sigma points one sample later, ``(x, spread, u, u_next) -> X``."""
     size, h = Factor(Covariance(s.model.nx)).size, s.dt / integrator.steps
-    count = len(points.weights.mean)
-    sizes = {"spread": size, "X": (s.model.nx, count), "pairs": (2, s.model.nx)}
+    placed, told = points.placed(s), points.told(s, s.model.nx)
+    sizes = {"X": placed.size_out(0)}
 
     def advance(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
         if not s.model.continuous:
@@ -241,20 +252,13 @@ def _images(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Funct
         lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
         sizes,
     )
-
-    def placed(x: Term, spread: Term) -> Results:
-        chosen = _around(s, points, x, spread)
-        return {"X": chosen.inside, "pairs": chosen.pairs}
-
-    start = half("sigma_points", s, placed, sizes)
-    end = half("told", s, lambda X, pairs: {"X_end": points.told(s, X, pairs)}, sizes)
     x, spread = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", size)
     u, u_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
-    xs, held = substep_inputs(integrator, u, u_next)
+    xs, held_inputs = substep_inputs(integrator, u, u_next)
     steps = integrator.steps if s.model.continuous else 1
-    X, pairs = start(x, spread)
-    (moved,), _ = scan(all_points, steps, carry=[X], xs=xs, constants=held)
-    return ca.Function("images", [x, spread, u, u_next], [end(moved, pairs)])
+    X, pairs, held = placed(x, _opened(s)(spread))
+    (moved,), _ = scan(all_points, steps, carry=[X], xs=xs, constants=held_inputs)
+    return ca.Function("images", [x, spread, u, u_next], [told(moved, pairs, held)])
 
 
 def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
@@ -288,12 +292,7 @@ def _opened(s: Setting) -> ca.Function:
     return half("opened", s, lambda spread: {"L": ca.densify(kept.opened(spread))}, sizes)
 
 
-def _shown(s: Setting, points: SigmaPoints) -> ca.Function:
+def _shown(s: Setting, looked: ca.Function) -> ca.Function:
     """Outputs at the sigma points, ``(x, spread, u) -> Y``."""
-
-    def formula(x: Term, spread: Term, u: Term) -> Results:
-        return {"Y": _outputs(s, points, _around(s, points, x, spread), u)}
-
-    count = len(points.weights.mean)
-    sizes = {"spread": Factor(Covariance(s.model.nx)).size, "Y": (s.model.ny, count)}
-    return half("shown", s, formula, sizes)
+    x, spread, u, _, _ = _sample_of(s, looked)
+    return ca.Function("shown", [x, spread, u], [looked(x, spread, u)[0]])

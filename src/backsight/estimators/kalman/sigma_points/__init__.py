@@ -2,6 +2,5 @@
 
 from backsight.estimators.kalman.sigma_points._looks import unscented_looks as unscented_looks
 from backsight.estimators.kalman.sigma_points._pairs import Outside as Outside
-from backsight.estimators.kalman.sigma_points._pairs import Points as Points
 from backsight.estimators.kalman.sigma_points._pairs import SigmaPoints as SigmaPoints
 from backsight.estimators.kalman.sigma_points._pairs import points_of as points_of
