@@ -6,14 +6,13 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import vech
-from backsight.algebra.update import measured, noise_of
+from backsight.engine.dense import plus_product
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe._arrival import next_covariance
+from backsight.estimators.cs_mhe._told import innovation, output, told_of_set
 from backsight.estimators.cs_mhe._window import (
-    ROUNDING,
     Solver,
     WindowSolution,
     begun_before,
@@ -22,7 +21,6 @@ from backsight.estimators.cs_mhe._window import (
 from backsight.estimators.cs_mhe.carryover import Carryover, slide
 from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.filtering import choose, physical
-from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, named_results, notation
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.window import empty_queue, moved_on, queued
@@ -39,7 +37,7 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
     data = [ca.MX.sym(n, k) for n, k in (("u", nu), ("y", ny), ("m", ny))]
     u, y, mask = _enter(forced)(*data)
     m = _memory(solver, carryover)
-    e, S = _innovation(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
+    e, S = innovation(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
 
     # 1. the window moves on; its samples differ from the motion without forces
     U, Y, M = moved_on((m.U, m.Y, m.M), (u, y, mask))
@@ -56,7 +54,7 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
     # 3. the estimate, `lag` samples before the end
     here = N - lag
     now = named_results(
-        _output(forced),
+        output(forced),
         states[:, here] + found.x[1],
         bands.P,
         U[:, here],
@@ -64,7 +62,7 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
         bands.forces,
     )
     (e, S), late = queued(m.late, [e, S], lag)
-    told = named_results(_told(solver.lam), *found.info)
+    told = named_results(told_of_set(solver.lam), *found.info)
     estimate = physical(s, x=now["x"], P=now["triangle"], u=now["v"], e=e, S=S, flags=told["flags"])
 
     # 4. arrival cost, eq. 12, and what the next window expects (Algorithm 1)
@@ -170,17 +168,14 @@ def _bands(
 
 def _apart(nf: int, nx: int) -> ca.Function:
     """Covariance and forces of one window with the errors of another, and the distance to it."""
-
-    def formula(
-        x: ca.SX, x_once: ca.SX, whole: ca.SX, forces: ca.SX, forces_once: ca.SX
-    ) -> Results:
-        apart = (forces[:, 1] - forces_once[:, 1]) ** 2
-        return {
-            "spread": whole + (x - x_once) @ (x - x_once).T,
-            "found": ca.horzcat(forces[:, :2], forces_once[:, 2] + apart),
-        }
-
-    return leaf("apart", {"x": nx, "whole": (nx, nx), "forces": (nf, 3)}, formula)
+    sizes = {"x": (nx, 1), "x_once": (nx, 1), "whole": (nx, nx), "forces": (nf, 3)}
+    sizes |= {"forces_once": (nf, 3)}
+    x, x_once, whole, forces, forces_once = given = [ca.MX.sym(k, *n) for k, n in sizes.items()]
+    by = x - x_once
+    apart = (forces[:, 1] - forces_once[:, 1]) ** 2
+    spread = plus_product(whole, by, by, turned=(False, True))
+    results = [spread, ca.horzcat(forces[:, :2], forces_once[:, 2] + apart)]
+    return ca.Function("apart", given, results)
 
 
 def _channels(names: tuple[str, ...]) -> tuple[Channel, ...]:
@@ -196,28 +191,6 @@ def _enter(forced: Forced) -> ca.Function:
         return {"u": u / s.su[:nu], "y": y / s.sy, "mask": mask}
 
     return leaf("enter", {**notation(s), "u": nu}, formula)
-
-
-def _innovation(forced: Forced, samples: int) -> ca.Function:
-    """Innovation, 0 where not measured, and its covariance.
-
-    ``(x, P, absent, u, y, mask) -> (e, S)``; the state still lacks what an interpolated input adds
-    at its end.
-    """
-    system, nu = forced.system, forced.nu
-    C, background = ca.sparsify(ca.DM(system.C)), (forced.F * forced.sigma**2) @ forced.F.T
-    R = ca.SX(ca.DM(system.s.R))
-    D, B_next = (ca.sparsify(ca.DM(k[:, :nu])) for k in (system.D, system.B_next))
-
-    def formula(x: ca.SX, whole: ca.SX, absent: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
-        x_prior = x + ca.if_else(absent < samples, ca.densify(ca.mtimes(B_next, u)), 0)
-        e = measured(mask) * (y - ca.mtimes(C, x_prior) - ca.mtimes(D, u))
-        S = ca.mtimes([C, whole, C.T]) + ca.DM(background) + noise_of(R, mask)
-        return {"e": e, "S": ca.densify(S)}
-
-    nx = len(system.A)
-    sizes = {**notation(system.s), "u": nu, "whole": (nx, nx), "absent": 1}
-    return leaf("innovation", sizes, formula)
 
 
 def _counted() -> ca.Function:
@@ -256,45 +229,3 @@ def _handed_on(
         seen=seen,
     )
     return {"warm": warm, "mean": mean, "variance": variance}
-
-
-def _output(forced: Forced) -> ca.Function:
-    """``(x, whole, u, tail, forces)`` to state, its covariance, all inputs and forces."""
-    s, nu, nf = forced.system.s, forced.nu, len(forced.names)
-
-    def formula(x: ca.SX, whole: ca.SX, u: ca.SX, tail: ca.SX, forces: ca.SX) -> Results:
-        kept, raw = forces[:, 0] + tail, forces[:, 1] + tail
-        return {
-            "x": x,
-            "triangle": vech(whole),
-            "v": ca.vertcat(u, raw / s.su[nu:]),
-            "d_hat": kept,
-            "d_raw": raw,
-            "d_std": ca.sqrt(forces[:, 2]),
-        }
-
-    nx = len(forced.system.A)
-    sizes = {"x": nx, "whole": (nx, nx), "u": nu, "tail": nf, "forces": (nf, 3)}
-    return leaf("output", sizes, formula)
-
-
-def _told(lam: float) -> ca.Function:
-    """Info of the kernel to flags, nonzeros, steps, kkt and lam_max.
-
-    Violations that are mere rounding are not told apart, so that every compiler gives the same.
-    """
-
-    def formula(
-        status: ca.SX, kkt: ca.SX, steps: ca.SX, nonzeros: ca.SX, lam_max: ca.SX, unobserved: ca.SX
-    ) -> Results:
-        flags = Flags(iteration_limit=status == 1, dependent=status == 2, unobserved=unobserved)
-        return {
-            "flags": flags.vector(),
-            "nonzeros": nonzeros,
-            "steps": steps,
-            "kkt": ca.fmax(kkt / lam, ROUNDING),
-            "lam_max": lam_max,
-        }
-
-    info = ("status", "kkt", "steps", "nonzeros", "lam_max", "unobserved")
-    return leaf("told", dict.fromkeys(info, 1), formula)

@@ -6,35 +6,44 @@ from typing import ClassVar
 import casadi as ca
 
 from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked, measured
 from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.loops import scan
+from backsight.engine.dense import scaled_rows
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman.sigma_points import (
     Outside,
     SigmaPoints,
+    images_ahead,
+    images_seen,
+    opened_factor,
     points_of,
     unscented_looks,
 )
 from backsight.estimators.kalman.square_root import covariance_of_factor
-from backsight.estimators.parts.covariance import Covariance, Term, scatter_and_noise
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    Term,
+    matrix_product,
+    scatter_and_noise,
+)
 from backsight.estimators.parts.factors import (
     Factor,
+    cholesky,
     cholesky_factor,
     deviation_factor,
-    each_column,
     joint_factor,
     mean_and_deviations,
+    solve_lower,
     where_definite,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
+from backsight.estimators.parts.stages import noise_seen
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import columns_at
@@ -125,9 +134,9 @@ class UKF(AbstractEstimator):
         looks = unscented_looks(
             s,
             points.weights,
-            opened=_opened(s),
-            moved=_images(s, points, s.integrator),
-            shown=_shown(s, _looked(s, points)),
+            opened=opened_factor(s),
+            moved=images_ahead(s, points, s.integrator),
+            shown=_shown(s, images_seen(s, points)),
             Q=_noise_root(s),
         )
         parts = ukf_halves(s, s.integrator, points)
@@ -141,7 +150,7 @@ class UKF(AbstractEstimator):
 
 def ukf_halves(s: Setting, integrator: Integrator, points: SigmaPoints) -> Halves:
     """Measurement update and time update, see `UKF`; the spread is that of `Factor`."""
-    kept, looked = Factor(Covariance(s.model.nx)), _looked(s, points)
+    kept, looked = Factor(Covariance(s.model.nx)), images_seen(s, points)
     return Halves(
         spread_of=kept.spread,
         innovation=_innovation(s, points, looked),
@@ -150,18 +159,6 @@ def ukf_halves(s: Setting, integrator: Integrator, points: SigmaPoints) -> Halve
         covariance=covariance_of_factor(s),
         ramp=integrator.hold == "foh",
     )
-
-
-def _looked(s: Setting, points: SigmaPoints) -> ca.Function:
-    """Outputs (ny, 2 n + 1) at sigma points, ``(x, spread, u) -> (Y, held)``, see `placed`."""
-    opened, placed, told = _opened(s), points.placed(s), points.told(s, s.model.ny)
-    output = leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)})
-    sizes = {"X": placed.size_out(0), "Y": told.size_in(0)}
-    each = half("outputs", s, lambda X, u: {"Y": each_column(output, X, u)[0]}, sizes)
-    x, spread = ca.MX.sym("x", s.model.nx), ca.MX.sym("spread", opened.numel_in(0))
-    u = ca.MX.sym("u", s.model.nu)
-    X, pairs, held = placed(x, opened(spread))
-    return ca.Function("looked", [x, spread, u], [told(each(X, u), pairs, held), held])
 
 
 def _innovation(s: Setting, points: SigmaPoints, looked: ca.Function) -> ca.Function:
@@ -191,25 +188,18 @@ def _correct(s: Setting, points: SigmaPoints, looked: ca.Function) -> ca.Functio
     """
     nx, ny, kept, w = s.model.nx, s.model.ny, Factor(Covariance(s.model.nx)), points.weights
     sizes = {
-        **notation(s), "dY": (ny, len(w.mean)), "KSy": (nx, ny), "Sy": (ny, ny), "held": 1,
-        "definite": 1, "failed": 1, "spread": kept.size, "Y": looked.size_out(0),
+        **notation(s), "moved": nx, "held": 1, "definite": 1, "failed": 1, "spread": kept.size,
+        "Y": looked.size_out(0),
     }  # fmt: skip
 
-    def rows(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
-        dY, e, R = masked(dY, y - y_mean, ca.SX(s.R), mask)
-        noise = ca.densify(cholesky_semidefinite(R))
-        return {"dY_seen": ca.densify(dY), "e": e, "noise": noise}
-
-    def settled(
-        x: ca.SX, KSy: ca.SX, Sy: ca.SX, e: ca.SX, held: ca.SX, definite: ca.SX, failed: ca.SX
-    ) -> Results:
-        free = ca.if_else(definite, x + KSy @ forward(Sy, e), x)
+    def settled(x: ca.SX, moved: ca.SX, held: ca.SX, definite: ca.SX, failed: ca.SX) -> Results:
+        free = ca.if_else(definite, x + moved, x)
         x_post = within_bounds(s, free)
         clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, held)
         flags = Flags(clipped=clipped, not_positive_definite=ca.fmax(1 - definite, failed))
         return {"x_post": x_post, "flags": flags.vector()}
 
-    weigh, settle = leaf("weigh", sizes, rows), leaf("settle", sizes, settled)
+    weigh, settle = _weighed(s, len(w.mean)), leaf("settle", sizes, settled)
 
     def formula(x: Term, spread: Term, Y: Term, held: Term, y: Term, mask: Term) -> Results:
         y_mean, dY = mean_and_deviations(Y, w)
@@ -218,7 +208,8 @@ def _correct(s: Setting, points: SigmaPoints, looked: ca.Function) -> ca.Functio
         # sample would make it smaller next to a bound, whatever was measured.
         joint, definite = joint_factor(dY, kept.opened(spread), w, noise)
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
-        x_post, flags = settle(x, KSy, Sy, e, held, definite, spread[-1])
+        moved = matrix_product(KSy, solve_lower(Sy, e))
+        x_post, flags = settle(x, moved, held, definite, spread[-1])
         L_next = where_definite(definite, kept.closed(L_post), spread[:-1])
         return {"x_post": x_post, "spread_post": ca.vertcat(L_next, 0), "flags": flags}
 
@@ -227,38 +218,28 @@ def _correct(s: Setting, points: SigmaPoints, looked: ca.Function) -> ca.Functio
     return ca.Function("correct", given, list(corrected(x, spread, *looked(x, spread, u), y, mask)))
 
 
+def _weighed(s: Setting, count: int) -> ca.Function:
+    """Rows that were measured: ``(y, dY, y_mean, mask) -> (dY, e, factor of the noise)``."""
+    ny = s.model.ny
+    if not Covariance(s.model.nx).whole:
+
+        def rows(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
+            dY, e, R = masked(dY, y - y_mean, ca.SX(s.R), mask)
+            noise = ca.densify(cholesky_semidefinite(R))
+            return {"dY_seen": ca.densify(dY), "e": e, "noise": noise}
+
+        return leaf("weigh", {**notation(s), "dY": (ny, count)}, rows)
+    sizes = {"y": (ny, 1), "dY": (ny, count), "y_mean": (ny, 1), "mask": (ny, 1)}
+    y, dY, y_mean, mask = given = [ca.MX.sym(k, *n) for k, n in sizes.items()]
+    factor = cholesky(noise_seen(s)(mask))
+    return ca.Function("weigh", given, [scaled_rows(dY, mask), mask * (y - y_mean), factor])
+
+
 def _sample_of(s: Setting, looked: ca.Function) -> list[ca.MX]:
     """Symbols of x, spread, u, y and mask."""
     sizes = {"x": s.model.nx, "spread": looked.numel_in(1), "u": s.model.nu}
     sizes |= {"y": s.model.ny, "mask": s.model.ny}
     return [ca.MX.sym(k, n) for k, n in sizes.items()]
-
-
-def _images(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
-    """Sigma points one sample later, ``(x, spread, u, u_next) -> X``."""
-    size, h = Factor(Covariance(s.model.nx)).size, s.dt / integrator.steps
-    placed, told = points.placed(s), points.told(s, s.model.nx)
-    sizes = {"X": placed.size_out(0)}
-
-    def advance(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
-        if not s.model.continuous:
-            return {"x_next": s.model.rhs(x, ua)}
-        return {"x_next": flow(s, integrator, x, ua=ua, ub=ub, h=h)}
-
-    one = leaf("advance_point", notation(s), advance)
-    all_points = half(
-        "advance_points",
-        s,
-        lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
-        sizes,
-    )
-    x, spread = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", size)
-    u, u_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
-    xs, held_inputs = substep_inputs(integrator, u, u_next)
-    steps = integrator.steps if s.model.continuous else 1
-    X, pairs, held = placed(x, _opened(s)(spread))
-    (moved,), _ = scan(all_points, steps, carry=[X], xs=xs, constants=held_inputs)
-    return ca.Function("images", [x, spread, u, u_next], [told(moved, pairs, held)])
 
 
 def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
@@ -275,7 +256,7 @@ def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Func
         return {"x_next": inside(mean), "spread_next": ca.vertcat(L_next, 1 - definite)}
 
     gather = half("gather", s, gathered, {"spread": kept.size, "X": (s.model.nx, len(w.mean))})
-    images = _images(s, points, integrator)
+    images = images_ahead(s, points, integrator)
     given = [ca.MX.sym(images.name_in(i), images.numel_in(i)) for i in range(4)]
     return ca.Function("predict", given, gather.call([images(*given), given[1], given[2]]))
 
@@ -283,13 +264,6 @@ def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Func
 def _noise_root(s: Setting) -> Array:
     """Factor of the process noise of a sample."""
     return cholesky_factor(s.sampled().Q)
-
-
-def _opened(s: Setting) -> ca.Function:
-    """Spread to the lower factor (nx, nx)."""
-    kept = Factor(Covariance(s.model.nx))
-    sizes = {"spread": kept.size}
-    return half("opened", s, lambda spread: {"L": ca.densify(kept.opened(spread))}, sizes)
 
 
 def _shown(s: Setting, looked: ca.Function) -> ca.Function:

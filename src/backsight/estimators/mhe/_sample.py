@@ -7,6 +7,7 @@ import numpy as np
 
 from backsight.algebra.symmetric import vech
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.dense import diagonal, triangle
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.arrival import Arrival, Leaving
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
@@ -272,23 +273,37 @@ def _verdict(chain: Chain) -> ca.Function:
 
     def formula(
         side: ca.SX, conflict: ca.SX, limit: ca.SX, unfinished: ca.SX, rejected: ca.SX,
-        P: ca.SX, P_prior: ca.SX,
+        variance: ca.SX, variance_prior: ca.SX,
     ) -> Results:  # fmt: skip
-        found, prior = chain.matrix(P), chain.matrix(P_prior)
         names = ca.vertcat(ca.SX(0, 1), *(ca.mmax(conflict[r, :]) for r in range(n)))
         infeasible = ca.mmax(names) if n else ca.SX(0)
         flags = Flags(
             clipped=ca.mmax(ca.fabs(side)) if n else 0,
             iteration_limit=ca.fmax(limit, unfinished),
             step_rejected=rejected,
-            not_positive_definite=ca.mmax(NEGATIVE * ca.fabs(ca.diag(prior)) - ca.diag(found)) > 0,
+            not_positive_definite=ca.mmax(NEGATIVE * ca.fabs(variance_prior) - variance) > 0,
             infeasible=infeasible,
         )
-        clean = found + ca.diag(ca.fmax(-ca.diag(found), 0))
-        triangle = vech(ca.densify(clean))
         said = {"names": names, "infeasible": infeasible, "flags": flags.vector()}
-        return {**said, "triangle": triangle}
+        return {**said, "missing": ca.fmax(-variance, 0)}
 
-    course = {"limit": 1, "unfinished": 1, "rejected": 1}
-    sizes = {"side": n, "conflict": (n, chain.N + 1), "P": chain.size_P, **course}
-    return leaf("verdict", sizes, formula)
+    course = {"limit": 1, "unfinished": 1, "rejected": 1, "variance": chain.nx}
+    sizes = {"side": n, "conflict": (n, chain.N + 1), **course}
+    judged = leaf("verdict", sizes, formula)
+    given = [ca.MX.sym(judged.name_in(k), *judged.size_in(k)) for k in range(5)]
+    P, P_prior = ca.MX.sym("P", chain.size_P), ca.MX.sym("P_prior", chain.size_P)
+    *said, missing = judged(*given, chain.variances(P), chain.variances(P_prior))
+    results = [*said, _without_negative(chain)(P, missing)]
+    return ca.Function("verdict_of_window", [*given, P, P_prior], results)
+
+
+def _without_negative(chain: Chain) -> ca.Function:
+    """``(P, missing) -> triangle``: a stored covariance with what its diagonal is below zero."""
+    if chain.dense:
+        nx, P = chain.nx, ca.MX.sym("P", chain.size_P)
+        missing = ca.MX.sym("missing", nx)
+        whole = ca.reshape(P, nx, nx) + diagonal(missing)
+        return ca.Function("without_negative", [P, missing], [triangle(whole)])
+    P, missing = ca.SX.sym("P", chain.size_P), ca.SX.sym("missing", chain.nx)
+    clean = vech(ca.densify(chain.matrix(P) + ca.diag(missing)))
+    return ca.Function("without_negative", [P, missing], [clean])
