@@ -14,6 +14,7 @@ import xarray as xr
 from backsight.description import content
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
+from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation.results.outputs import JUDGED, Outputs, putting_out
@@ -66,7 +67,7 @@ def compile_once(
         if key is not None and key in _made:
             _made.move_to_end(key)
             return _made[key]
-    recursion = estimator.compile(model, dt)
+    recursion = watched(estimator.compile(model, dt), estimator, model)
     visible = putting_out(recursion.restarting() if restart else recursion, outputs, needed)
     kept = [c for c in visible.channels if outputs.keeps(c.name)]
     made = Prepared(
