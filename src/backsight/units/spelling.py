@@ -10,6 +10,7 @@ import re
 from typing import Any, NamedTuple
 
 from backsight.errors import BacksightError, nearest
+from backsight.types import Array
 
 PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])?"
 BASE = (
@@ -71,6 +72,10 @@ class Conversion(NamedTuple):
     def same(self) -> bool:
         """Whether nothing changes."""
         return self.offset == 0.0 and math.isclose(self.factor, 1.0, rel_tol=1e-12)
+
+    def applied(self, values: Array) -> Array:
+        """Values in the new unit, of the same shape."""
+        return values if self.same else self.factor * values + self.offset
 
 
 def check_unit(unit: str) -> None:
