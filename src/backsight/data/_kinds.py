@@ -101,7 +101,7 @@ def members(archive: zipfile.ZipFile) -> list[str]:
     return [n for n in names if not n.startswith("__MACOSX/") and not n.endswith(".DS_Store")]
 
 
-def inside(head: bytes) -> str:
+def kind_inside(head: bytes) -> str:
     """What unpacked bytes are if they are no text: the suffix of their kind, or ""."""
     return next((kind for sign, kind in SIGNS.items() if head.startswith(sign)), "")
 

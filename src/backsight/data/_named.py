@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from backsight.data.formats.conventions import dates, is_date, unit_in
+from backsight.data.formats.conventions import counts_from_date, dates, unit_in
 from backsight.errors import DataError, nearest
 from backsight.units import conversion, convertible
 
@@ -73,7 +73,11 @@ def _timed(time: xr.DataArray) -> np.ndarray:
     values, unit = time.to_numpy(), unit_in(time.attrs)
     if values.dtype.kind not in "fiu" or not unit:
         return values
-    return dates(values, time.attrs, "time") if is_date(time.attrs) else in_seconds(values, unit)
+    return (
+        dates(values, time.attrs, "time")
+        if counts_from_date(time.attrs)
+        else in_seconds(values, unit)
+    )
 
 
 def in_seconds(values: np.ndarray, unit: str) -> np.ndarray:

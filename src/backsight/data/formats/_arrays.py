@@ -24,7 +24,13 @@ from backsight.data.formats._hdf5 import (
     leaves,
     wanted_names,
 )
-from backsight.data.formats.conventions import PACKED, dates, is_date, unit_in, unpacked
+from backsight.data.formats.conventions import (
+    PACKED,
+    counts_from_date,
+    dates,
+    physical_values,
+    unit_in,
+)
 from backsight.errors import DataError
 from backsight.types import Array
 
@@ -72,7 +78,7 @@ def read_hdf5(path: Path, request: Request) -> Contents:
         found = datasets(file, request.wanted, request.outside)
         columns = _picked(found, request).columns
         told = {name: _attributes(found, name) for name in columns}
-        plain = {name: unpacked(values, told[name]) for name, values in columns.items()}
+        plain = {name: physical_values(values, told[name]) for name, values in columns.items()}
         changed = [f"'{name}'" for name in plain if plain[name] is not columns[name]]
         note = f"{', '.join(changed)} unpacked as the attributes say"
         return _told(plain, told, request, note if changed else "")
@@ -95,9 +101,9 @@ def _told(
 ) -> Contents:
     """Columns with their units; a clock that counts from a date on becomes dates."""
     clock = request.clock
-    if clock is not None and is_date(attributes[clock]):
+    if clock is not None and counts_from_date(attributes[clock]):
         columns = {**columns, clock: dates(columns[clock], attributes[clock], clock)}
-    units = {name: unit_in(told) for name, told in attributes.items() if not is_date(told)}
+    units = {name: unit_in(told) for name, told in attributes.items() if not counts_from_date(told)}
     return Contents(columns, {name: unit for name, unit in units.items() if unit}, note)
 
 
@@ -147,7 +153,11 @@ def list_containers(path: Path, request: Request) -> list[Listed]:
     if h5py.is_hdf5(path):
         with h5py.File(path) as file:
             arrays = leaves(file)
-            dated = {n for n, v in arrays.items() if not isinstance(v, Field) and is_date(v.attrs)}
+            dated = {
+                n
+                for n, v in arrays.items()
+                if not isinstance(v, Field) and counts_from_date(v.attrs)
+            }
             return _listed(arrays, dated, request)
     if zipfile.is_zipfile(path):
         return list_arrays(_npz_arrays(path), request.axis)
@@ -157,7 +167,9 @@ def list_containers(path: Path, request: Request) -> list[Listed]:
     if begins_with(path, b"CDF"):
         with xr.open_dataset(path, decode_times=False, **_CLASSIC) as dataset:
             arrays = {str(k): v for k, v in dataset.variables.items()}
-            return _listed(arrays, {n for n, v in arrays.items() if is_date(v.attrs)}, request)
+            return _listed(
+                arrays, {n for n, v in arrays.items() if counts_from_date(v.attrs)}, request
+            )
     raise DataError("this is no file of arrays")
 
 

@@ -24,7 +24,7 @@ def unit_in(attributes: Mapping[str, Any]) -> str:
     return found.strip() if isinstance(found, str) else ""
 
 
-def is_date(attributes: Mapping[str, Any]) -> bool:
+def counts_from_date(attributes: Mapping[str, Any]) -> bool:
     """Whether numbers count from a date on: ``ms since 2026-03-01``."""
     return " since " in unit_in(attributes)
 
@@ -50,7 +50,7 @@ def dates(values: Array, attributes: Mapping[str, Any], name: str) -> np.ndarray
     return decoded
 
 
-def unpacked(values: Array, attributes: Mapping[str, Any]) -> Array:
+def physical_values(values: Array, attributes: Mapping[str, Any]) -> Array:
     """Numbers that were stored as others, with a factor, an offset and one for "not measured"."""
     told = {key: np.ravel(attributes[key]) for key in PACKED if key in attributes}
     told = {key: value[0] for key, value in told.items() if value.dtype.kind in "fiu"}

@@ -53,7 +53,7 @@ class NumberForm:
             return math.nan
         if cell in _INFINITE:
             return _INFINITE[cell]
-        cell = plain(cell)
+        cell = without_typography(cell)
         if self.thousands and self.thousands in cell:
             signs = {"thousands": re.escape(self.thousands), "decimal": re.escape(self.decimal)}
             if not re.fullmatch(_GROUPED.format(**signs), cell):
@@ -71,7 +71,7 @@ class NumberForm:
             return _rarely_written(cell)
 
 
-def plain(cell: str) -> str:
+def without_typography(cell: str) -> str:
     """A number without typographic signs."""
     return cell if cell.isascii() else cell.translate(_SIGNS)
 
@@ -86,7 +86,7 @@ def _rarely_written(cell: str) -> float | None:
 
 def is_numeric(cell: str) -> bool:
     """Whether a cell is a number by any signs, or a word for a missing one."""
-    cell = plain(cell)
+    cell = without_typography(cell)
     return (
         NumberForm().value(cell) is not None
         or bool(_COMMA.fullmatch(cell))
@@ -108,7 +108,7 @@ def signs(cells: Iterable[str]) -> tuple[str, str | None]:
     decimal: set[str] = set()
     thousands: set[str] = set()
     either: dict[str, str] = {}
-    for cell in map(plain, cells):
+    for cell in map(without_typography, cells):
         if match := _BOTH.fullmatch(cell):
             thousands.add(match[1])
             decimal.add(cell[max(cell.rfind("."), cell.rfind(","))])

@@ -9,7 +9,7 @@ import zipfile
 from pathlib import Path
 from typing import IO
 
-from backsight.data._kinds import PACKED, inside, members
+from backsight.data._kinds import PACKED, kind_inside, members
 from backsight.data._room import check_density, check_room
 from backsight.errors import DataError
 
@@ -80,7 +80,7 @@ def _limited(packed: io.BufferedIOBase | IO[bytes], path: Path) -> bytes:
             check_room(total, "the packed text")
     except (lzma.LZMAError, EOFError, zipfile.BadZipFile) as error:
         raise DataError(f"the packed text is damaged: {error}") from None
-    if parts and (kind := inside(parts[0])):
+    if parts and (kind := kind_inside(parts[0])):
         raise DataError(f"inside is a file of the kind '{kind}'; unpack it first")
     return b"".join(parts)
 
