@@ -173,6 +173,10 @@ def list_containers(path: Path, request: Request) -> list[Listed]:
     raise DataError("this is no file of arrays")
 
 
+def _dated(arrays: Mapping[str, Any]) -> set[str]:
+    return {name for name, entry in arrays.items() if counts_from_date(entry.attrs)}
+
+
 def _listed(arrays: Mapping[str, Any], dated: Collection[str], request: Request) -> list[Listed]:
     """Arrays as listed; those that count from a date on are dates."""
     found = list_arrays(arrays, request.axis)
