@@ -128,12 +128,14 @@ def fit(
     search = Search(passes, lambda done: progress(min(done / passes, 1.0)), samples)
     tuning = Tuning(estimator, model, tuple(data), tuple(periods), criterion, search)
     objective = tuning.objective(unknowns)
-    before = objective.cost_at([np.zeros(len(objective.coordinates))])[0]
-    place: Array = np.zeros(0)
-    worse: list[float] = []
+    start: Array = np.zeros(len(objective.coordinates))
+    place, worse = start, []
     if unknowns:
         best, worse = tuning.search(objective, restarts=restarts, seed=seed)
         place = best.place
+        before = search.evaluate(objective, start).data.cost  # where the search began
+    else:
+        before = objective.cost_at([start])[0]
     options: dict[str, object] = {}
     table = None
     if choices:
