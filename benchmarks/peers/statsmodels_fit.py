@@ -38,7 +38,7 @@ def values() -> Array:
     """The standard deviations, (1, 3), to the last digit that L-BFGS gives."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        fitted = Oscillator().fit(disp=False, maxiter=500, pgtol=1e-9, factr=10)
+        fitted: Any = Oscillator().fit(disp=False, maxiter=500, pgtol=1e-9, factr=10)
     return np.exp(fitted.params)[None]
 
 
