@@ -14,7 +14,7 @@ from tests.workbench.browser import FOUND, browsing
 
 from backsight.errors import OutputError
 from backsight.live._status import LiveStatus
-from backsight.live.dashboard import served_board
+from backsight.live.dashboard import placed_board, served_board
 from backsight.live.dashboard._history import History
 from backsight.problem.reading.tables import DashboardTable
 
@@ -26,10 +26,11 @@ def shown(folder, live: str = RIG + COLUMNS + ALARM, **table):
     """A session that is fed by hand, and its dashboard."""
     with fed(folder, live) as found:
         status = LiveStatus(found.session)
-        with served_board(
-            found.session, status, DashboardTable(**table), tell=found.told.append
-        ) as (board, address):
-            yield found, board, address
+        with (
+            placed_board(DashboardTable(**table), folder, tell=found.told.append) as place,
+            served_board(found.session, status, place) as board,
+        ):
+            yield found, board, place.address
 
 
 def asked(address: str, path: str, body: bytes | None = None, **headers: str):

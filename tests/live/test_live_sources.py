@@ -14,6 +14,7 @@ from tests.live.conftest import COLUMNS, N, fed, message, written
 from backsight.errors import BacksightError, OutputError, ProblemError
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
+from backsight.live._ready import made_ready
 from backsight.live.sources._cutting import Cutter
 from backsight.live.sources._decoding import payload_decoder
 from backsight.problem.reading.tables import MessageTable
@@ -190,7 +191,8 @@ def test_what_is_wrong_in_the_file_is_said_before_anything_runs(tmp_path, text, 
 
 
 def begin(folder, text: str) -> None:
-    with opened_session(load_live(written(folder, text)), tell=print, engine="vm"):
+    ready = made_ready(load_live(written(folder, text)), engine="vm")
+    with opened_session(ready, tell=print):
         pass
 
 

@@ -2,6 +2,7 @@
 
 import collections
 import os
+import threading
 from typing import Any
 
 from backsight.errors import PluginError
@@ -29,9 +30,10 @@ class MqttSource(ReceivingSource):
         self.durable = feed.qos == 1
         self._unacknowledged: collections.deque[int] = collections.deque()
         self._taken = self._acknowledged = 0
+        self._lock = threading.Lock()
 
     def open(self) -> None:
-        """See `ReceivingSource.open`."""
+        """See `LiveSource.open`."""
         try:
             from paho.mqtt import client as mqtt
         except ModuleNotFoundError:
@@ -50,7 +52,11 @@ class MqttSource(ReceivingSource):
         client.on_connect = self._connected
         client.on_message = self._arrived
         self._client, self._fine = client, mqtt.MQTT_ERR_SUCCESS
-        self._taken = 0  # what was taken before came from a journal
+
+    def start(self) -> None:
+        """See `LiveSource.start`."""
+        self._acknowledged = self._taken  # what was taken before came from a journal
+        super().start()
 
     def receive(self) -> None:
         """See `ReceivingSource.receive`."""
@@ -85,6 +91,7 @@ class MqttSource(ReceivingSource):
 
     def acknowledge(self, mark: int) -> None:
         """See `LiveSource.acknowledge`."""
-        while self.durable and self._acknowledged < mark and self._unacknowledged:
-            self._client.ack(self._unacknowledged.popleft(), 1)
-            self._acknowledged += 1
+        with self._lock:  # the thread of the store and that of the run
+            while self.durable and self._acknowledged < mark and self._unacknowledged:
+                self._client.ack(self._unacknowledged.popleft(), 1)
+                self._acknowledged += 1

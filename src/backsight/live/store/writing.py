@@ -130,6 +130,22 @@ def _names_to_disk(folder: Path) -> None:
             os.close(number)
 
 
+def arrow() -> Any:
+    """The library that writes Parquet.
+
+    Raises
+    ------
+    PluginError
+        If it is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ModuleNotFoundError:
+        raise PluginError("a store needs pyarrow: pip install 'backsight[live]'") from None
+    return pyarrow
+
+
 @contextlib.contextmanager
 def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
     """Open a folder for appending, alone.
@@ -148,11 +164,7 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
     PluginError
         If Arrow is not installed.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ModuleNotFoundError:
-        raise PluginError("a store needs pyarrow: pip install 'backsight[live]'") from None
+    library = arrow()
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     with holding(folder):
@@ -170,7 +182,7 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
             write_whole(about, json.dumps(content, indent=1).encode())
         for rest in folder.glob(".part-*.part"):
             rest.unlink(missing_ok=True)  # of a run that was killed
-        yield LiveStore(folder, pyarrow, pyarrow.parquet)
+        yield LiveStore(folder, library, library.parquet)
 
 
 def _check_about(about: Path, said: str) -> None:
