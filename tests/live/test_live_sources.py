@@ -181,8 +181,8 @@ def test_a_line_without_an_end_is_given_up():
          "source.rig.struct: must be < or >"),
         ('kind = "udp"\nport = 0\nformat="packed"\ncolumns=["t","u","y"]\nstruct="<dd"\n' + COLUMNS,
          "holds 2 numbers, but there are 3"),
-        ('kind = "udp"\nport = 0\ninputs.u = "u"\noutputs.y = { column = "y", delay = 0.013 }\n',
-         "source.rig.outputs.y.delay: is 1.3 samples"),
+        ('kind = "udp"\nport = 0\ninputs.u = "u"\noutputs.y = { column = "y", delay = 1.5 }\n',
+         "source.rig.outputs.y.delay: is longer than samples may be late; give live.lag"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_the_file_is_said_before_anything_runs(tmp_path, text, part):

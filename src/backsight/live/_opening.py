@@ -75,6 +75,7 @@ def opened_session(ready: ReadyRun, *, tell: Callable[[str], None]) -> Iterator[
             shifts = json.loads(str(checkpoint[1]["clocks"]))
             for lane in lanes:
                 lane.clock.shift = shifts.get(lane.name, lane.clock.shift)
+                lane.go_on(checkpoint[1])
             tell(f"goes on from {float(grid.time(estimation.base)):.6f} s")
         session = LiveSession(live, lanes, grid, estimation, keeper=keeper, tell=tell)
         session.alarms = alarms

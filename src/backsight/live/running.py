@@ -18,7 +18,6 @@ from backsight.live.dashboard import Board, placed_board, served_board
 from backsight.live.reviving import can_revive, revive
 from backsight.problem.reading.tables import DashboardTable
 
-
 _IMPATIENT = 1.0
 """Seconds after which another Ctrl-C is meant."""
 
@@ -34,7 +33,6 @@ def run_live(
     survive: bool = False,
 ) -> LiveStatus:
     """Run a problem file on samples that come, until the sources end or it is interrupted.
-
 
     Parameters
     ----------

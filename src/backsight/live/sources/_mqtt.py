@@ -6,12 +6,10 @@ import threading
 from typing import Any
 
 from backsight.errors import PluginError
+from backsight.live._publishing import PASSWORD
 from backsight.live.sources._decoding import payload_decoder
 from backsight.live.sources.base import ReceivingSource
 from backsight.problem.reading.tables import MqttFeed
-
-PASSWORD = "BACKSIGHT_MQTT_PASSWORD"
-"""Environment variable with the password at the broker."""
 
 _LOOK_UP = 0.2
 _KEEPALIVE = 20
