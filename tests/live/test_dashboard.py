@@ -60,8 +60,8 @@ def test_the_history_keeps_extremes_and_forgets_the_old():
         part = slice(k, k + 7001)
         history.add(times[part], values[part], np.ones_like(values[part]))
     minute = history.over(60)
-    assert minute["period"] == 0.1
-    assert 595 <= len(minute["t"]) <= 602
+    assert minute["period"] == 0.05
+    assert 1195 <= len(minute["t"]) <= 1202
     whole = history.over(3600)
     assert whole["period"] == 1.0
     assert 499 <= len(whole["t"]) <= 502

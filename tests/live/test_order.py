@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from tests.live.conftest import COLUMNS, DT, STORED, N, fed, message, stored, written
+from tests.live.conftest import COLUMNS, DT, PROBLEM, STORED, N, fed, message, stored, written
 
 import backsight as bs
 from backsight.data import remove_delays
@@ -32,6 +32,25 @@ def test_in_order_it_is_what_estimate_finds(tmp_path, samples, expected):
         live.feed(map(message, samples))
     check(tmp_path, expected)
     assert live.counts.late == live.counts.too_late == 0
+
+
+def test_without_inputs_it_begins_with_the_first_sample(tmp_path, samples, monkeypatch):
+    problem = PROBLEM.replace("u - k*q", "- k*q").replace(
+        "sigma_x0 = { q = 0.1", "sigma_x0 = { q = 1.0"
+    )
+    monkeypatch.setattr("tests.live.conftest.PROBLEM", problem)
+    swing = samples.copy()
+    swing[:, 2] = 0.5 * np.exp(-0.4 * samples[:, 0]) * np.cos(6.31 * samples[:, 0])
+    live_tables = STORED.replace('inputs.u = { column = "u", unit = "m/s2" }\n', "")
+    live = load_live(written(tmp_path, live_tables))
+    recording = bs.from_arrays(y=swing[:300, 2], dt=DT, inputs={}, outputs={"y": "m"})
+    expected = bs.estimate(live.estimator, live.model, recording, engine="vm")
+    with fed(tmp_path, live_tables) as run:
+        run.feed(map(message, swing[:300]))
+    found = stored(tmp_path, ["time", "x_std.k"])
+    assert np.allclose(found["time"], DT * np.arange(300), rtol=0, atol=1e-9)
+    right = expected["x_std"].sel(state="k").values
+    assert np.allclose(found["x_std.k"], right, rtol=1e-12, atol=0)
 
 
 def test_within_the_reorder_buffer_nothing_is_late(tmp_path, samples, expected):

@@ -51,6 +51,8 @@ class Lane:
         self._told_rate, self._times = False, np.empty(0)
         self.lines: dict[float, DelayLine] = {}
         """Of channels that are late by a fraction of a sample, by their delays."""
+        self.gaps = 0
+        """How often it was silent."""
         self.worst_lateness = 0.0
         """Largest time that a sample came after a newer one [s]."""
 
@@ -94,6 +96,9 @@ class Lane:
         """Times, units and slots of what came; what cannot be used is counted."""
         feed, counts = self.source.feed, self.placing.counts
         counts.received += len(batch.arrival)
+        if self.last_arrival is not None:
+            gap = float(batch.arrival[0]) - self.last_arrival
+            self.gaps += gap > feed.silent
         self.last_arrival = float(batch.arrival[-1])
         self._arrived.append((self.last_arrival, len(batch.arrival)))
         if self.replayed:

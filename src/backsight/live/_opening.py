@@ -78,7 +78,7 @@ def opened_session(ready: ReadyRun, *, tell: Callable[[str], None]) -> Iterator[
                 lane.go_on(checkpoint[1])
             tell(f"goes on from {float(grid.time(estimation.base)):.6f} s")
         session = LiveSession(live, lanes, grid, estimation, keeper=keeper, tell=tell)
-        session.alarms = alarms
+        session.alarms, session.labels = alarms, labels
         if live.sinks:
             states = [s.name for s in live.model.states]
             quantities = Quantities(live.model, labels)

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class LiveSession:
         self.alarms: Alarms | None = None
         self.sinks: Sinks | None = None
         self.freezer: Freezer | None = None
+        self.labels: Mapping[str, Sequence[str]] = {}
+        """Names along dimensions of the estimator's own, by variable."""
         self.listeners: list[Callable[[LiveRows], None]] = []
         """Told the newest samples of every round."""
         self.sensors = sum(s.dummy is None for s in live.model.outputs)

@@ -84,7 +84,7 @@ class DelayLine:
         if self._rows is None:
             return np.empty((0, 1 + self._width))
         base, stop = self._rows.base, self._rows.stop
-        return np.column_stack([np.arange(base, stop), self._rows.view(base, stop)])
+        return np.column_stack([np.arange(base, stop, dtype=float), self._rows.view(base, stop)])
 
     def go_on(self, kept: Array) -> None:
         """Take over what was kept."""

@@ -4,6 +4,7 @@ Every level holds buckets of one length: the smallest and the largest value in t
 and its standard deviation. What happens between two points of a curve is seen as its width.
 """
 
+import io
 import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,8 +13,11 @@ import numpy as np
 
 from backsight.types import Array
 
-LEVELS = ((0.1, 900), (1.0, 3700), (60.0, 1500), (1800.0, 1500))
+LEVELS = ((0.05, 1800), (1.0, 3700), (60.0, 1500), (1800.0, 1500))
 """Length of a bucket [s], and how many are kept: 90 s, an hour, a day, a month."""
+
+_HELD = ("_numbers", "_low", "_high", "_last", "_std")
+"""What a level holds of its buckets."""
 
 
 class Level:
@@ -48,6 +52,8 @@ class Level:
         stops = np.r_[starts[1:], len(numbers)] - 1
         for j, number in enumerate(numbers[starts]):
             k = int(number % self._count)
+            if self._numbers[k] > number:
+                continue  # a month ago, and a newer one has its place
             if self._numbers[k] == number:
                 self._low[k] = np.fmin(self._low[k], low[j])
                 self._high[k] = np.fmax(self._high[k], high[j])
@@ -58,6 +64,20 @@ class Level:
             self._last[k] = np.where(np.isfinite(last), last, self._last[k])
             self._std[k] = spread[stops[j]]
             self.newest = max(self.newest, int(number))
+
+    def held(self) -> dict[str, np.ndarray]:
+        """Copies of all that is held."""
+        return {name: getattr(self, name).copy() for name in _HELD}
+
+    def take_over(self, kept: Mapping[str, np.ndarray]) -> None:
+        """Put buckets that were held before a restart into places that are free or older."""
+        numbers = kept["_numbers"]
+        if any(kept[name].shape != getattr(self, name).shape for name in _HELD):
+            raise ValueError
+        free = numbers > self._numbers
+        for name in _HELD:
+            getattr(self, name)[free] = kept[name][free]
+        self.newest = max(self.newest, int(numbers.max()))
 
     def since(self, number: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Numbers of the buckets from one on, in order, and what is in them."""
@@ -86,6 +106,38 @@ class History:
         with self._lock:
             for level in self._levels:
                 level.add(times, values, spread)
+
+    def packed(self) -> bytes:
+        """All of it, to be kept."""
+        file = io.BytesIO()
+        with self._lock:
+            levels = [level.held() for level in self._levels]
+        arrays = {f"{j}{n}": v for j, held in enumerate(levels) for n, v in held.items()}
+        np.savez(file, names=np.array(self.names), **arrays)  # type: ignore[arg-type]
+        return file.getvalue()
+
+    def take_over(self, content: bytes) -> bool:
+        """Take over what was kept before a restart; False if it is of other quantities.
+
+        Raises
+        ------
+        ValueError, OSError, KeyError
+            If it is damaged.
+        """
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            if file["names"].tolist() != self.names:
+                return False
+            kept = [{n: file[f"{j}{n}"] for n in _HELD} for j in range(len(LEVELS))]
+        with self._lock:
+            for level, held in zip(self._levels, kept, strict=True):
+                level.take_over(held)
+            self._told = max(self._told, self._levels[0].newest)
+        return True
+
+    @property
+    def newest(self) -> float:
+        """End of the newest bucket of a second [s]."""
+        return (self._levels[1].newest + 1) * self._levels[1].period
 
     def over(self, span: float) -> dict[str, Any]:
         """Buckets of the last seconds, of the finest level that reaches so far back."""

@@ -11,6 +11,7 @@ from backsight.errors import OutputError, PluginError
 from backsight.live._session import LiveSession
 from backsight.live._status import LiveStatus
 from backsight.live.dashboard._board import Board
+from backsight.live.dashboard._remembering import remembered
 from backsight.live.dashboard._saving import Recent
 from backsight.problem.reading.tables import DashboardTable
 from backsight.web.listening import HERE, listening_on, token_of
@@ -117,8 +118,10 @@ def served_board(session: LiveSession, status: LiveStatus, place: Place) -> Iter
         target=server.run, kwargs={"sockets": [place.listening]}, name="dashboard", daemon=True
     )
     thread.start()
+    store = None if session.keeper is None else session.keeper.store
     try:
-        yield board
+        with remembered(board.history, store, board.columns()):
+            yield board
     finally:
         server.should_exit = True
         thread.join(5.0)

@@ -133,10 +133,15 @@ class LiveEstimation:
         self._dirty = self.done
 
     def _begin(self, stop: int, *, at_once: bool) -> bool:
-        """Pass over the rows before all inputs are known; whether the first row is found."""
+        """Pass over the rows before all inputs are known; whether the first row is found.
+
+        Without inputs, it is the first one in which anything was measured.
+        """
         nu, base = self.model.nu, self.measured.base
-        known = filled_forward(self.measured.view(base, stop)[:, :nu], self._before)
-        ready = np.flatnonzero(np.isfinite(known).all(axis=1))
+        rows = self.measured.view(base, stop)
+        known = filled_forward(rows[:, :nu], self._before)
+        begun = np.logical_or.accumulate(np.isfinite(rows).any(axis=1))
+        ready = np.flatnonzero(np.isfinite(known).all(axis=1) & begun)
         first = base + int(ready[0]) if len(ready) else max(stop - self.lag, base)
         if len(ready) and first > base and stop - first <= self.lag and not at_once:
             return False

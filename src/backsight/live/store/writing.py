@@ -59,6 +59,14 @@ class LiveStore:
                 "on from the part before"
             ) from None
 
+    def columns(self, part: Path) -> dict[str, np.ndarray]:
+        """Columns of a part by name; none if it was removed meanwhile or cannot be read."""
+        try:
+            table = self._parquet.read_table(part)
+        except (OSError, self._arrow.ArrowException):
+            return {}
+        return {name: table[name].to_numpy() for name in table.column_names}
+
     def add(
         self, start: int, columns: Mapping[str, np.ndarray], units: Mapping[str, str], memory: bytes
     ) -> None:
