@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from tests.live.conftest import COLUMNS, RIG, fed, message
+from tests.live.conftest import COLUMNS, RIG, STORED, fed, message
 from tests.workbench.browser import FOUND, browsing
 
 from backsight.errors import OutputError
@@ -68,6 +68,36 @@ def test_the_history_keeps_extremes_and_forgets_the_old():
     assert max(whole["series"]["a"]["high"]) == 50.0
     assert set(whole["series"]["b"]["last"]) == {None}
     assert np.isclose(whole["series"]["a"]["last"][-1], values[-1, 0], rtol=1e-5)
+
+
+def test_the_history_of_a_recording_that_begins_at_zero_begins_there():
+    history = History(["a"])
+    assert history.over(60)["t"] == []
+    history.add(np.array([0.0, 0.06, 0.11]), np.ones((3, 1)), np.ones((3, 1)))
+    assert history.over(60)["t"] == [0.0, 0.05, 0.1]
+    assert history.fresh()["t"] == [0.0, 0.05]
+
+
+def test_the_history_is_there_after_a_restart(tmp_path, samples):
+    """What was kept, and what came after that from the parts of the store."""
+    with shown(tmp_path, STORED) as (live, board, address):
+        live.feed(map(message, samples[:400]))
+    kept = tmp_path / "store" / ".history.npz"
+    first = kept.read_bytes()
+    with shown(tmp_path, STORED) as (live, board, address):
+        live.feed(map(message, samples[400:]))
+    history = board.history  # it has seen the end, which was stored after it was kept
+    everything = history.over(60)
+    for content in (kept.read_bytes(), first, b"damaged"):
+        kept.write_bytes(content)
+        with shown(tmp_path, STORED) as (_, board, address):
+            end = time.monotonic() + 10
+            while (found := board.history.over(60))["t"] != everything["t"]:
+                assert time.monotonic() < end
+                time.sleep(0.01)
+        for what in ("low", "high", "last", "std"):
+            right = everything["series"]["state:k"][what]
+            assert found["series"]["state:k"][what] == right
 
 
 def test_frames_hold_what_was_estimated(tmp_path, samples, expected):

@@ -16,6 +16,9 @@ from backsight.types import Array
 LEVELS = ((0.05, 1800), (1.0, 3700), (60.0, 1500), (1800.0, 1500))
 """Length of a bucket [s], and how many are kept: 90 s, an hour, a day, a month."""
 
+_NEVER = -(2**62)
+"""Number of a bucket that is none."""
+
 _HELD = ("_numbers", "_low", "_high", "_last", "_std")
 """What a level holds of its buckets."""
 
@@ -35,11 +38,11 @@ class Level:
 
     def __init__(self, period: float, count: int, width: int) -> None:
         self.period, self._count = period, count
-        self._numbers = np.full(count, -1, np.int64)
+        self._numbers = np.full(count, _NEVER, np.int64)
         self._low, self._high, self._last, self._std = (
             np.full((count, width), np.nan, np.float32) for _ in range(4)
         )
-        self.newest = -1
+        self.newest = _NEVER
         """Number of the newest bucket, its beginning by the period."""
 
     def add(self, times: Array, values: Array, spread: Array) -> None:
@@ -81,7 +84,8 @@ class Level:
 
     def since(self, number: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Numbers of the buckets from one on, in order, and what is in them."""
-        there = np.flatnonzero(self._numbers >= max(number, self.newest - self._count + 1))
+        oldest = max(number, self.newest - self._count + 1, _NEVER + 1)
+        there = np.flatnonzero(self._numbers >= oldest)
         order = there[np.argsort(self._numbers[there])]
         held = {"low": self._low, "high": self._high, "last": self._last, "std": self._std}
         return self._numbers[order], {name: values[order] for name, values in held.items()}
@@ -99,7 +103,7 @@ class History:
         self.names = list(names)
         self._levels = [Level(period, count, len(self.names)) for period, count in LEVELS]
         self._lock = threading.Lock()
-        self._told = -1
+        self._told = _NEVER
 
     def add(self, times: Array, values: Array, spread: Array) -> None:
         """Take in values (n, m) and standard deviations at times (n,)."""
@@ -116,28 +120,28 @@ class History:
         np.savez(file, names=np.array(self.names), **arrays)  # type: ignore[arg-type]
         return file.getvalue()
 
-    def take_over(self, content: bytes) -> bool:
-        """Take over what was kept before a restart; False if it is of other quantities.
+    def take_over(self, content: bytes) -> float:
+        """Take over what was kept before a restart.
+
+        Returns
+        -------
+        float
+            Begin of the newest second in it [s]; to add what is in that once more changes nothing.
 
         Raises
         ------
         ValueError, OSError, KeyError
-            If it is damaged.
+            If it is damaged, or of other quantities.
         """
         with np.load(io.BytesIO(content), allow_pickle=False) as file:
             if file["names"].tolist() != self.names:
-                return False
+                raise ValueError
             kept = [{n: file[f"{j}{n}"] for n in _HELD} for j in range(len(LEVELS))]
         with self._lock:
             for level, held in zip(self._levels, kept, strict=True):
                 level.take_over(held)
-            self._told = max(self._told, self._levels[0].newest)
-        return True
-
-    @property
-    def newest(self) -> float:
-        """End of the newest bucket of a second [s]."""
-        return (self._levels[1].newest + 1) * self._levels[1].period
+            self._told = max(self._told, int(kept[0]["_numbers"].max()))
+        return float(kept[1]["_numbers"].max()) * self._levels[1].period
 
     def over(self, span: float) -> dict[str, Any]:
         """Buckets of the last seconds, of the finest level that reaches so far back."""

@@ -61,10 +61,10 @@ def remembered(
 
 def _recall(history: History, store: LiveStore, columns: Sequence[tuple[str, str | None]]) -> None:
     """Take over the file; read what came after it from the parts."""
+    since = -np.inf
     # A file of another version, or one that the disk has damaged, is as good as none.
     with contextlib.suppress(OSError, ValueError, KeyError, EOFError):
-        history.take_over((store.folder / FILE).read_bytes())
-    since = history.newest
+        since = history.take_over((store.folder / FILE).read_bytes())
     for part in _newest(store.parts()):
         found = store.columns(part)
         new = found.get("time", np.empty(0)) >= since

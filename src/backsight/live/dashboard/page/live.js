@@ -270,8 +270,8 @@ async function begin() {
   }
   beginMap();
   for (const c of charts) seen.observe(c.figure);
-  await load();
   const frames = new EventSource("frames");
+  frames.onopen = () => load().catch((e) => told(e.message)); // also what came while nobody listened
   frames.onmessage = (event) => { told(""); show(JSON.parse(event.data)); };
   frames.addEventListener("missed", () => load().catch((e) => told(e.message)));
   frames.onerror = () => told("The run does not answer; the page connects again by itself.");
