@@ -73,6 +73,7 @@ class Status(enum.IntFlag):
     NOT_SOLVED = 4096
     TURN_GUESSED = 8192
     REDUNDANT = 16384
+    NOT_OPTIMAL = 32768
 
 
 STATUS_TEXT = {
@@ -132,6 +133,10 @@ STATUS_TEXT = {
     Status.REDUNDANT: (
         "a sensor without noise read what was known exactly already, so that its sample was left "
         "out; give it its sigma_y, or the states a random walk, if what it reads is different"
+    ),
+    Status.NOT_OPTIMAL: (
+        "the optimum of a window is known only to a duality gap of more than 1e-9 of its cost, by "
+        "rounding; raise lam, or state the noise as it is"
     ),
 }
 """Cause and remedy of every status bit."""
