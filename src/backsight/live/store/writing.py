@@ -175,24 +175,6 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
                 )
             content = {"program": "backsight live", "of": said}
             write_whole(about, json.dumps(content, indent=1).encode())
-<<<<<<< HEAD
-        for rest in folder.glob(".part-*.part"):
-            rest.unlink(missing_ok=True)  # of a run that was killed
-        yield LiveStore(folder, library, library.parquet)
-=======
         with writing(folder):
             tidy(folder)
-        yield LiveStore(folder, pyarrow, pyarrow.parquet)
->>>>>>> J
-
-
-def _check_about(about: Path, said: str) -> None:
-    try:
-        found = json.loads(about.read_text(encoding="utf-8"))["of"]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise OutputError(f"'{about}' is not from here; choose another folder") from None
-    if found != said:
-        raise OutputError(
-            f"'{about.parent}' holds results of another estimator, model or sampling period; "
-            "choose another folder, or move it away"
-        )
+        yield LiveStore(folder, library, library.parquet)
