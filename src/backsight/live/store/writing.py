@@ -178,3 +178,15 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
         with writing(folder):
             tidy(folder)
         yield LiveStore(folder, library, library.parquet)
+
+
+def _check_about(about: Path, said: str) -> None:
+    try:
+        found = json.loads(about.read_text(encoding="utf-8"))["of"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise OutputError(f"'{about}' is not from here; choose another folder") from None
+    if found != said:
+        raise OutputError(
+            f"'{about.parent}' holds results of another estimator, model or sampling period; "
+            "choose another folder, or move it away"
+        )
