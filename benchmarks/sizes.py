@@ -64,8 +64,8 @@ def _contest(states: int, outputs: int) -> Contest:
 
 REMARK = (
     "A discrete-time model in which every state moves every other, no inputs, all outputs "
-    "measured, all of the covariances computed. Only Backsight's first line and statsmodels stop computing "
-    "the covariance when it has converged. Difference from NumPy with BLAS."
+    "measured, all of the covariances computed. Only Backsight's first line and statsmodels stop "
+    "computing the covariance when it has converged. Difference from NumPy with BLAS."
 )
 
 

@@ -102,21 +102,11 @@ class Recursion:
         """
         symbols = [ca.MX.sym(f"i{k}", self.step.numel_in(k)) for k in range(self.step.n_in())]
         after, *outputs = self.step.call(symbols, True, False)
-<<<<<<< HEAD
         finite, status = ca.SX.sym("finite"), ca.SX.sym("status")
         gone = 1 - finite
-        bit = int(Status.NOT_FINITE)
-        half = ca.floor(status / bit)
-        told = half - 2 * ca.floor(half / 2)  # 1 if the bit is set already
-        judge = ca.Function("lost", [finite, status], [gone, status + bit * gone * (1 - told)])
-=======
-        memory, status = ca.SX.sym("memory", len(self.carry0)), ca.SX.sym("status")
-        # NaN is not below infinity either.
-        gone = ca.logic_not(ca.sum1(ca.fabs(memory)) < np.inf)
         raised = status + int(Status.NOT_FINITE) * gone * (1 - _told(status, Status.NOT_FINITE))
         lost = ca.logic_or(gone, _told(status, Status.MISLED))
-        judge = ca.Function("lost", [memory, status], [lost, raised])
->>>>>>> main
+        judge = ca.Function("lost", [finite, status], [lost, raised])
         where = [c.name for c in self.channels].index("status")
         lost, outputs[where] = judge(all_finite(after), outputs[where])
         size = len(self.carry0)

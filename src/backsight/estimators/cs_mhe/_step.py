@@ -6,22 +6,14 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-<<<<<<< HEAD
 from backsight.engine.dense import plus_product
-from backsight.engine.recursion import Channel, Recursion
-=======
-from backsight.algebra.update import measured, noise_of
 from backsight.engine.recursion import Recursion
->>>>>>> main
 from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe._along import Along
 from backsight.estimators.cs_mhe._arrival import next_covariance
-<<<<<<< HEAD
-from backsight.estimators.cs_mhe._told import innovation, output, told_of_set
-=======
+from backsight.estimators.cs_mhe._innovation import innovation
 from backsight.estimators.cs_mhe._shown import NUMBERS, channels, how_it_went, output
->>>>>>> main
 from backsight.estimators.cs_mhe._window import (
     Solver,
     WindowSolution,
@@ -48,16 +40,11 @@ def cs_recursion(
     samples = N + 1
     data = [ca.MX.sym(n, k) for n, k in (("u", nu), ("y", ny), ("m", ny))]
     u, y, mask = _enter(forced)(*data)
-<<<<<<< HEAD
-    m = _memory(solver, carryover)
-    e, S = innovation(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
-=======
     m = _memory(solver, carryover, along)
     if along is None:
-        e, S = _innovation(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
+        e, S = innovation(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
     else:
         e, S = along.innovation()(m.x_next, m.P_next, u, y, mask)
->>>>>>> main
 
     # 1. the window moves on; its samples differ from the motion without forces
     U, Y, M = moved_on((m.U, m.Y, m.M), (u, y, mask))
@@ -92,13 +79,8 @@ def cs_recursion(
         bands.forces,
     )
     (e, S), late = queued(m.late, [e, S], lag)
-<<<<<<< HEAD
-    told = named_results(told_of_set(solver.lam), *found.info)
-    estimate = physical(s, x=now["x"], P=now["triangle"], u=now["v"], e=e, S=S, flags=told["flags"])
-=======
     says = named_results(how_it_went(solver.lam), *found.info)
     estimate = physical(s, x=now["x"], P=now["triangle"], u=now["v"], e=e, S=S, flags=says["flags"])
->>>>>>> main
 
     # 4. arrival cost, eq. 12, and what the next window expects (Algorithm 1)
     second = states[:, 1] + found.x[0]

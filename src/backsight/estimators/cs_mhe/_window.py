@@ -13,11 +13,8 @@ from backsight.estimators.cs_mhe._arrival import LinearArrival, counted
 from backsight.estimators.cs_mhe._limits import NO_LIMIT, limited_sample
 from backsight.estimators.cs_mhe._tables import Tables
 from backsight.estimators.force_estimator import Forced
-<<<<<<< HEAD
 from backsight.estimators.parts.covariance import Term
-=======
 from backsight.estimators.parts.limits import Limits
->>>>>>> main
 from backsight.types import Array
 
 KERNEL = "cs_window"

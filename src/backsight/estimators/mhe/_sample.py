@@ -5,15 +5,14 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import vech
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.dense import diagonal, triangle
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.arrival import Arrival, Leaving
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._starts import from_both_sides
+from backsight.estimators.mhe._verdict import verdict
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.parts.filtering import (
     choose,
@@ -21,7 +20,6 @@ from backsight.estimators.parts.filtering import (
     physical,
     physical_innovation,
 )
-from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.memory import Memory
@@ -40,10 +38,6 @@ from backsight.types import Array
 
 SMALL = 1e-10
 """Residuals below this are rounding errors and are put out as this."""
-
-NEGATIVE = -1e-10
-"""Variances below this share of the sample's variance before it was measured are no rounding."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Parts:
@@ -213,7 +207,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
     carry = unless_broken(critical, w.memory.joined(after), w.memory.start)
 
     course = [found[k] for k in ("conflict", "limit", "open", "rejected")]
-    names, infeasible, flags, P = _verdict(parts)(found["side"][:, end], *course, P, w.prior[1])
+    names, infeasible, flags, P = verdict(parts.chain, parts.s)(found["side"][:, end], *course, P, w.prior[1])
     x = within(s)(found["X"][:, end], infeasible)
     outputs = {
         **physical(s, x=x, P=P, u=w.U[:, end], e=e, S=S, flags=flags),
@@ -261,61 +255,3 @@ def within(s: Setting) -> ca.Function:
         return {"x": ca.if_else(stays, x, within_bounds(s, x))}
 
     return leaf("within", {**notation(s), "stays": 1}, formula)
-
-
-def _verdict(parts: Parts) -> ca.Function:
-    """Limits that contradict each other, whether there are any, flags, and P.
-
-    ``(side, conflict, limit, unfinished, rejected, P, P_prior) -> (names, infeasible, flags, P)``.
-    P is then its lower triangle, without variances that are below zero by rounding.
-    """
-    chain, n = parts.chain, parts.chain.n
-    bounds = [r for r in range(n) if r not in chain.exact]
-    # What a sensor without noise has told has no variance, but the rounding of what it had.
-    least = ca.SX(ca.DM(np.diag(parts.s.P0) if chain.exact else np.zeros(chain.nx)))
-
-    def formula(
-        side: ca.SX, conflict: ca.SX, limit: ca.SX, unfinished: ca.SX, rejected: ca.SX,
-        variance: ca.SX, variance_prior: ca.SX,
-    ) -> Results:  # fmt: skip
-<<<<<<< HEAD
-=======
-        found, prior = chain.matrix(P), ca.diag(chain.matrix(P_prior))
-        allowed = NEGATIVE * ca.fmax(ca.fabs(prior), least)
->>>>>>> main
-        names = ca.vertcat(ca.SX(0, 1), *(ca.mmax(conflict[r, :]) for r in range(n)))
-        infeasible = ca.mmax(names) if n else ca.SX(0)
-        flags = Flags(
-            clipped=ca.mmax(ca.fabs(side[bounds])) if bounds else 0,
-            iteration_limit=ca.fmax(limit, unfinished),
-            step_rejected=rejected,
-<<<<<<< HEAD
-            not_positive_definite=ca.mmax(NEGATIVE * ca.fabs(variance_prior) - variance) > 0,
-=======
-            not_positive_definite=ca.mmax(allowed - ca.diag(found)) > 0,
->>>>>>> main
-            infeasible=infeasible,
-        )
-        said = {"names": names, "infeasible": infeasible, "flags": flags.vector()}
-        return {**said, "missing": ca.fmax(-variance, 0)}
-
-    course = {"limit": 1, "unfinished": 1, "rejected": 1, "variance": chain.nx}
-    sizes = {"side": n, "conflict": (n, chain.N + 1), **course}
-    judged = leaf("verdict", sizes, formula)
-    given = [ca.MX.sym(judged.name_in(k), *judged.size_in(k)) for k in range(5)]
-    P, P_prior = ca.MX.sym("P", chain.size_P), ca.MX.sym("P_prior", chain.size_P)
-    *said, missing = judged(*given, chain.variances(P), chain.variances(P_prior))
-    results = [*said, _without_negative(chain)(P, missing)]
-    return ca.Function("verdict_of_window", [*given, P, P_prior], results)
-
-
-def _without_negative(chain: Chain) -> ca.Function:
-    """``(P, missing) -> triangle``: a stored covariance with what its diagonal is below zero."""
-    if chain.dense:
-        nx, P = chain.nx, ca.MX.sym("P", chain.size_P)
-        missing = ca.MX.sym("missing", nx)
-        whole = ca.reshape(P, nx, nx) + diagonal(missing)
-        return ca.Function("without_negative", [P, missing], [triangle(whole)])
-    P, missing = ca.SX.sym("P", chain.size_P), ca.SX.sym("missing", chain.nx)
-    clean = vech(ca.densify(chain.matrix(P) + ca.diag(missing)))
-    return ca.Function("without_negative", [P, missing], [clean])

@@ -18,47 +18,32 @@ from backsight.engine.dense import (
 )
 from backsight.engine.loops import iterate, scan
 from backsight.estimators.base import Setting
-<<<<<<< HEAD
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.leaf import leaf, notation
-from backsight.estimators.parts.limits import Limits
-from backsight.models.lti import output_equation
-=======
 from backsight.estimators.parts.limits import Limits, exact_outputs
->>>>>>> main
+from backsight.models.lti import output_equation
 from backsight.solvers.trajectory import Chain, end_covariance
 from backsight.types import Array
 
 
 def chain_of(s: Setting, limits: Limits, F: ca.Sparsity, *, Q: Array, N: int) -> Chain:
     """Sizes and constants of a window; F is where its transition matrices can differ from zero."""
-<<<<<<< HEAD
     seen = _linear_outputs(s)
     if seen is None:
         x, u, y, mask = _symbols(s)
-        H = measured_rows(s, x, u, y, mask)[0].sparsity()
-        A = limited_rows(s, limits, x, u, y)[0].sparsity()
+        rows = sensed(s, x, u, y, mask)
+        H, A = rows.H.sparsity(), limited_rows(s, limits, rows, x, u, y)[0].sparsity()
     else:
         C = few_entries(seen[0])
         H = C.sparsity() if _independent(s) else ca.Sparsity.dense(*C.shape)
         A = ca.sparsify(ca.DM(limits.state - limits.residual @ seen[0])).sparsity()
-=======
-    x, u, y, mask = _symbols(s)
-    rows = sensed(s, x, u, y, mask)
->>>>>>> main
     return Chain(
         N=N,
         Q=Q,
         F=F,
-<<<<<<< HEAD
         H=H,
         noise=limits.noise,
         A=A,
-=======
-        H=rows.H.sparsity(),
-        noise=limits.noise,
-        A=limited_rows(s, limits, rows, x, u, y)[0].sparsity(),
->>>>>>> main
         softness=limits.softness,
         slack=limits.slack,
         exact=tuple(limits.exact),
@@ -120,8 +105,13 @@ def covariance_of(chain: Chain) -> ca.Function:
 
 
 def _linear_outputs(s: Setting) -> tuple[Array, Array, Array] | None:
-    """Matrices of the outputs of a model of many states, if they are linear: constants then."""
-    return output_equation(s.model) if Covariance(s.model.nx).whole else None
+    """Matrices of the outputs of a model of many states, if they are linear: constants then.
+
+    None also if a sensor has no noise.
+    """
+    if not Covariance(s.model.nx).whole or exact_outputs(s.R):
+        return None
+    return output_equation(s.model)
 
 
 def _independent(s: Setting) -> bool:
@@ -157,13 +147,6 @@ class Sensed:
 
 def measured_rows(s: Setting, x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Derivative of the outputs (ny, nx) and residuals (ny,), both with unit noise."""
-<<<<<<< HEAD
-    output = s.model.output(x, u)
-    H, e = ca.jacobian(output, x), y - output
-    if _independent(s):
-        weights = mask / np.sqrt(np.diag(s.R))
-        return ca.sparsify(ca.diag(weights) @ H), weights * e
-=======
     rows = sensed(s, x, u, y, mask)
     return rows.H, rows.e
 
@@ -172,12 +155,11 @@ def sensed(s: Setting, x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Sensed:
     """Rows of a sample, with those that have no noise apart."""
     output, variances = s.model.output(x, u), np.diag(s.R)
     H, e, never = ca.jacobian(output, x), y - output, exact_outputs(s.R)
-    if np.count_nonzero(s.R - np.diag(variances)) == 0:
+    if _independent(s):
         weights = [0 if v == 0 else mask[i] / np.sqrt(v) for i, v in enumerate(variances)]
         of_noise, none = ca.sparsify(ca.vertcat(ca.SX(0, 1), *weights)), variances == 0
         seen = ca.SX(none.astype(float)) * (mask > 0)
         return Sensed(ca.sparsify(ca.diag(of_noise) @ H), of_noise * e, H, e, seen)
->>>>>>> main
     H, e, R = masked(H, e, ca.SX(s.R), mask)
     L = cholesky_semidefinite(R)
     rows: list[ca.SX] = []
@@ -219,22 +201,18 @@ def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
     """
     x, u, y, mask = _symbols(s)
     count, before, here, last = (ca.SX.sym(k) for k in ("k", "before", "here", "last"))
-<<<<<<< HEAD
-    H, e = measured_rows(s, x, u, y, here * mask)
-    A, value = limited_rows(s, limits, x, u, y)
-    low, high = _ends(limits, chain)(value, mask, before, here, last)
-    columns = [entries(H, chain.H), ca.densify(e), entries(A, chain.A), low, high]
+    rows = sensed(s, x, u, y, here * mask)
+    A, value = limited_rows(s, limits, rows, x, u, y)
+    low, high = _ends(limits, chain)(value, mask, before, here, last, rows.exact)
+    columns = [entries(rows.H, chain.H), ca.densify(rows.e), entries(A, chain.A), low, high]
     return ca.Function("sample", [count, x, u, y, mask, before, here, last], [count + 1, *columns])
 
 
 def _ends(limits: Limits, chain: Chain) -> ca.Function:
-    """How far a limited quantity is from its ends: ``(value, m, before, here, last)``."""
+    """How far a limited quantity is from its ends: ``(value, m, before, here, last, exact)``."""
     value, mask = ca.SX.sym("value", chain.n), ca.SX.sym("m", chain.ny)
     before, here, last = (ca.SX.sym(k) for k in ("before", "here", "last"))
-=======
-    rows = sensed(s, x, u, y, here * mask)
-    A, value = limited_rows(s, limits, rows, x, u, y)
->>>>>>> main
+    exact = ca.SX.sym("exact", chain.ny)
     low, high = ca.SX(limits.lower) - value, ca.SX(limits.upper) - value
     for r in range(chain.n):
         needed = [mask[int(j)] for j in np.flatnonzero(limits.residual[r])]
@@ -243,11 +221,10 @@ def _ends(limits: Limits, chain: Chain) -> ca.Function:
             exists = last
         counts = ca.mmin(ca.vertcat(exists, *needed)) > 0
         if r in limits.exact:
-            counts = rows.exact[limits.exact[r]]
+            counts = exact[limits.exact[r]]
         low[r] = ca.if_else(counts, low[r], -np.inf)
         high[r] = ca.if_else(counts, high[r], np.inf)
-<<<<<<< HEAD
-    return ca.Function("ends", [value, mask, before, here, last], [low, high])
+    return ca.Function("ends", [value, mask, before, here, last, exact], [low, high])
 
 
 def _of_many(s: Setting, limits: Limits, chain: Chain, C: Array, D: Array, d: Array) -> ca.Function:
@@ -260,7 +237,7 @@ def _of_many(s: Setting, limits: Limits, chain: Chain, C: Array, D: Array, d: Ar
     value = ca.MX.zeros(n, 1)
     if n:
         value = applied(few_entries(limits.state), x) + applied(few_entries(limits.residual), e)
-    low, high = _ends(limits, chain)(value, mask, before, here, last)
+    low, high = _ends(limits, chain)(value, mask, before, here, last, ca.MX.zeros(ny))
     H, e = _whitened(s, chain, C)(e, here * mask)
     A = ca.project(ca.DM(limits.state - limits.residual @ C), chain.A)
     columns = [H, e, ca.MX(ca.DM(A.nonzeros())) if A.nnz() else ca.MX(0, 1), low, high]
@@ -288,10 +265,6 @@ def noise_seen(s: Setting) -> ca.Function:
     seen = leaf("measured", notation(s), lambda mask: {"seen": measured(mask)})(mask)
     both = product_of(seen, seen, turned=(False, True))
     return ca.Function("noise_seen", [mask], [ca.MX(ca.DM(s.R)) * both + diagonal(1 - seen)])
-=======
-    columns = [entries(rows.H, chain.H), ca.densify(rows.e), entries(A, chain.A), low, high]
-    return ca.Function("sample", [count, x, u, y, mask, before, here, last], [count + 1, *columns])
->>>>>>> main
 
 
 def entries(matrix: ca.SX, pattern: ca.Sparsity) -> ca.SX:
