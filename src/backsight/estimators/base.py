@@ -21,7 +21,7 @@ from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
 from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators._inspection import Inspection
-from backsight.estimators._sizes import with_scales
+from backsight.estimators._sizes import WALK_SAMPLES, with_scales
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import ScaledPart, noise_at, scaled_parts
 from backsight.kernels import library
@@ -37,6 +37,10 @@ class AbstractEstimator(Compilable, abc.ABC):
 
     kernels: ClassVar[tuple[str, ...]] = ()
     """Kernels in C that it calls; it cannot be built where they are not compiled."""
+    multiplied_settings: ClassVar[tuple[str, ...]] = ()
+    """Settings of several numbers that a factor can change together."""
+    fixed_settings: ClassVar[Mapping[str, str]] = {}
+    """Why numbers among the settings cannot be found from a recording, by the name of the field."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -96,10 +100,9 @@ class AbstractEstimator(Compilable, abc.ABC):
 
         Raises
         ------
-        TuningError
-            If the estimator has no smoother: it is no filter with a Gaussian prior at every sample.
         TuningError, ModelError
-            If the description does not fit the model.
+            If the estimator has no smoother: it is no filter with a Gaussian prior at every sample;
+            or if the description does not fit the model.
         """
         del model, dt, covariance
         raise TuningError(
@@ -111,9 +114,6 @@ class AbstractEstimator(Compilable, abc.ABC):
 
 EXACT = Integrator("exact", 1)
 """For discrete models, and linear ones that are made discrete."""
-
-WALK_SAMPLES = 100
-"""Samples of random walk that count for the size of a state without a scale."""
 
 
 @dataclasses.dataclass(frozen=True)
