@@ -61,6 +61,11 @@ class AbstractEstimator(Compilable, abc.ABC):
         return int(getattr(self, "N", 0))
 
     @property
+    def forgets(self) -> bool:
+        """Whether no sample counts for ever, even of constants: the gain or the window ends it."""
+        return self.constant_gain
+
+    @property
     def delay(self) -> int:
         """Samples from the newest one back to that of the output: the field ``lag``, or 0.
 
@@ -180,8 +185,7 @@ class Setting:
         x, u = ca.SX.sym("x", self.model.nx), ca.SX.sym("u", self.model.nu)
         rates = ca.densify(ca.jacobian(self.model.rhs(x, u), x))
         A = np.array(ca.Function("A", [x, u], [rates])(self.x0, np.zeros(self.model.nu)))
-        if not np.isfinite(A).all():
-            A = np.zeros_like(A)
+        A = A if np.isfinite(A).all() else np.zeros_like(A)
         return self.with_noise(lambda Q, Qc: (Q + discretise_noise(A, Qc, dt=self.dt)[1], 0 * Qc))
 
     def with_noise(self, change: Callable[[Array, Array], tuple[Array, Array]]) -> Setting:
@@ -248,29 +252,25 @@ def setting(
             problems.append(str(error))
     if problems:
         raise TuningError("; ".join(problems))
-    x0, P0 = found["x0"], found["P0"]
-    chosen = EXACT
+    x0, P0, chosen = found["x0"], found["P0"], EXACT
     if integrator is not None:
         over = np.sqrt(np.diag(P0))
         chosen = settle_steps(integrator, model, lambda: modes_over(model, x0, over), dt=dt)
     walk = np.diag(found["Q"]) + dt * np.diag(found["Qc"])
-    spread = np.sqrt(np.diag(found["P0"]) + WALK_SAMPLES * walk)
-    typical = np.maximum(np.abs(found["x0"]), spread)
+    typical = np.maximum(np.abs(x0), np.sqrt(np.diag(P0) + WALK_SAMPLES * walk))
     sized = dataclasses.replace(
         model,
         states=with_scales(model.states, typical),
         outputs=with_scales(model.outputs, np.sqrt(np.diag(found["R"]))),
     )
     still = np.zeros((1, model.nu))
-    sx, su, sy = (
-        np.array([s.scale or 1.0 for s in group])
-        for group in (sized.states, sized.inputs, sized.outputs)
-    )
+    groups = sized.states, sized.inputs, sized.outputs
+    sx, su, sy = (np.array([s.scale or 1.0 for s in group]) for group in groups)
     return Setting(
         model=scale(sized),
         dt=dt,
-        x0=found["x0"] / sx,
-        P0=found["P0"] / np.outer(sx, sx),
+        x0=x0 / sx,
+        P0=P0 / np.outer(sx, sx),
         Q=found["Q"] / np.outer(sx, sx),
         Qc=found["Qc"] / np.outer(sx, sx),
         R=found["R"] / np.outer(sy, sy),

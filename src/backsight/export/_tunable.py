@@ -15,6 +15,7 @@ from backsight.engine import vm
 from backsight.engine.c99 import SettingsField
 from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, EngineError, nearest
+from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator, setting
 from backsight.estimators.uncertainty import Noise
 from backsight.estimators.varied_noise import NoisePart, VariedNoise
@@ -104,7 +105,7 @@ def tunable(
     EngineError
         If a name is unknown, or the estimator would find something else with it changeable.
     """
-    plain = estimator.compile(model, dt)
+    plain = watched(estimator.compile(model, dt), estimator, model)
     wanted = [SIGMA] * weighs(estimator) if names is None else list(dict.fromkeys(names))
     _check(wanted, estimator, model)
     parameters = [n for n in wanted if n not in (SIGMA, WALK)]
@@ -186,7 +187,8 @@ def _with_inputs(
         wide = with_idle_inputs(wide, [FACTOR + s.name for s in walks])
         changes["noise"] = _varied(estimator.assumed[0], model, walks)
     try:
-        return dataclasses.replace(estimator, **changes).compile(wide, dt)
+        changed = dataclasses.replace(estimator, **changes)
+        return watched(changed.compile(wide, dt), estimator, wide)
     except BacksightError as error:
         what = ", ".join([*names, *([WALK] if walks else [])])
         raise EngineError(f"{what} cannot be made changeable: {error}") from error

@@ -11,6 +11,7 @@ import xarray as xr
 from backsight.description import Kept, content
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
+from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation.results.outputs import JUDGED, Outputs, putting_out
@@ -61,7 +62,7 @@ def compile_once(
     key = content(estimator, model, dt, outputs.variables, restart, needed, type(estimator).build)
 
     def make() -> Prepared:
-        recursion = estimator.compile(model, dt)
+        recursion = watched(estimator.compile(model, dt), estimator, model)
         visible = putting_out(recursion.restarting() if restart else recursion, outputs, needed)
         kept = [c for c in visible.channels if outputs.keeps(c.name)]
         return Prepared(
