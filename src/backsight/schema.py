@@ -74,6 +74,7 @@ class Status(enum.IntFlag):
     TURN_GUESSED = 8192
     REDUNDANT = 16384
     MISLED = 32768
+    NOT_OPTIMAL = 65536
 
 
 STATUS_TEXT = {
@@ -138,6 +139,10 @@ STATUS_TEXT = {
         "constants have learned from a reading that was more than a hundred standard deviations "
         "from what was expected, and are worthless from there on; give the noise a rule for "
         'outliers, Gate() (outliers.kind = "Gate"), or start anew from the prior (restart)'
+    ),
+    Status.NOT_OPTIMAL: (
+        "the optimum of a window is known only to a duality gap of more than 1e-9 of its cost, by "
+        "rounding; raise lam, or state the noise as it is"
     ),
 }
 """Cause and remedy of every status bit."""

@@ -134,7 +134,7 @@ def tune_problem(
         "before": estimate(chosen, problem.model, recordings[0], throw=False),
         "tuned": estimate(tuned.estimators[0], tuned.models[0], recordings[0], throw=False),
     }
-    write_whole(out, text.encode("utf-8"))
+    write_whole(out, text.encode("utf-8"), replace=force)
     if page is not None:
         report(
             results,
