@@ -17,7 +17,8 @@ from backsight.types import Array
 PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])?"
 BASE = (
     "m|s|g|A|K|N|Pa|J|W|V|C|F|H|T|Hz|Ohm|Ω|rad|deg|°|°C|degC|°F|min|h|d|L|l|t|bar|psi|rpm|RPM|"
-    "rev|cycles|in|ft|lb|lbf|kip|mile|mi|grav|dB|%|ppm|ue|strain|count|counts|sec|Sec|cts"
+    "rev|cycles|in|ft|lb|lbf|kip|mile|mi|grav|dB|%|ppm|ue|strain|count|counts|sec|Sec|cts|"
+    "Nm|Nmm|Ns|Nms"
 )
 _FACTOR = rf"{PREFIX}(?:{BASE}|1)(?:\^?[-+]?\d|[²³⁻¹]+)?"
 PATTERN = re.compile(rf"{_FACTOR}(?:\s*[*/·. -]\s*\(?{_FACTOR}\)?)*")
