@@ -167,7 +167,7 @@ class Keeper:
             wait = self.journal.append(source.name, source.taken)
         except OutputError as error:  # it is sent again, or acknowledged with the part
             if not self.failure:
-                self._tell(str(error))
+                self._tell(f"{error}; until there is room the broker keeps what comes")
             return
         self._pool.submit(lambda: (wait(), source.acknowledge(mark)))
 
