@@ -9,7 +9,6 @@ table, also while it is written.
 import base64
 import contextlib
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 
 from backsight.errors import OutputError, PluginError
 from backsight.live.engine import Checkpoint
-from backsight.output import holding, write_whole, writing
+from backsight.output import holding, make_folder, put_in_place, tidy, write_whole, writing
 
 _ABOUT, _KEY = ".about.json", b"backsight"
 _FORM: Mapping[str, Any] = {"compression": "zstd", "use_dictionary": False}
@@ -92,10 +91,7 @@ class LiveStore:
                     with self._parquet.ParquetWriter(file, schema, **_FORM) as writer:
                         writer.write_table(table)
                         writer.add_key_value_metadata({_KEY: base64.b64encode(memory)})
-                    file.flush()
-                    os.fsync(file.fileno())
-                part.replace(target)
-                _names_to_disk(self.folder)
+                put_in_place(part, target)
             finally:
                 part.unlink(missing_ok=True)
 
@@ -127,15 +123,6 @@ class LiveStore:
 
 def _unit(unit: str | None) -> dict[str, str] | None:
     return {"unit": unit} if unit else None
-
-
-def _names_to_disk(folder: Path) -> None:
-    if os.name != "nt":
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
 
 
 def arrow() -> Any:
@@ -174,7 +161,7 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
     """
     library = arrow()
     with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     with holding(folder):
         about = folder / _ABOUT
         if about.exists():
@@ -188,8 +175,8 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
                 )
             content = {"program": "backsight live", "of": said}
             write_whole(about, json.dumps(content, indent=1).encode())
-        for rest in folder.glob(".part-*.part"):
-            rest.unlink(missing_ok=True)  # of a run that was killed
+        with writing(folder):
+            tidy(folder)
         yield LiveStore(folder, library, library.parquet)
 
 
