@@ -31,7 +31,8 @@ def export(
     tunable: Annotated[
         list[str] | None,
         typer.Option(
-            help="What stays changeable: sigma_y, sigma_w, a parameter of the model; several times."
+            help="What stays changeable: sigma_y, sigma_w, x0, sigma_x0, lower, upper, a number of "
+            "the estimator (alpha, lam), a parameter of the model; several times."
         ),
     ] = None,
     fmi: Annotated[bool, typer.Option("--fmi", help="Write an FMU, FMI 3.0.")] = False,

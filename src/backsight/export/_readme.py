@@ -3,7 +3,7 @@
 import re
 
 from backsight.engine.c99 import source as c99
-from backsight.engine.program.effort import Effort, effort
+from backsight.engine.program.effort import effort
 from backsight.export._written import Written, one_line
 from backsight.models.model import Model
 
@@ -52,8 +52,8 @@ warnings as errors and compares them with Python on the first samples of your re
 static {name}_memory memory;        /* survives from sample to sample */
 static {name}_workspace work;       /* scratch; may be shared with others between two calls */
 {"static " + name + "_settings settings;" if code.open.fields else ""}
-{name}_init(&memory);
 {name + "_defaults(&settings);" if code.open.fields else ""}
+{name}_init(&memory{", &settings" if code.open.start else ""});
 {arrays}
 for (;;) {{
     /* physical units; mask is 1 where y was measured, else 0; it is 1 / sigma_factor
@@ -75,7 +75,6 @@ for (;;) {{
 | other functions of `<math.h>` | at most {most.functions} |
 | numbers moved | at most {most.copies} |
 
-{_data_dependent(most) if most.kernels else ""}
 {SINGLE if kind.name == "float" else ""}There is no allocation, no recursion and no global variable;
 several instances may run side by side, each with its own memory.
 """
@@ -100,7 +99,12 @@ def _settings(code: Written) -> str:
     return "\n".join(
         [
             "The settings may be changed between two samples, without a new export. Standard",
-            "deviations must be larger than 0.",
+            "deviations must be larger than 0."
+            + (
+                " The prior is that of the settings when the memory is set."
+                if code.open.start
+                else ""
+            ),
             "",
             "| setting | of | as exported |",
             "|---|---|---|",
@@ -108,11 +112,4 @@ def _settings(code: Written) -> str:
             "",
             "",
         ]
-    )
-
-
-def _data_dependent(most: Effort) -> str:
-    return (
-        f"The numbers are without what {most.kernels} calls of kernels do, whose work depends on "
-        "the data; their passes are limited, see the kernel's source.\n\n"
     )

@@ -57,9 +57,10 @@ def export_c(
         accuracy; the self-test says how much.
     tunable : sequence of str, optional
         What may be changed on the controller: ``"sigma_y"``, the standard deviations of the sensors
-        (by default, where the estimator takes them from sample to sample), ``"sigma_w"``, the
-        random walks of a filter, and parameters of the model. They are in a struct of settings; the
-        exported values are its defaults.
+        (by default, where the estimator takes them from sample to sample), ``"sigma_w"``, random
+        walks of states, ``"x0"`` and ``"sigma_x0"``, the prior, ``"lower"`` and ``"upper"``, bounds
+        of states, numbers of the estimator, such as ``"alpha"`` or ``"lam"``, and parameters of the
+        model. They are in a struct of settings; the exported values are its defaults.
     restart : bool
         After a sample whose estimate is not finite start anew from the prior; the status of that
         sample says so.
@@ -105,7 +106,12 @@ def export_c(
         **code.files,
         f"{name}.hpp": cpp_header(code),
         f"{name}_selftest.c": selftest(
-            vectors, name, code.kind, TOLERANCE[precision], settings=bool(code.open.fields)
+            vectors,
+            name,
+            code.kind,
+            TOLERANCE[precision],
+            settings=bool(code.open.fields),
+            begins=code.open.start is not None,
         ),
         "Makefile": _makefile(name, list(code.kernels)),
         "README.md": readme(code),

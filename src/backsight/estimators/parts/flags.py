@@ -37,6 +37,7 @@ class Flags:
     not_optimal: Raised = 0
     gate_open: Raised = 0  # raised around the method, see `backsight.estimators.around.robust`
     turn_guessed: Raised = 0  # the same, see `backsight.estimators.around.turns`
+    misled: Raised = 0  # the same, see `backsight.estimators.around.misled`
 
     @classmethod
     def of(cls, vector: Raised) -> Flags:

@@ -64,8 +64,8 @@ def export_fmu(
     name : str
         Model identifier: names of libraries and of functions in C.
     tunable : sequence of str, optional
-        As in `export_c`: ``"sigma_y"``, ``"sigma_w"`` and parameters of the model, which become
-        tunable parameters ``sigma_y.*``, ``sigma_w.*`` and ``parameter.*`` of the FMU.
+        As in `export_c`: they become tunable parameters of the FMU, ``sigma_y.*``, ``alpha``,
+        ``parameter.*``; ``x0.*`` and ``sigma_x0.*`` fixed ones, which count before the first step.
     platforms : sequence of str, optional
         ``"x86_64-linux"``, ``"aarch64-linux"``, ``"x86_64-windows"``, ``"x86_64-darwin"``,
         ``"aarch64-darwin"``; by default the one of this machine. Others than that need
