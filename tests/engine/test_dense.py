@@ -139,4 +139,4 @@ def test_products_with_a_matrix_of_some_entries(share, inner, turned):
     )
     np.testing.assert_allclose(across.ravel(), F @ y, rtol=1e-13, atol=1e-13)
     np.testing.assert_allclose(along.ravel(), F.T @ x, rtol=1e-13, atol=1e-13)
-    np.testing.assert_array_equal(values(dense.filled(given))[0], F.T if turned else F)
+    np.testing.assert_array_equal(values(dense.all_entries(given))[0], F.T if turned else F)

@@ -221,7 +221,7 @@ def test_files_that_cannot_be_parts_are_told(tmp_path):
         estimate_parts(METHOD, PROBLEM.model, parts, tmp_path / "gap", engine="vm")
 
 
-class Killed(Exception):
+class StoppedError(Exception):
     """Somebody stopped the run."""
 
 
@@ -232,10 +232,10 @@ def test_smoothed_parts_are_the_whole_whatever_interrupts_them(tmp_path, stop):
 
     def killing(done, _):
         if done == stop:
-            raise Killed
+            raise StoppedError
 
     out = tmp_path / "out"
-    with pytest.raises(Killed):
+    with pytest.raises(StoppedError):
         smooth_parts(METHOD, PROBLEM.model, parts, out, engine="vm", progress=killing)
     told = smooth_parts(METHOD, PROBLEM.model, parts, out, engine="vm")
     found = read_store(out)
@@ -270,5 +270,5 @@ def test_what_cannot_be_smoothed_in_parts_is_refused(tmp_path):
         estimate_parts(METHOD, PROBLEM.model, parts, out, engine="vm")
     written(path, 120)
     parts = read_parts(path, **NAMES, samples=40)
-    with pytest.raises(DataError, match="has changed"):
+    with pytest.raises(DataError, match="fewer parts"):
         smooth_parts(METHOD, PROBLEM.model, parts, out, engine="vm", outputs=["x_std"])

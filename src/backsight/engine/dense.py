@@ -88,7 +88,7 @@ def applied(F: ca.MX | ca.DM, x: ca.MX, *, turned: bool = False) -> ca.MX:
     return add_product(ca.MX.zeros(1, rows), ca.densify(x).T, F, turned=not turned).T
 
 
-def filled(F: ca.MX) -> ca.MX:
+def all_entries(F: ca.MX) -> ca.MX:
     """A matrix of few entries with all its entries."""
     n = F.shape[0]
     return (

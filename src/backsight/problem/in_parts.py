@@ -9,7 +9,6 @@ from pathlib import Path
 
 import xarray as xr
 
-from backsight.errors import ProblemError
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.output import write_whole, writing
 from backsight.problem.problem import Problem

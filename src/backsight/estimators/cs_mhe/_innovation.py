@@ -9,7 +9,7 @@ from backsight.estimators.parts.covariance import weighted_gain
 from backsight.estimators.parts.leaf import Results, leaf, notation
 
 
-def innovation(forced: Forced, samples: int) -> ca.Function:
+def innovation_of_window(forced: Forced, samples: int) -> ca.Function:
     """Innovation, 0 where not measured, and its covariance.
 
     ``(x, P, absent, u, y, mask) -> (e, S)``; the state still lacks what an interpolated input adds

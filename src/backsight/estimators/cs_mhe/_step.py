@@ -12,7 +12,7 @@ from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe._along import Along
 from backsight.estimators.cs_mhe._arrival import next_covariance
-from backsight.estimators.cs_mhe._innovation import innovation
+from backsight.estimators.cs_mhe._innovation import innovation_of_window
 from backsight.estimators.cs_mhe._shown import NUMBERS, channels, how_it_went, output
 from backsight.estimators.cs_mhe._window import (
     Solver,
@@ -42,7 +42,7 @@ def cs_recursion(
     u, y, mask = _enter(forced)(*data)
     m = _memory(solver, carryover, along)
     if along is None:
-        e, S = innovation(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
+        e, S = innovation_of_window(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
     else:
         e, S = along.innovation()(m.x_next, m.P_next, u, y, mask)
 

@@ -9,7 +9,7 @@ from backsight.algebra.factor import smallest_pivot
 from backsight.algebra.update import masked
 from backsight.description import Count, NonNegative
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.dense import filled, scaled_rows
+from backsight.engine.dense import all_entries, scaled_rows
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
@@ -229,7 +229,7 @@ def _measurement_of_many(s: Setting) -> ca.Function:
         ca.MX.sym(k, n) for k, n in (("x", nx), ("u", nu), ("y", ny), ("mask", ny))
     ]
     y_hat, H = seen_outputs(s)(x, u)
-    results = [scaled_rows(filled(H), mask), mask * (y - y_hat), noise_seen(s)(mask)]
+    results = [scaled_rows(all_entries(H), mask), mask * (y - y_hat), noise_seen(s)(mask)]
     return ca.Function("measurement_of_many", given, results)
 
 

@@ -12,7 +12,7 @@ from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._starts import from_both_sides
-from backsight.estimators.mhe._verdict import verdict
+from backsight.estimators.mhe._verdict import verdict_of_window
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.parts.filtering import (
     choose,
@@ -38,6 +38,7 @@ from backsight.types import Array
 
 SMALL = 1e-10
 """Residuals below this are rounding errors and are put out as this."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Parts:
@@ -207,7 +208,9 @@ def recursion(name: str, parts: Parts) -> Recursion:
     carry = unless_broken(critical, w.memory.joined(after), w.memory.start)
 
     course = [found[k] for k in ("conflict", "limit", "open", "rejected")]
-    names, infeasible, flags, P = verdict(parts.chain, parts.s)(found["side"][:, end], *course, P, w.prior[1])
+    names, infeasible, flags, P = verdict_of_window(parts.chain, parts.s)(
+        found["side"][:, end], *course, P, w.prior[1]
+    )
     x = within(s)(found["X"][:, end], infeasible)
     outputs = {
         **physical(s, x=x, P=P, u=w.U[:, end], e=e, S=S, flags=flags),

@@ -14,7 +14,7 @@ NEGATIVE = -1e-10
 """Variances below this share of the sample's variance before it was measured are no rounding."""
 
 
-def verdict(chain: Chain, s: Setting) -> ca.Function:
+def verdict_of_window(chain: Chain, s: Setting) -> ca.Function:
     """Limits that contradict each other, whether there are any, flags, and P.
 
     ``(side, conflict, limit, unfinished, rejected, P, P_prior) -> (names, infeasible, flags, P)``.

@@ -117,7 +117,7 @@ class SmoothingTask:
     @property
     def numbers(self) -> int:
         """Numbers that are needed for a sample of the result."""
-        lengths, channels = _lengths(self.passes), smoothed_channels(self.passes)
+        lengths, channels = _lengths(self.passes), _channels(self.passes)
         return numbers_of([channels[name] for name in lengths], list(lengths.values()))
 
 
@@ -190,7 +190,7 @@ def smoothed_result(
     """What `smooth` returns; of a part of a recording with the size of its outputs in all of it."""
     result = as_result(
         list(values.values()),
-        [smoothed_channels(task.passes)[name] for name in values],
+        [_channels(task.passes)[name] for name in values],
         task.estimator,
         task.model,
         task.recording,
@@ -283,7 +283,7 @@ def _either(a: Array, b: Array) -> Array:
     return np.bitwise_or(*bits).astype(float)
 
 
-def smoothed_channels(passes: ForwardBackward) -> dict[str, Channel]:
+def _channels(passes: ForwardBackward) -> dict[str, Channel]:
     """Results by name: those of the pass back, then those of the pass forward."""
     both = (*passes.backward.channels, *passes.forward.channels[passes.handed :])
     return {channel.name: channel for channel in both}

@@ -34,7 +34,7 @@ from backsight.run.estimation import (
     run_on,
     sensed_outputs,
 )
-from backsight.run.parts._pace import Pace, check_unchanged, following, said_of, stamps_of
+from backsight.run.parts._pace import Pace, check_unchanged, in_step, said_of, stamps_of
 from backsight.run.parts._state import PartsRun, State
 from backsight.run.parts._store import PartStore, opened_store
 from backsight.run.summaries import USED, Totals, largest, summed_up, totalling
@@ -131,7 +131,7 @@ def estimate_parts(
             progress(k, parts.count)
             recording = first if k == 0 else parts.recording(k)
             state = _advance(
-                store, state, run, following(recording, state.parts, state.end, run.pace),
+                store, state, run, in_step(recording, state.parts, state.end, run.pace),
                 last=k == parts.count - 1, engine=engine, stamps=stamps[: k + 1],
             )  # fmt: skip
         progress(parts.count, parts.count)

@@ -59,7 +59,7 @@ def check_unchanged(known: np.ndarray, stamps: np.ndarray) -> None:
         )
 
 
-def following(recording: xr.Dataset, part: int, end: float, pace: Pace) -> xr.Dataset:
+def in_step(recording: xr.Dataset, part: int, end: float, pace: Pace) -> xr.Dataset:
     """The recording of a part, with times that go on where the one before ends (NaN: none is)."""
     dt = float(recording.attrs["dt"])
     if abs(dt / pace.dt - 1) > 1e-6:

@@ -24,7 +24,7 @@ from backsight.run.estimation import (
     smoothed_between,
     smoothed_result,
 )
-from backsight.run.parts._pace import Pace, check_unchanged, following, said_of, stamps_of
+from backsight.run.parts._pace import Pace, check_unchanged, in_step, said_of, stamps_of
 from backsight.run.parts._store import PartStore, opened_store
 from backsight.types import Array
 
@@ -224,7 +224,7 @@ def _checkpoint(k: int) -> str:
 def _read(
     task: SmoothingTask, parts: RecordingParts, k: int, end: float, pace: Pace
 ) -> tuple[xr.Dataset, tuple[Array, Array, Array]]:
-    recording = following(parts.recording(k), k, end, pace)
+    recording = in_step(parts.recording(k), k, end, pace)
     return recording, match(task.model, recording, estimator=task.estimator)
 
 

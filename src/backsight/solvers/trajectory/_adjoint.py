@@ -40,7 +40,7 @@ def adjoint(chain: Chain) -> ca.Function:
 def _backward(chain: Chain) -> ca.Function:
     """One sample of the backward pass; the carry is the adjoint after its update."""
     if chain.dense:
-        return many_states.backward(chain, _told(chain))
+        return many_states.backward_of_many(chain, _told(chain))
     nx, z = chain.nx, Stage.of(chain)
     lam, enter = ca.SX.sym("lam", nx), ca.SX.sym("enter")
     wrong, residual = ca.SX.sym("wrong"), ca.SX.sym("residual")

@@ -57,7 +57,7 @@ def _of_start(chain: Chain, proximal: bool) -> ca.Function:
 def _of_sample(chain: Chain) -> ca.Function:
     """Add one sample to the sums of `merit`."""
     if chain.dense:
-        return many_states.merit_of_sample(chain, _of_limits(chain))
+        return many_states.merit_of_many(chain, _of_limits(chain))
     nx, n = chain.nx, chain.n
     J, slope, nu = ca.SX.sym("J"), ca.SX.sym("slope"), ca.SX.sym("nu", n)
     lengths = {"defects": nx + n, "adjoints": nx + n, "steps": nx}

@@ -105,7 +105,7 @@ class _Sample:
 def _newest(chain: Chain, more: Array) -> ca.Function:
     """Covariance of the newest sample's error, over a transition and its updates."""
     if chain.dense:
-        return many_states.newest(chain, more)
+        return many_states.newest_of_many(chain, more)
     nx, s = chain.nx, _Sample.of(chain, more)
     T0 = ca.SX.sym("T", nx, nx)
     T = s.F @ T0 @ s.F.T + s.Q
@@ -122,7 +122,7 @@ def _beside(chain: Chain, more: Array) -> ca.Function:
     true one, and V that of the earlier error.
     """
     if chain.dense:
-        return many_states.beside(chain, more)
+        return many_states.beside_of_many(chain, more)
     nx, s = chain.nx, _Sample.of(chain, more)
     T0, C0, D0, V0 = before = [ca.SX.sym(k, nx, nx) for k in "TCDV"]
     T, C, D, V = s.F @ T0 @ s.F.T + s.Q, C0 @ s.F.T, D0 @ s.F.T, V0

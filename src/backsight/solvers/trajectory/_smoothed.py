@@ -57,7 +57,7 @@ def smoothed_all(chain: Chain) -> ca.Function:
 def _information(chain: Chain) -> ca.Function:
     """Information of the adjoint, from after the update of a sample back to the sample before."""
     if chain.dense:
-        return many_states.information(chain)
+        return many_states.information_of_many(chain)
     z, vL = Stage.of(chain), ca.SX.sym("L", chain.size_P)
     records = [ca.SX.sym(k, size) for k, size in chain.records.items()]
     F, L = ca.SX(chain.F, z.F), chain.matrix(vL)
@@ -85,7 +85,7 @@ def _rows(chain: Chain, records: list, A, H) -> list[tuple]:
 def _reduced(chain: Chain) -> ca.Function:
     """P - P L P."""
     if chain.dense:
-        return many_states.reduced(chain)
+        return many_states.reduced_of_many(chain)
     vP, vL = (ca.SX.sym(k, chain.size_P) for k in "PL")
     P, L = unvech(vP), unvech(vL)
     return ca.Function("reduced", [vP, vL], [vech(P - P @ L @ P)])

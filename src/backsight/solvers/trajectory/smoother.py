@@ -64,7 +64,7 @@ def transit(chain: Chain) -> ca.Function:
 
     ``K``, ``nu`` and ``conflict`` are those of limits on the noise, see `filtered`.
     """
-    return many_states.transit(chain) if chain.dense else _transit(chain)
+    return many_states.transit_of_many(chain) if chain.dense else _transit(chain)
 
 
 def update(chain: Chain) -> ca.Function:
@@ -73,7 +73,7 @@ def update(chain: Chain) -> ca.Function:
     First the limits on the state, then the outputs, one row after the other; of many states all
     outputs at once, see `many_states`.
     """
-    return many_states.update(chain) if chain.dense else _update(chain)
+    return many_states.update_of_many(chain) if chain.dense else _update(chain)
 
 
 def _transit(chain: Chain) -> ca.Function:

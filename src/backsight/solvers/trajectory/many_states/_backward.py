@@ -4,10 +4,10 @@ import casadi as ca
 
 from backsight.engine.dense import applied, few_entries, product_of
 from backsight.solvers.trajectory.chain import Chain
-from backsight.solvers.trajectory.many_states._symbols import Given, recorded
+from backsight.solvers.trajectory.many_states._symbols import SampleMatrices, recorded
 
 
-def backward(chain: Chain, told: ca.Function) -> ca.Function:
+def backward_of_many(chain: Chain, told: ca.Function) -> ca.Function:
     """The carry is the adjoint after its update, the number of wrong limits, and the residual.
 
     Parameters
@@ -16,10 +16,10 @@ def backward(chain: Chain, told: ca.Function) -> ca.Function:
     told : casadi.Function
         ``(low, high, side, nu, g, value, enter) -> (side, wrong, broken)`` of the limits.
     """
-    nx, z, past = chain.nx, Given.of(chain), recorded(chain)
+    nx, z, past = chain.nx, SampleMatrices.of(chain), recorded(chain)
     lam, enter = ca.MX.sym("lam", nx), ca.MX.sym("enter")
     wrong, residual = ca.MX.sym("wrong"), ca.MX.sym("residual")
-    # Given the whole window the mean is x = d + P lam, with lam after the sample's updates.
+    # SampleMatrices the whole window the mean is x = d + P lam, with lam after the sample's updates.
     x = past["delta"] + product_of(ca.reshape(past["P"], nx, nx), lam)
     # Before the update by all outputs the adjoint is lam + H' (S^-1 e - K' lam).
     K_y = ca.reshape(past["K_y"], nx, chain.ny)
@@ -40,7 +40,7 @@ def backward(chain: Chain, told: ca.Function) -> ca.Function:
 
 
 def _limits(
-    chain: Chain, z: Given, past: dict[str, ca.MX], adj: ca.MX
+    chain: Chain, z: SampleMatrices, past: dict[str, ca.MX], adj: ca.MX
 ) -> tuple[ca.MX, ca.MX, ca.MX]:
     """Adjoints of the transition and of its noise, and the multipliers of the limits."""
     K, nus = ca.reshape(past["K"], chain.nx, chain.n), {}

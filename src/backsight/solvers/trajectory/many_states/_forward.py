@@ -19,13 +19,13 @@ from backsight.engine.dense import (
 from backsight.engine.loops import iterate
 from backsight.solvers.trajectory._imposed import decided, limited_noise
 from backsight.solvers.trajectory.chain import Chain, Stage
-from backsight.solvers.trajectory.many_states._symbols import Given
+from backsight.solvers.trajectory.many_states._symbols import SampleMatrices
 
 
-def transit(chain: Chain) -> ca.Function:
+def transit_of_many(chain: Chain) -> ca.Function:
     """See `backsight.solvers.trajectory.smoother.transit`."""
     nx = chain.nx
-    delta, vP, z = ca.MX.sym("delta", nx), ca.MX.sym("P", chain.size_P), Given.of(chain)
+    delta, vP, z = ca.MX.sym("delta", nx), ca.MX.sym("P", chain.size_P), SampleMatrices.of(chain)
     Q, w, *limited = noise_of_transition(chain, z)
     d_next = applied(z.F, delta) + z.c + w
     half = transpose(add_product(ca.MX.zeros(nx, nx), ca.reshape(vP, nx, nx), z.F))
@@ -36,7 +36,7 @@ def transit(chain: Chain) -> ca.Function:
     )
 
 
-def noise_of_transition(chain: Chain, z: Given) -> tuple[ca.MX, ...]:
+def noise_of_transition(chain: Chain, z: SampleMatrices) -> tuple[ca.MX, ...]:
     """Noise of a transition with its active limits: ``Q, w, K, nu, conflict``."""
     nx, n = chain.nx, chain.n
     if not chain.noise.any():
@@ -48,7 +48,7 @@ def noise_of_transition(chain: Chain, z: Given) -> tuple[ca.MX, ...]:
     return tuple(leaf.call(z.symbols))
 
 
-def _limited_sizes(chain: Chain, z: Given, variances: ca.MX, Q: ca.MX) -> ca.MX:
+def _limited_sizes(chain: Chain, z: SampleMatrices, variances: ca.MX, Q: ca.MX) -> ca.MX:
     """See `backsight.solvers.trajectory._imposed.limited_sizes`."""
     if not chain.n:
         return ca.MX.zeros(0, 1)
@@ -59,10 +59,10 @@ def _limited_sizes(chain: Chain, z: Given, variances: ca.MX, Q: ca.MX) -> ca.MX:
     return of_state + z.before * ca.MX(ca.DM(own))
 
 
-def update(chain: Chain) -> ca.Function:
+def update_of_many(chain: Chain) -> ca.Function:
     """See `backsight.solvers.trajectory.smoother.update`; all outputs of a sample at once."""
     nx, n = chain.nx, chain.n
-    delta, vP, z = ca.MX.sym("delta", nx), ca.MX.sym("P", chain.size_P), Given.of(chain)
+    delta, vP, z = ca.MX.sym("delta", nx), ca.MX.sym("P", chain.size_P), SampleMatrices.of(chain)
     size, nu_w, bad = (ca.MX.sym(k, n) for k in ("size", "nu", "conflict"))
     K_w = ca.MX.sym("K", nx, n)
     x, P = delta, ca.reshape(vP, nx, nx)
@@ -86,7 +86,7 @@ def update(chain: Chain) -> ca.Function:
 def _outputs(chain: Chain) -> ca.Function:
     """``(x, P, *stage) -> (x, P, K, S^-1 (e - H x), L)``, where S = L L' = H P H' + I."""
     nx, ny = chain.nx, chain.ny
-    x, P, z = ca.MX.sym("x", nx), ca.MX.sym("P", nx, nx), Given.of(chain)
+    x, P, z = ca.MX.sym("x", nx), ca.MX.sym("P", nx, nx), SampleMatrices.of(chain)
     G = add_product(ca.MX.zeros(nx, ny), P, z.H)  # P H'
     HG = add_product(ca.MX.zeros(ny, ny), transpose(G), z.H)
     S = symmetrise(HG) + ca.MX(ca.DM(np.eye(ny)))

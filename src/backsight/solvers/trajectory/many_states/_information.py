@@ -4,7 +4,7 @@ import casadi as ca
 
 from backsight.engine.dense import (
     add_product,
-    filled,
+    all_entries,
     plus_product,
     product_of,
     solve_triangular,
@@ -12,15 +12,15 @@ from backsight.engine.dense import (
     transpose,
 )
 from backsight.solvers.trajectory.chain import Chain
-from backsight.solvers.trajectory.many_states._symbols import Given, recorded
+from backsight.solvers.trajectory.many_states._symbols import SampleMatrices, recorded
 
 
-def information(chain: Chain) -> ca.Function:
+def information_of_many(chain: Chain) -> ca.Function:
     """Information of the adjoint, from after the update of a sample back to the sample before."""
-    nx, vL, past, z = chain.nx, ca.MX.sym("L", chain.size_P), recorded(chain), Given.of(chain)
+    nx, vL, past, z = chain.nx, ca.MX.sym("L", chain.size_P), recorded(chain), SampleMatrices.of(chain)
     K_y, L = ca.reshape(past["K_y"], nx, chain.ny), ca.reshape(vL, nx, nx)
     # The outputs, which were taken in last: (I - K H)' L (I - K H) + H' S^-1 H.
-    H = filled(z.H)
+    H = all_entries(z.H)
     factor = ca.reshape(past["g_y"], chain.ny, chain.ny)
     LK = product_of(L, K_y)
     left = plus_product(L, H, LK, turned=(True, True), minus=True)
@@ -40,7 +40,7 @@ def information(chain: Chain) -> ca.Function:
     return ca.Function("information", [vL, *past.values(), *z.symbols], [ca.vec(back)])
 
 
-def reduced(chain: Chain) -> ca.Function:
+def reduced_of_many(chain: Chain) -> ca.Function:
     """P - P L P."""
     nx = chain.nx
     vP, vL = (ca.MX.sym(k, chain.size_P) for k in "PL")

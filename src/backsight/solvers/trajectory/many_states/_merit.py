@@ -4,10 +4,10 @@ import casadi as ca
 
 from backsight.engine.dense import applied, few_entries, product_of
 from backsight.solvers.trajectory.chain import Chain
-from backsight.solvers.trajectory.many_states._symbols import Given
+from backsight.solvers.trajectory.many_states._symbols import SampleMatrices
 
 
-def merit_of_sample(chain: Chain, limits: ca.Function) -> ca.Function:
+def merit_of_many(chain: Chain, limits: ca.Function) -> ca.Function:
     """Add one sample to the sums of `backsight.solvers.trajectory._merit.merit`.
 
     Parameters
@@ -16,7 +16,7 @@ def merit_of_sample(chain: Chain, limits: ca.Function) -> ca.Function:
     limits : casadi.Function
         ``(low, high, value, change) -> (J, slope, violated)`` of the limits.
     """
-    nx, n, z = chain.nx, chain.n, Given.of(chain)
+    nx, n, z = chain.nx, chain.n, SampleMatrices.of(chain)
     stage = z.symbols[: len(chain.sizes)]
     sizes = {"J": 1, "slope": 1, "defects": nx + n, "adjoints": nx + n, "steps": nx}
     J, slope, defects, adjoints, steps = sums = [ca.MX.sym(k, size) for k, size in sizes.items()]

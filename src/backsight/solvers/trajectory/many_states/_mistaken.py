@@ -6,7 +6,7 @@ import casadi as ca
 
 from backsight.engine.dense import (
     add_product,
-    filled,
+    all_entries,
     plus_product,
     product_of,
     solve_triangular,
@@ -15,13 +15,13 @@ from backsight.engine.dense import (
 )
 from backsight.solvers.trajectory.chain import Chain
 from backsight.solvers.trajectory.many_states._forward import noise_of_transition
-from backsight.solvers.trajectory.many_states._symbols import Given, recorded
+from backsight.solvers.trajectory.many_states._symbols import SampleMatrices, recorded
 from backsight.types import Array
 
 
-def newest(chain: Chain, more: Array) -> ca.Function:
+def newest_of_many(chain: Chain, more: Array) -> ca.Function:
     """Covariance of the newest sample's error, over a transition and its updates."""
-    nx, z, past = chain.nx, Given.of(chain), recorded(chain)
+    nx, z, past = chain.nx, SampleMatrices.of(chain), recorded(chain)
     T0 = ca.MX.sym("T", nx * nx)
     T = _carried(chain, z, ca.reshape(T0, nx, nx), more)
     for update in _updates(chain, z, past):
@@ -29,13 +29,13 @@ def newest(chain: Chain, more: Array) -> ca.Function:
     return ca.Function("newest", [T0, *past.values(), *z.symbols], [ca.vec(T)])
 
 
-def beside(chain: Chain, more: Array) -> ca.Function:
+def beside_of_many(chain: Chain, more: Array) -> ca.Function:
     """The same, with the error of an earlier sample: ``(T, C, D, V) -> (T, C, D, V)``.
 
     C is the covariance of the earlier error with the newest one that the window believes in, D the
     true one, and V that of the earlier error.
     """
-    nx, z, past = chain.nx, Given.of(chain), recorded(chain)
+    nx, z, past = chain.nx, SampleMatrices.of(chain), recorded(chain)
     before = [ca.MX.sym(k, nx * nx) for k in "TCDV"]
     T, C, D, V = (ca.reshape(k, nx, nx) for k in before)
     T = _carried(chain, z, T, more)
@@ -96,17 +96,17 @@ class _Update:
         return symmetrise(plus_product(left, self.noise * self.K, self.K, turned=(False, True)))
 
 
-def _carried(chain: Chain, z: Given, T: ca.MX, more: Array) -> ca.MX:
+def _carried(chain: Chain, z: SampleMatrices, T: ca.MX, more: Array) -> ca.MX:
     """F T F' + Q, with the noise that was left out."""
     Q = noise_of_transition(chain, z)[0] + z.before * ca.MX(ca.DM(more))
     half = transpose(add_product(ca.MX.zeros(chain.nx, chain.nx), T, z.F))
     return symmetrise(add_product(Q, half, z.F))
 
 
-def _updates(chain: Chain, z: Given, past: dict[str, ca.MX]) -> list[_Update]:
+def _updates(chain: Chain, z: SampleMatrices, past: dict[str, ca.MX]) -> list[_Update]:
     """In their order: the limits on the state, then the outputs."""
     nx, ny, K = chain.nx, chain.ny, ca.reshape(past["K"], chain.nx, chain.n)
     on_state = [r for r in range(chain.n) if not chain.noise[r].any()]
     limits = [_Update(K[:, r], z.A[r, :], float(chain.softness[r]), past["g"][r]) for r in on_state]
     K_y, factor = ca.reshape(past["K_y"], nx, ny), ca.reshape(past["g_y"], ny, ny)
-    return [*limits, _Update(K_y, filled(z.H), 1.0, factor)]
+    return [*limits, _Update(K_y, all_entries(z.H), 1.0, factor)]

@@ -6,12 +6,12 @@ import dataclasses
 
 import casadi as ca
 
-from backsight.engine.dense import filled
+from backsight.engine.dense import all_entries
 from backsight.solvers.trajectory.chain import Chain
 
 
 @dataclasses.dataclass(frozen=True)
-class Given:
+class SampleMatrices:
     """Description of a sample, see `Chain.inputs`, with its matrices."""
 
     symbols: list[ca.MX]
@@ -23,7 +23,7 @@ class Given:
     A: ca.MX
 
     @classmethod
-    def of(cls, chain: Chain) -> Given:
+    def of(cls, chain: Chain) -> SampleMatrices:
         """Symbols for a window's samples."""
         symbols = {k: ca.MX.sym(k, size) for k, size in chain.inputs.items()}
         return cls(
@@ -33,7 +33,7 @@ class Given:
             before=symbols["before"],
             H=ca.MX(chain.H, symbols["H"]),
             e=symbols["e"],
-            A=filled(ca.MX(chain.A, symbols["A"])) if chain.n else ca.MX(0, chain.nx),
+            A=all_entries(ca.MX(chain.A, symbols["A"])) if chain.n else ca.MX(0, chain.nx),
         )
 
 
