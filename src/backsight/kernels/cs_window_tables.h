@@ -17,6 +17,7 @@ enum {
 
 typedef struct {
     int nx, ny, p, width, atoms, steps, N, forces, most, limit, arrival, correction, carries;
+    int sided; /* whether some atoms have a known sign */
     int m, d, n; /* rows, modal forces, atoms of the whole window */
 } cs_window_sizes;
 
@@ -33,8 +34,8 @@ typedef struct {
 
 static cs_window_sizes cs_window_read(const int *s)
 {
-    cs_window_sizes z = {s[0], s[1], s[2],  s[3],  s[4],  s[5], s[6], s[7],
-                         s[8], s[9], s[10], s[11], s[12], 0,    0,    0};
+    cs_window_sizes z = {s[0], s[1], s[2],  s[3],  s[4],  s[5],  s[6], s[7], s[8],
+                         s[9], s[10], s[11], s[12], s[13], 0, 0, 0};
     z.m = z.ny * (z.N + 1);
     z.d = z.p * z.steps;
     z.n = z.atoms * z.steps;

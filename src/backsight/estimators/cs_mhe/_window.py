@@ -77,6 +77,8 @@ class Solver:
         Steps of the active set.
     refits : bool
         Whether the forces found are then fitted without the l1 norm.
+    most : int, optional
+        Atoms that may be active, fewer than can be.
     """
 
     forced: Forced
@@ -92,6 +94,7 @@ class Solver:
     carries: bool
     limit: int
     refits: bool
+    most: int | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -104,8 +107,11 @@ class Solver:
         nf, width, atoms = self.shapes.shape
         t, system = self.tables, self.forced.system
         nx, ny = len(system.A), len(system.C)
-        most = (2 if self.carries else 1) * min(atoms, t.modal) * t.steps + MARGIN
+        parts = 2 if self.carries else 1
+        most = min(parts * min(atoms, t.modal) * t.steps + MARGIN, parts * atoms * t.steps)
+        most = min(most, self.most or most)
         options = self.limit, counted(self.arrival), self.correction, int(self.carries)
+        options = *options, int(self.side.any())
         return nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
 
     def solve(

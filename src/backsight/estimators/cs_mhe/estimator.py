@@ -8,6 +8,7 @@ import numpy as np
 
 from backsight.description import (
     Called,
+    Count,
     Distinct,
     Horizon,
     Lag,
@@ -108,6 +109,14 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     hold : {"zoh", "foh"}
         Known inputs between the samples of a continuous model: held, or interpolated. The unknown
         forces are held.
+    max_steps : int, optional
+        Largest number of steps of the active set in one window, for hard real time; by default so
+        many as always suffice. Where it is reached the status says *iteration limit*, and the next
+        window goes on from there.
+    max_active : int, optional
+        Most factors that are not zero at a time; the work space grows with its square. By default
+        all that can be told apart. Where there is no room for another one the status says
+        *iteration limit*, too.
 
     Notes
     -----
@@ -171,6 +180,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     bias: Literal["removed", "kept"] = "removed"
     lag: Lag = "N"
     hold: Hold = "zoh"
+    max_steps: Count | None = None
+    max_active: Count | None = None
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -268,8 +279,9 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             arrival=self.arrival,
             correction=CORRECTIONS.index(self.correction),
             carries=self.carryover is not None,
-            limit=STEPS_PER_ATOM * found.modal * found.steps + 100,
+            limit=self.max_steps or STEPS_PER_ATOM * found.modal * found.steps + 100,
             refits=self.bias == "removed",
+            most=self.max_active,
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":
