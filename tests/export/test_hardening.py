@@ -5,6 +5,7 @@ import math
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from tests.export.hardened import COUNTED, COUNTING, FUZZ, STACK, filled, recorded
@@ -68,7 +69,7 @@ def run(command, folder):
     return done.stdout
 
 
-def exported(on, folder, precision="double"):
+def exported(on, folder, precision: Literal["double", "float"] = "double"):
     """Export an estimator; what was written."""
     estimator, model, recording = on
     export_c(

@@ -20,8 +20,8 @@ int main(void)
     uint32_t most = 0;
     uint64_t total = 0;
     int k;
-    SETTINGS
     RESULTS
+    SETTINGS
     *reload = 0xFFFFFFu;
     *value = 0;
     *control = 5; /* on, clock of the processor */

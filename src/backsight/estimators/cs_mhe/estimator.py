@@ -111,12 +111,10 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         forces are held.
     max_steps : int, optional
         Largest number of steps of the active set in one window, for hard real time; by default so
-        many as always suffice. Where it is reached the status says *iteration limit*, and the next
-        window goes on from there.
+        many as always suffice. Where it is reached, the status says *iteration limit*.
     max_active : int, optional
-        Most factors that are not zero at a time; the work space grows with its square. By default
-        all that can be told apart. Where there is no room for another one the status says
-        *iteration limit*, too.
+        Most factors that are not zero at a time, of which the work space is the square; by default
+        all that can be told apart. A window that needs more has the same status.
 
     Notes
     -----
