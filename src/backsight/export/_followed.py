@@ -113,7 +113,7 @@ def _deviations(
 ) -> Followed:
     """Standard deviations of a covariance that keeps its correlations; of what has any."""
     sigma = np.sqrt(np.diag(covariance))
-    places = np.flatnonzero(sigma > 0)
+    places = np.flatnonzero(sigma > 0).tolist()
     signals = tuple(Signal(of[i].unit, value=float(sigma[i]), name=of[i].name) for i in places)
 
     def scaled(estimator: AbstractEstimator, model: Model, values: Array) -> Changed:
