@@ -56,7 +56,7 @@ class Followed:
         return self.values + self.sizes * rng.uniform(FAR / 8, FAR, (3, len(self.signals)))
 
 
-def words(estimator: AbstractEstimator, model: Model) -> list[str]:
+def changeable_words(estimator: AbstractEstimator, model: Model) -> list[str]:
     """What of an estimator and its model may be asked for."""
     found = []
     try:

@@ -6,7 +6,7 @@ import dataclasses
 
 
 @dataclasses.dataclass(frozen=True)
-class Work:
+class Operations:
     """Numbers of operations.
 
     Parameters
@@ -20,17 +20,17 @@ class Work:
     divisions: int = 0
     roots: int = 0
 
-    def __add__(self, other: Work) -> Work:
-        return Work(
+    def __add__(self, other: Operations) -> Operations:
+        return Operations(
             self.plain + other.plain, self.divisions + other.divisions, self.roots + other.roots
         )
 
-    def __rmul__(self, times: int) -> Work:
-        return Work(times * self.plain, times * self.divisions, times * self.roots)
+    def __rmul__(self, times: int) -> Operations:
+        return Operations(times * self.plain, times * self.divisions, times * self.roots)
 
-    def or_(self, other: Work) -> Work:
+    def or_(self, other: Operations) -> Operations:
         """At least as much as either."""
-        return Work(
+        return Operations(
             max(self.plain, other.plain),
             max(self.divisions, other.divisions),
             max(self.roots, other.roots),
