@@ -80,7 +80,7 @@ def test_the_history_of_a_recording_that_begins_at_zero_begins_there():
 
 def test_the_history_is_there_after_a_restart(tmp_path, samples):
     """What was kept, and what came after that from the parts of the store."""
-    with shown(tmp_path, STORED) as (live, board, address):
+    with shown(tmp_path, STORED) as (live, board, _):
         live.feed(map(message, samples[:400]))
     kept = tmp_path / "store" / ".history.npz"
     first = kept.read_bytes()

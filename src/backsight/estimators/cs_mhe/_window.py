@@ -94,6 +94,10 @@ class Solver:
         Of states, residuals and noise.
     caps : (2, atoms) array
         Largest factors, and largest changes of those that are expected.
+    most_steps : int, optional
+        Steps of the active set, fewer than always suffice.
+    most_active : int, optional
+        Atoms that may be active, fewer than can be.
     """
 
     forced: Forced
@@ -110,6 +114,8 @@ class Solver:
     refits: bool
     limits: Limits
     caps: Array
+    most_steps: int | None = None
+    most_active: int | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -122,12 +128,14 @@ class Solver:
         nf, width, atoms = self.shapes.shape
         t, system, limits = self.tables, self.forced.system, len(self.limits.names)
         nx, ny = len(system.A), len(system.C) + limits
-        most = (2 if self.carries else 1) * min(atoms, t.modal) * t.steps + MARGIN
-        limit = STEPS_PER_ATOM * t.modal * t.steps + 100
+        parts = 2 if self.carries else 1
+        most = min(parts * min(atoms, t.modal) * t.steps + MARGIN, parts * atoms * t.steps)
+        most = min(most, self.most_active or most)
+        limit = self.most_steps or STEPS_PER_ATOM * t.modal * t.steps + 100
         options = limit, counted(self.arrival), self.correction, int(self.carries)
         bounded = bool(limits or self.caps.min() < NO_LIMIT)
         known = nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
-        return *known, limits, int(bounded), int(not t.full)
+        return *known, limits, int(bounded), int(not t.full), int(self.side.any())
 
     def solve(
         self,

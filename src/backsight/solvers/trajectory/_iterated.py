@@ -86,7 +86,7 @@ def _fixed(
     """A fixed number of full steps, nothing is judged: the real-time iteration."""
     given = _given(chain, linearise)
     x_bar, P, free, X0, side0, *data = given
-    step = solve(chain)
+    step = solve(chain, most=method.active_set_passes)
     X, side = ca.MX.sym("X", *X0.shape), ca.MX.sym("side", *side0.shape)
     stages = linearise.call([X, *data])
     offset = _offset(chain, proximal)(x_bar, X[:, 0], free)
@@ -136,7 +136,8 @@ def _controlled(
     stages = linearise.call([X, *data])
     offset = _offset(chain, proximal)(x_bar, X[:, 0], free)
     # The linear problem at the point, and whether the point is better than the one before.
-    found = by_name(solve(chain), [offset, P, *stages, side])
+    inner = solve(chain, most=method.active_set_passes)
+    found = by_name(inner, [offset, P, *stages, side])
     dX, eta_next = found["x"], found["eta"]
     sums = merit(chain, proximal)(offset, P, free, *stages, eta, dX, eta_next, found["nu"])
     judged = _judge(chain, method)(*numbers, chain.variances(found["P_end"]), *sums)
