@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from backsight.live import LiveSession, load_live, opened_session
+from backsight.live import LiveSession, load_live, made_ready, opened_session
 from backsight.live.sources import Batch
 
 MODES = 4
@@ -90,7 +90,7 @@ def send(port: int, *, channels: int, rate: float, seconds: float) -> None:
 @contextlib.contextmanager
 def opened(file: Path) -> Iterator[LiveSession]:
     """A session that says what it has to say."""
-    with opened_session(load_live(file), tell=print) as session:
+    with opened_session(made_ready(load_live(file)), tell=print) as session:
         yield session
         session.close()
 

@@ -112,7 +112,7 @@ def test_a_part_that_the_disk_refuses_leaves_nothing(tmp_path, monkeypatch):
         def refuse(_):
             raise OSError(errno.ENOSPC, "No space left on device")
 
-        monkeypatch.setattr("backsight.live.store.writing.os.fsync", refuse)
+        monkeypatch.setattr("os.fsync", refuse)
         with pytest.raises(OutputError, match="No space left"):
             store.add(0, {"time": np.arange(3.0)}, {}, b"memory")
         assert not list((tmp_path / "store").glob("*part*"))

@@ -3,7 +3,9 @@
 import contextlib
 import functools
 import shutil
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 
@@ -13,6 +15,9 @@ from backsight.errors import BacksightError, BacksightWarning, printable, shorte
 
 WIDEST = 120
 """Columns of a table at most, however wide the terminal is."""
+
+ENDINGS = ("SIGTERM", "SIGHUP")
+"""Signals that ask a program to end."""
 
 
 def warn(sentence: str) -> None:
@@ -42,7 +47,7 @@ def say(text: str) -> None:
 def told() -> Iterator[None]:
     """Say in one line what the user can mend."""
     try:
-        with warnings.catch_warnings():
+        with _ended_by_signals(), warnings.catch_warnings():
             warnings.showwarning = functools.partial(_show, warnings.showwarning)
             yield
     except (BacksightError, BacksightWarning) as error:  # a warning if Python is told to raise it
@@ -51,9 +56,37 @@ def told() -> Iterator[None]:
     except MemoryError:
         tell("there is not enough memory; process the recording in parts")
         raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        typer.echo("backsight: interrupted, nothing is written", err=True)
-        raise typer.Exit(130) from None
+    except KeyboardInterrupt as interrupt:
+        tell(", ".join(["interrupted", *getattr(interrupt, "__notes__", ())]))
+        number = interrupt.args[0] if interrupt.args else signal.SIGINT
+        raise typer.Exit(128 + number) from None
+    except BrokenPipeError:
+        raise  # whoever read what is said has gone: the end, without a word
+    except OSError as error:
+        what = error.strerror or str(error)
+        tell(f"{what}: '{error.filename}'" if error.filename else what)
+        raise typer.Exit(2) from None
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Take what batch systems and closing terminals send for an interrupt: they mean the same."""
+
+    def interrupt(number: int, _: object) -> None:
+        raise KeyboardInterrupt(number)
+
+    known = [getattr(signal, name) for name in ENDINGS if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        known = []
+    # One that is ignored, as by nohup, stays ignored.
+    taken = [number for number in known if signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextlib.contextmanager

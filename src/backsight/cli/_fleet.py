@@ -51,9 +51,11 @@ def fleet(
                     progress=lambda done, all_: advance(read.title, done / all_),
                     tell=warn,
                 )
-        except KeyboardInterrupt:
-            tell("interrupted; what is finished is kept: start again with the same folder to go on")
-            raise typer.Exit(130) from None
+        except KeyboardInterrupt as interrupt:
+            interrupt.__notes__ = [
+                "what is finished is kept: start again with the same folder to go on",
+            ]
+            raise
         rows = read_rows(out)
         write_table(rows, out / "rows.csv")
         parquet = _parquet(rows, out)

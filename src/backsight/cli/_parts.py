@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from backsight.cli._console import bar, say, tell, width
+from backsight.cli._console import bar, say, width
 
 if TYPE_CHECKING:
     from backsight.problem.problem import Problem
@@ -25,9 +25,11 @@ def run_parts(read: "Problem", out: Path, env: Sequence[str]) -> None:
     try:
         with bar() as advance:
             found = run_in_parts(read, out, progress=advance, env=env)
-    except KeyboardInterrupt:
-        tell("interrupted; whole parts are kept: start again with the same folder to go on")
-        raise typer.Exit(130) from None
+    except KeyboardInterrupt as interrupt:
+        interrupt.__notes__ = [
+            "whole parts are kept: start again with the same folder to go on",
+        ]
+        raise
     say(f"{read.title}\n")
     for line in lines_of_parts(found):
         say(textwrap.fill(line, width(), subsequent_indent="  "))

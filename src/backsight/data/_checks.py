@@ -50,7 +50,8 @@ def check_time(time: Array, where: str) -> None:
 
 def check_period(dt: float, what: str, where: str) -> None:
     """Raise `DataError` unless a sampling period is a positive number."""
-    if not isinstance(dt, numbers.Real) or not 0 < dt < math.inf:
+    number = isinstance(dt, numbers.Real) and not isinstance(dt, np.timedelta64)
+    if not number or not 0 < dt < math.inf:
         raise DataError(f"{where}: {what} is {dt!r}; it must be a positive number of seconds")
 
 

@@ -1,12 +1,14 @@
 """What descriptions say, as a key: to find again what was made of the same ones."""
 
+import collections
 import dataclasses
 import hashlib
 import io
 import pickle
+import threading
 import types
-from collections.abc import Hashable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -27,6 +29,38 @@ def content(*values: object) -> Hashable | None:
     except Exception:  # whatever a class of somebody else raises when it is pickled
         return None
     return file.getvalue(), tuple(pickler.met)
+
+
+T = TypeVar("T")
+
+
+class Kept(Generic[T]):
+    """What was made of descriptions, to be found again by what they say.
+
+    Parameters
+    ----------
+    most : int
+        Number of things that are kept; the one not used for the longest time goes first.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most, self._lock = most, threading.Lock()
+        self._made: collections.OrderedDict[Hashable, T] = collections.OrderedDict()
+
+    def of(self, key: Hashable | None, make: Callable[[], T]) -> T:
+        """What was made before of the same `content`; without a key it is made each time."""
+        if key is None:
+            return make()
+        with self._lock:
+            if key in self._made:
+                self._made.move_to_end(key)
+                return self._made[key]
+        made = make()  # without the lock: it takes long, and made twice does no harm
+        with self._lock:
+            self._made[key] = made
+            while len(self._made) > self._most:
+                self._made.popitem(last=False)
+        return made
 
 
 class _Content(pickle.Pickler):

@@ -97,17 +97,17 @@ class Recursion:
     def restarting(self) -> Recursion:
         """The same, but after a sample that leaves no finite memory it starts anew from `carry0`.
 
-        The status of that sample says *not finite*, even if only what it predicts is not.
+        The status of that sample says *not finite*, even if only what it predicts is not. So it
+        does after a sample whose status says *misled*.
         """
         symbols = [ca.MX.sym(f"i{k}", self.step.numel_in(k)) for k in range(self.step.n_in())]
         after, *outputs = self.step.call(symbols, True, False)
         memory, status = ca.SX.sym("memory", len(self.carry0)), ca.SX.sym("status")
         # NaN is not below infinity either.
         gone = ca.logic_not(ca.sum1(ca.fabs(memory)) < np.inf)
-        bit = int(Status.NOT_FINITE)
-        half = ca.floor(status / bit)
-        told = half - 2 * ca.floor(half / 2)  # 1 if the bit is set already
-        judge = ca.Function("lost", [memory, status], [gone, status + bit * gone * (1 - told)])
+        raised = status + int(Status.NOT_FINITE) * gone * (1 - _told(status, Status.NOT_FINITE))
+        lost = ca.logic_or(gone, _told(status, Status.MISLED))
+        judge = ca.Function("lost", [memory, status], [lost, raised])
         where = [c.name for c in self.channels].index("status")
         lost, outputs[where] = judge(after, outputs[where])
         size = len(self.carry0)
@@ -140,6 +140,12 @@ class Recursion:
     def output_sizes(self) -> tuple[int, ...]:
         """Lengths of the output vectors of one sample."""
         return tuple(self.step.numel_out(i) for i in range(1, self.step.n_out()))
+
+
+def _told(status: ca.SX, bit: Status) -> ca.SX:
+    """1 if the bit is set, else 0."""
+    half = ca.floor(status / int(bit))
+    return half - 2 * ca.floor(half / 2)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -120,8 +120,9 @@ class Noise(Description):
             exact = [s.name for s, v in zip(model.outputs, np.diag(R), strict=True) if v == 0]
             of = f"'{exact[0]}' has no noise" if exact else "a combination of outputs has no noise"
             raise TuningError(
-                f"{of} (sigma_y = 0 or a singular R), which only KalmanFilter with constant "
-                "matrices, EKF and UKF can take, and no smoother; give it a small sigma_y"
+                f"{of} (sigma_y = 0 or a singular R), which only MHE, LinearMHE with an "
+                "arrival_weight, KalmanFilter with constant matrices, EKF and UKF can take, and no "
+                "smoother; give it a small sigma_y, or smooth by solve_window with an MHE"
             )
         return R
 

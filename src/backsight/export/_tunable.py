@@ -14,11 +14,12 @@ import numpy as np
 
 from backsight.engine import vm
 from backsight.engine.c99 import SettingsField
-from backsight.engine.program import Program, Start, following, starting, walk
+from backsight.engine.program import Program, Beginning, following, starting, walk
 from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, EngineError, nearest
+from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator, setting
-from backsight.export._followed import PRIOR, SIGMA, Followed, followed, refusal, words
+from backsight.export._followed import PRIOR, SIGMA, Followed, changeable, followed, refusal
 from backsight.export._opened import PARAMETERS, opened_step
 from backsight.models.model import Model
 from backsight.models.signals import Signal
@@ -45,7 +46,7 @@ class Tunable:
         The memory of a window holds parameters that are inputs, too.
     program : Program
         With all settings.
-    start : Start, optional
+    start : Beginning, optional
         How the memory before the first sample follows them.
     fields : tuple of SettingsField
     signals : dict of tuple of Signal
@@ -55,7 +56,7 @@ class Tunable:
     plain: Recursion
     recursion: Recursion
     program: Program
-    start: Start | None
+    start: Beginning | None
     fields: tuple[SettingsField, ...]
     signals: dict[str, tuple[Signal, ...]]
 
@@ -95,7 +96,7 @@ def tunable(
     EngineError
         If a name is unknown, or the estimator would find something else with it changeable.
     """
-    plain = estimator.compile(model, dt)
+    plain = watched(estimator.compile(model, dt), estimator, model)
     wanted = [SIGMA] * weighs(estimator) if names is None else list(dict.fromkeys(names))
     _check(wanted, estimator, model)
     known = {s.name: s for s in model.parameters}
@@ -141,7 +142,7 @@ def _order(name: str) -> tuple[int, str]:
 
 def _following(
     made: Callable[[Sequence[Array]], Recursion], groups: Sequence[Followed]
-) -> tuple[Program, Start | None]:
+) -> tuple[Program, Beginning | None]:
     """The program whose constants follow, and how its memory begins."""
     rng = np.random.default_rng(SEED)
     trials = [group.trials(rng) for group in groups]
@@ -158,7 +159,7 @@ def _following(
 
 
 def _check(wanted: Sequence[str], estimator: AbstractEstimator, model: Model) -> None:
-    known = [*words(estimator, model), *(s.name for s in model.parameters)]
+    known = [*changeable(estimator, model), *(s.name for s in model.parameters)]
     for name in wanted:
         if name not in known:
             problem = f"'{name}' cannot be made changeable: {nearest(name, known)}"
@@ -195,7 +196,7 @@ def _compiled(
     """The recursion whose last inputs are parameters."""
     wide = forces_as_inputs(model, parameters) if parameters else model
     try:
-        return estimator.compile(wide, dt)
+        return watched(estimator.compile(wide, dt), estimator, wide)
     except BacksightError as error:
         what = ", ".join(parameters) or "that"
         raise EngineError(f"{what} cannot be made changeable: {error}") from error

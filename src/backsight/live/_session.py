@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class LiveSession:
         self.alarms: Alarms | None = None
         self.sinks: Sinks | None = None
         self.freezer: Freezer | None = None
+        self.labels: Mapping[str, Sequence[str]] = {}
+        """Names along dimensions of the estimator's own, by variable."""
         self.listeners: list[Callable[[LiveRows], None]] = []
         """Told the newest samples of every round."""
         self.sensors = sum(s.dummy is None for s in live.model.outputs)
@@ -115,6 +117,8 @@ class LiveSession:
         self.estimation.advance(newest + 1, at_once=True)
         self._keep(self.estimation.settle(all_of_it=True))
         self.estimation.begin_anew(slot)
+        for lane in self.lanes:
+            lane.leap()
         self._shown = self.estimation.done
 
     def _estimate(self, *, at_once: bool) -> None:
@@ -158,11 +162,13 @@ class LiveSession:
 
     def _checkpoint(self) -> bytes:
         clocks = {lane.name: lane.clock.shift for lane in self.lanes}
+        held = {name: rows for lane in self.lanes for name, rows in lane.kept().items()}
         return checkpoint_bytes(
             self.estimation.checkpoint(),
             origin=self.grid.origin or 0.0,
             newest=self.grid.newest,
             clocks=json.dumps(clocks),
+            held=held,
         )
 
     def _acknowledging(self) -> Callable[[], None]:

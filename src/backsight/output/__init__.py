@@ -1,9 +1,11 @@
 """Files and folders that are there whole or not at all, and that replace nothing of others."""
 
-from backsight.output._whole import HOLD as HOLD
+from backsight.output._disk import make_folder as make_folder
+from backsight.output._disk import put_in_place as put_in_place
+from backsight.output._disk import writing as writing
+from backsight.output._locking import holding as holding
+from backsight.output._moving import contents as contents
+from backsight.output._moving import tidy as tidy
 from backsight.output._whole import MARKER as MARKER
-from backsight.output._whole import holding as holding
-from backsight.output._whole import put_in_place as put_in_place
 from backsight.output._whole import whole as whole
 from backsight.output._whole import write_whole as write_whole
-from backsight.output._whole import writing as writing

@@ -5,28 +5,39 @@ the next time; what else has such a name was made by somebody, and is named inst
 """
 
 import contextlib
+import functools
 import importlib.metadata
 import json
 import os
-import secrets
-import shutil
 import stat
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from backsight.errors import OutputError
-from backsight.output._moving import INTERNAL, OWNER, exchange, is_name, owned, settle
+from backsight.output._disk import make_folder, put_in_place, to_disk, writing
+from backsight.output._locking import locked
+from backsight.output._moving import (
+    INTERNAL,
+    OWNER,
+    contents,
+    exchange,
+    is_moved,
+    is_name,
+    part_in,
+    settle,
+)
 
 MARKER = ".backsight.json"
 """Names of the files in a folder that may be replaced."""
 
-HOLD = ".lock"
-"""File in a folder to which one process at a time writes."""
+NOTHING = "nothing is written"
 
 _LARGEST_MARKER = 1_000_000  # bytes
 
 
-def write_whole(path: str | os.PathLike[str], content: bytes) -> Path:
+def write_whole(
+    path: str | os.PathLike[str], content: bytes, *, replace: bool = True, mode: int = 0o666
+) -> Path:
     """Write a file beside its place and rename it, so that nobody ever sees half of it.
 
     Parameters
@@ -35,6 +46,10 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> Path:
         Where to; missing folders are made. A file that is there is replaced; of a link, the link.
     content : bytes
         The whole file.
+    replace : bool
+        Whether a file that is there is replaced; it is an error otherwise.
+    mode : int
+        Who may read and write it, without what the user's mask forbids.
 
     Returns
     -------
@@ -44,18 +59,19 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> Path:
     Raises
     ------
     OutputError
-        If the file cannot be written; nothing is left behind then.
+        If the file cannot be written, or is there already; nothing is left behind then.
     """
     target = Path(path)
-    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            part.write_bytes(content)
-            _to_disk(part)
-            part.replace(target)
-        finally:
-            part.unlink(missing_ok=True)
+        make_folder(target.parent)
+        settle(target.parent)
+        with part_in(target.parent) as part:
+            number = os.open(part / target.name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+            with os.fdopen(number, "wb") as file:
+                file.write(content)
+            if not replace:
+                _link_in_place(part / target.name, target)
+            put_in_place(part / target.name, target)
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(
@@ -64,11 +80,20 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> Path:
     return target
 
 
-def put_in_place(part: Path, target: Path) -> None:
-    """Move a file that was written beside its place there; it survives a power cut then."""
-    _to_disk(part)
-    part.replace(target)
-    _to_disk(target.parent)
+def _link_in_place(part: Path, target: Path) -> None:
+    """Give a file its name, which nobody must have yet; moving it there changes nothing then."""
+    to_disk(part)
+    try:
+        os.link(part, target)
+    except FileExistsError:
+        raise _taken(target) from None
+    except OSError:  # a disk without links
+        if os.path.lexists(target):
+            raise _taken(target) from None
+
+
+def _taken(target: Path) -> OutputError:
+    return OutputError(f"'{target}' is there already; nothing is overwritten, name another")
 
 
 @contextlib.contextmanager
@@ -103,30 +128,24 @@ def whole(
     with writing(target):
         settle(there)
     _check_free(target, names, force=force)
-    part = there / f".backsight-{secrets.token_hex(4)}.part"
-    with writing(target):
-        part.mkdir()
-    try:
-        with owned(part):
+    with contextlib.ExitStack() as stack:
+        with writing(target):
+            part = stack.enter_context(part_in(there))
+        try:
             yield part
             with writing(target):
                 for name in _in(part):
-                    _to_disk(part / name)
+                    to_disk(part / name)
                 _publish(part, target, force=force)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
-
-
-@contextlib.contextmanager
-def writing(target: Path) -> Iterator[None]:
-    """Turn what the file system refuses into an `OutputError` that names the folder."""
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(
-            f"cannot write to the folder '{target}': {reason}; choose another one"
-        ) from error
+        except OSError as error:
+            if error.filename and not Path(str(error.filename)).is_relative_to(part):
+                raise
+            with writing(target):
+                raise
+        except KeyboardInterrupt as interrupt:
+            # The outermost folder is what the user knows.
+            interrupt.__notes__ = ["the results are written" if is_moved(part) else NOTHING]
+            raise
 
 
 def _publish(part: Path, target: Path, *, force: bool) -> None:
@@ -134,21 +153,31 @@ def _publish(part: Path, target: Path, *, force: bool) -> None:
     names = _in(part)
     if not target.exists():
         # The new folder appears with all that is in it.
-        (part / MARKER).write_text(_marked(names), encoding="utf-8")
-        target.parent.mkdir(parents=True, exist_ok=True)
+        _mark(part, names)
+        make_folder(target.parent)
         with contextlib.suppress(OSError):  # another process was faster
-            part.rename(target)
-            (target / OWNER).unlink(missing_ok=True)
-            return _to_disk(target.parent)
-    target.mkdir(exist_ok=True)
-    with _alone(target):
+            return _appear(part, target)
+    make_folder(target)
+    with locked(target, wait=True):
         own = _own(target)
         _check_free(target, names, force=force)
         # The marker goes first: whatever happens, the files are known for what they are.
-        (part / MARKER).write_text(_marked([*own, *names]), encoding="utf-8")
+        _mark(part, [*own, *names])
         exchange(list(dict.fromkeys([MARKER, *names])), part, target)
-        _to_disk(target)
     return None
+
+
+def _appear(part: Path, target: Path) -> None:
+    """Make a folder of a part."""
+    to_disk(part)
+    part.rename(target)
+    try:
+        to_disk(target.parent)
+    except BaseException:
+        target.rename(part)
+        raise
+    with contextlib.suppress(OSError):
+        (target / OWNER).unlink(missing_ok=True)
 
 
 def _in(part: Path) -> list[str]:
@@ -163,8 +192,7 @@ def _check_free(target: Path, names: Collection[str] | None, *, force: bool) -> 
             return
         own = _own(target)
         if names is None:
-            there = sorted(p.name for p in target.iterdir() if not _unfinished(p.name))
-            names = [] if own or force else there
+            names = [] if own or force else contents(target)
         taken = [n for n in [*names, MARKER] if os.path.lexists(target / n)]
         folders = [n for n in taken if (target / n).is_dir() and not (target / n).is_symlink()]
     foreign = [n for n in taken if n not in own]
@@ -186,76 +214,25 @@ def _own(target: Path) -> list[str]:
             return []
         match json.loads(path.read_text(encoding="utf-8")):
             case {"program": "backsight", "files": [*files]}:
-                return [MARKER, *(n for n in files if isinstance(n, str) and is_name(n))]
+                return [MARKER, *filter(is_name, files)]
     except (OSError, ValueError, RecursionError):
         pass
     return []
 
 
-def _marked(names: Collection[str]) -> str:
+@functools.cache
+def _version() -> str:
+    return importlib.metadata.version("backsight")
+
+
+def _mark(part: Path, names: Collection[str]) -> None:
     files = sorted(set(names) - {MARKER})
-    about = {"program": "backsight", "version": importlib.metadata.version("backsight")}
-    return json.dumps({**about, "files": files}, indent=1) + "\n"
-
-
-def _unfinished(name: str) -> bool:
-    return name.startswith(".backsight-") and name.endswith(".part")
+    about = {"program": "backsight", "version": _version(), "files": files}
+    text = json.dumps(about, indent=1) + "\n"
+    (part / MARKER).write_text(text, encoding="utf-8")
+    to_disk(part / MARKER)
 
 
 def _listed(names: Collection[str]) -> str:
     first = ", ".join([ascii(n)[1:-1] if not n.isprintable() else n for n in names][:8])
     return f"{first} and {len(names) - 8} more" if len(names) > 8 else first
-
-
-@contextlib.contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Let one process after the other move its files in, where the system can do that."""
-    if os.name == "nt":
-        yield
-        return
-    import fcntl
-
-    number = os.open(folder, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):  # some disks of a network have no locks
-            fcntl.flock(number, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(number)
-
-
-@contextlib.contextmanager
-def holding(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder; it goes with the process, however that ends.
-
-    Raises
-    ------
-    OutputError
-        If another process holds it, or the folder cannot be written.
-    """
-    if os.name == "nt":
-        yield
-        return
-    import fcntl
-
-    with writing(folder):
-        number = os.open(folder / HOLD, os.O_RDWR | os.O_CREAT, 0o600)
-    try:
-        try:
-            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OutputError(f"another process writes to '{folder}'; wait for it") from None
-        yield
-    finally:
-        os.close(number)
-
-
-def _to_disk(path: Path) -> None:
-    """Wait until a file, or the names in a folder, would survive a power cut."""
-    if path.is_dir() and os.name == "nt":
-        return
-    number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)

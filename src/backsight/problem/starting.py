@@ -9,7 +9,8 @@ from pathlib import Path
 
 from backsight.algebra.expressions import CONSTANTS, FUNCTIONS
 from backsight.data.listing import FileColumn, FileColumns
-from backsight.errors import DataError, OutputError
+from backsight.errors import DataError
+from backsight.output import write_whole
 from backsight.problem.spelling import as_key, as_table, as_value, in_quotes
 
 MOST = 4
@@ -52,16 +53,7 @@ def write_start(
     """
     path = Path(path)
     text = _text(found, os.path.relpath(found.path, path.parent), path, given)
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise OutputError(
-            f"'{path}' is there already; nothing is overwritten, name another"
-        ) from None
-    except OSError as error:
-        raise OutputError(f"cannot write '{path}': {error.strerror or error}") from None
-    return path
+    return write_whole(path, text.encode("utf-8"), replace=False)
 
 
 def _text(found: FileColumns, place: str, path: Path, given: Mapping[str, str | int | None]) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from backsight.errors import OutputError
+from backsight.output import write_whole
 
 HERE = "127.0.0.1"
 
@@ -45,8 +46,7 @@ def token_of(file: Path | None) -> str:
         return secrets.token_urlsafe(24)
     try:
         if not file.exists():
-            file.touch(mode=0o600)
-            file.write_text(secrets.token_urlsafe(24))
+            write_whole(file, secrets.token_urlsafe(24).encode(), mode=0o600)
         token = file.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
         raise OutputError(f"cannot use the token in '{file}': {error}") from None

@@ -14,8 +14,8 @@ from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
-from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman._linearised import ekf_looks
+from backsight.estimators.kalman.exact_sensors import with_exact_sensors
 from backsight.estimators.kalman.prediction import Propagation, predict, transition
 from backsight.estimators.kalman.square_root import square_root_halves, wide
 from backsight.estimators.parts.covariance import (

@@ -13,7 +13,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
-from backsight.estimators.kalman._exact_sensors import with_exact_sensors
+from backsight.estimators.kalman.exact_sensors import with_exact_sensors
 from backsight.estimators.kalman.sigma_points import (
     Outside,
     Points,

@@ -212,7 +212,7 @@ def recursion(name: str, parts: Parts) -> Recursion:
     carry = unless_broken(critical, w.memory.joined(after), w.memory.start)
 
     course = [found[k] for k in ("conflict", "limit", "open", "rejected")]
-    names, infeasible, flags, P = _verdict(chain)(found["side"][:, end], *course, P, w.prior[1])
+    names, infeasible, flags, P = _verdict(parts)(found["side"][:, end], *course, P, w.prior[1])
     x = within(s)(found["X"][:, end], infeasible)
     outputs = {
         **physical(s, x=x, P=P, u=w.U[:, end], e=e, S=S, flags=flags),
@@ -262,26 +262,30 @@ def within(s: Setting) -> ca.Function:
     return leaf("within", {**notation(s), "stays": 1}, formula)
 
 
-def _verdict(chain: Chain) -> ca.Function:
+def _verdict(parts: Parts) -> ca.Function:
     """Limits that contradict each other, whether there are any, flags, and P.
 
     ``(side, conflict, limit, unfinished, rejected, P, P_prior) -> (names, infeasible, flags, P)``.
     P is then its lower triangle, without variances that are below zero by rounding.
     """
-    n = chain.n
+    chain, n = parts.chain, parts.chain.n
+    bounds = [r for r in range(n) if r not in chain.exact]
+    # What a sensor without noise has told has no variance, but the rounding of what it had.
+    least = ca.SX(ca.DM(np.diag(parts.s.P0) if chain.exact else np.zeros(chain.nx)))
 
     def formula(
         side: ca.SX, conflict: ca.SX, limit: ca.SX, unfinished: ca.SX, rejected: ca.SX,
         P: ca.SX, P_prior: ca.SX,
     ) -> Results:  # fmt: skip
-        found, prior = chain.matrix(P), chain.matrix(P_prior)
+        found, prior = chain.matrix(P), ca.diag(chain.matrix(P_prior))
+        allowed = NEGATIVE * ca.fmax(ca.fabs(prior), least)
         names = ca.vertcat(ca.SX(0, 1), *(ca.mmax(conflict[r, :]) for r in range(n)))
         infeasible = ca.mmax(names) if n else ca.SX(0)
         flags = Flags(
-            clipped=ca.mmax(ca.fabs(side)) if n else 0,
+            clipped=ca.mmax(ca.fabs(side[bounds])) if bounds else 0,
             iteration_limit=ca.fmax(limit, unfinished),
             step_rejected=rejected,
-            not_positive_definite=ca.mmax(NEGATIVE * ca.fabs(ca.diag(prior)) - ca.diag(found)) > 0,
+            not_positive_definite=ca.mmax(allowed - ca.diag(found)) > 0,
             infeasible=infeasible,
         )
         clean = found + ca.diag(ca.fmax(-ca.diag(found), 0))

@@ -1,5 +1,7 @@
 """The samples of a window as the trajectory solver wants them: outputs and limits."""
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 
@@ -7,7 +9,7 @@ from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.update import masked
 from backsight.engine.loops import iterate, scan
 from backsight.estimators.base import Setting
-from backsight.estimators.parts.limits import Limits
+from backsight.estimators.parts.limits import Limits, exact_outputs
 from backsight.solvers.trajectory import Chain, end_covariance
 from backsight.types import Array
 
@@ -15,15 +17,17 @@ from backsight.types import Array
 def chain_of(s: Setting, limits: Limits, F: ca.Sparsity, *, Q: Array, N: int) -> Chain:
     """Sizes and constants of a window; F is where its transition matrices can differ from zero."""
     x, u, y, mask = _symbols(s)
+    rows = sensed(s, x, u, y, mask)
     return Chain(
         N=N,
         Q=Q,
         F=F,
-        H=measured_rows(s, x, u, y, mask)[0].sparsity(),
+        H=rows.H.sparsity(),
         noise=limits.noise,
-        A=limited_rows(s, limits, x, u, y)[0].sparsity(),
+        A=limited_rows(s, limits, rows, x, u, y)[0].sparsity(),
         softness=limits.softness,
         slack=limits.slack,
+        exact=tuple(limits.exact),
     )
 
 
@@ -86,29 +90,73 @@ def _symbols(s: Setting) -> list[ca.SX]:
     return [ca.SX.sym(k, size) for k, size in (("x", m.nx), ("u", m.nu), ("y", m.ny), ("m", m.ny))]
 
 
+@dataclasses.dataclass(frozen=True)
+class Sensed:
+    """Rows of a sample.
+
+    Parameters
+    ----------
+    H, e : (ny, nx), (ny,)
+        Derivatives of the outputs and residuals, both with unit noise; zero where there is none.
+    H_exact, e_exact : (ny, nx), (ny,)
+        Those of combinations of outputs that are measured without noise.
+    exact : (ny,)
+        1 for those that are.
+    """
+
+    H: ca.SX
+    e: ca.SX
+    H_exact: ca.SX
+    e_exact: ca.SX
+    exact: ca.SX
+
+
 def measured_rows(s: Setting, x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Derivative of the outputs (ny, nx) and residuals (ny,), both with unit noise."""
-    output = s.model.output(x, u)
-    H, e = ca.jacobian(output, x), y - output
-    if np.count_nonzero(s.R - np.diag(np.diag(s.R))) == 0:
-        weights = mask / np.sqrt(np.diag(s.R))
-        return ca.sparsify(ca.diag(weights) @ H), weights * e
+    rows = sensed(s, x, u, y, mask)
+    return rows.H, rows.e
+
+
+def sensed(s: Setting, x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Sensed:
+    """Rows of a sample, with those that have no noise apart."""
+    output, variances = s.model.output(x, u), np.diag(s.R)
+    H, e, never = ca.jacobian(output, x), y - output, exact_outputs(s.R)
+    if np.count_nonzero(s.R - np.diag(variances)) == 0:
+        weights = [0 if v == 0 else mask[i] / np.sqrt(v) for i, v in enumerate(variances)]
+        of_noise, none = ca.sparsify(ca.vertcat(ca.SX(0, 1), *weights)), variances == 0
+        seen = ca.SX(none.astype(float)) * (mask > 0)
+        return Sensed(ca.sparsify(ca.diag(of_noise) @ H), of_noise * e, H, e, seen)
     H, e, R = masked(H, e, ca.SX(s.R), mask)
     L = cholesky_semidefinite(R)
     rows: list[ca.SX] = []
+    left: list[ca.SX] = []
+    seen = ca.SX.zeros(s.model.ny)
     for j, row in enumerate(ca.vertsplit(ca.horzcat(e, H))):
         known = sum((L[j, k] * done for k, done in enumerate(rows)), ca.SX(*row.shape))
-        rows.append((row - known) / L[j, j])
-    white = ca.vertcat(*rows)
-    return ca.sparsify(white[:, 1:]), white[:, 0]
+        left.append(row - known)
+        # What the outputs before it do not tell of its noise, if anything.
+        noisy = L[j, j] > 0
+        if j in never:
+            seen[j] = ca.logic_and(mask[j] > 0, ca.logic_not(noisy))
+            rows.append(ca.if_else(noisy, left[j] / ca.if_else(noisy, L[j, j], 1), 0))
+        else:
+            rows.append(left[j] / L[j, j])
+    white, rest = ca.vertcat(*rows), ca.vertcat(*left)
+    return Sensed(ca.sparsify(white[:, 1:]), white[:, 0], rest[:, 1:], rest[:, 0], seen)
 
 
-def limited_rows(s: Setting, limits: Limits, x: ca.SX, u: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
+def limited_rows(
+    s: Setting, limits: Limits, rows: Sensed, x: ca.SX, u: ca.SX, y: ca.SX
+) -> tuple[ca.SX, ca.SX]:
     """Derivatives of the limited quantities by the state (n, nx), and their values (n,)."""
     of_state, of_residual = (_sparse(w) for w in (limits.state, limits.residual))
     output = s.model.output(x, u)
-    rows = of_state - of_residual @ ca.jacobian(output, x)
-    return ca.sparsify(rows), ca.densify(of_state @ x + of_residual @ (y - output))
+    A = ca.SX(of_state - of_residual @ ca.jacobian(output, x))
+    value = ca.densify(of_state @ x + of_residual @ (y - output))
+    for r, j in limits.exact.items():
+        A[r, :] = -limits.residual[r, j] * rows.H_exact[j, :]
+        value[r] = limits.residual[r, j] * rows.e_exact[j]
+    return ca.sparsify(A), value
 
 
 def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
@@ -119,8 +167,8 @@ def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
     """
     x, u, y, mask = _symbols(s)
     count, before, here, last = (ca.SX.sym(k) for k in ("k", "before", "here", "last"))
-    H, e = measured_rows(s, x, u, y, here * mask)
-    A, value = limited_rows(s, limits, x, u, y)
+    rows = sensed(s, x, u, y, here * mask)
+    A, value = limited_rows(s, limits, rows, x, u, y)
     low, high = ca.SX(limits.lower) - value, ca.SX(limits.upper) - value
     for r in range(chain.n):
         needed = [mask[int(j)] for j in np.flatnonzero(limits.residual[r])]
@@ -128,9 +176,11 @@ def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
         if limits.once[r]:
             exists = last
         counts = ca.mmin(ca.vertcat(exists, *needed)) > 0
+        if r in limits.exact:
+            counts = rows.exact[limits.exact[r]]
         low[r] = ca.if_else(counts, low[r], -np.inf)
         high[r] = ca.if_else(counts, high[r], np.inf)
-    columns = [entries(H, chain.H), ca.densify(e), entries(A, chain.A), low, high]
+    columns = [entries(rows.H, chain.H), ca.densify(rows.e), entries(A, chain.A), low, high]
     return ca.Function("sample", [count, x, u, y, mask, before, here, last], [count + 1, *columns])
 
 

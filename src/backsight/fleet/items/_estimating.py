@@ -13,7 +13,7 @@ from backsight.fleet.items._reading import Reading, reason_of, said_with
 from backsight.fleet.items.work import Work
 from backsight.fleet.rows.numbers import Told, failed_row, row_of_result, row_of_totals
 from backsight.models.model import Model
-from backsight.output import put_in_place, writing
+from backsight.output import make_folder, put_in_place, writing
 from backsight.problem.results_file import write_estimates
 from backsight.run.estimation import Outputs, estimate_many, smooth
 from backsight.run.summaries import estimate_summaries
@@ -94,7 +94,7 @@ def _write(one: Reading, work: Work) -> None:
     target = folder / f"{one.piece.item}.nc"
     part = folder / f".{target.name}.{secrets.token_hex(4)}.part"
     with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         try:
             write_estimates(
                 part,

@@ -16,7 +16,7 @@ from typing import Any
 from backsight.errors import DataError, OutputError
 from backsight.fleet.rows.landed import Landed
 from backsight.fleet.rows.numbers import Told, row_of_text, row_text
-from backsight.output import HOLD, holding, writing
+from backsight.output import contents, holding, make_folder, tidy, writing
 
 ROWS, RESULTS = "fleet.sqlite", "results"
 """The file with the rows, and the folder of the results that are kept."""
@@ -187,7 +187,7 @@ def opened_fleet_store(out: Path, *, said: str, about: Mapping[str, Any]) -> Ite
         cannot be written.
     """
     with writing(out):
-        out.mkdir(parents=True, exist_ok=True)
+        make_folder(out)
     with holding(out):
         fresh = not (out / ROWS).exists()
         if fresh:
@@ -200,14 +200,14 @@ def opened_fleet_store(out: Path, *, said: str, about: Mapping[str, Any]) -> Ite
                 store.tell({"version": version, "of": said})
             _check_same_fleet(store, said, version)
             store.tell(about)
-            for rest in (out / RESULTS).glob(".*.part"):
-                rest.unlink(missing_ok=True)  # of a worker that was killed
+            with writing(out):
+                tidy(out)
+                tidy(out / RESULTS)  # of a worker that was killed
             yield store
 
 
 def _check_empty(out: Path) -> None:
-    foreign = sorted(p.name for p in out.iterdir() if p.name != HOLD)
-    if foreign:
+    if foreign := contents(out):
         raise OutputError(
             f"'{out}' has files that are not from here, such as {foreign[0]}; choose another folder"
         )

@@ -1,5 +1,6 @@
 """The rows of a fleet as a table, and how far each lies from the others like it."""
 
+import io
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +13,7 @@ import pandas as pd
 from backsight.errors import OutputError
 from backsight.fleet.rows.numbers import nis_ratio_of
 from backsight.fleet.rows.store import Entry, reading_store
-from backsight.output import put_in_place, writing
+from backsight.output import write_whole
 
 LAST = ("samples", "dt", "nis_ratio", "log_likelihood")
 """Columns of numbers behind those of states and outputs."""
@@ -176,16 +177,12 @@ def write_table(table: pd.DataFrame, path: Path) -> Path:
     >>> bs.fleet.write_table(pd.DataFrame({"k": [40.0]}), Path("rows.csv")).read_text()
     'k\n40.0\n'
     """
-    part = path.with_name(f".{path.name}.part")
+    content = io.BytesIO()
     try:
-        with writing(path.parent):
-            if path.suffix == ".parquet":
-                table.to_parquet(part, index=False)
-            else:
-                table.to_csv(part, index=False)
-            put_in_place(part, path)
+        if path.suffix == ".parquet":
+            table.to_parquet(content, index=False)
+        else:
+            table.to_csv(content, index=False)
     except ImportError:
         raise OutputError("Parquet files need pyarrow: pip install 'backsight[fleet]'") from None
-    finally:
-        part.unlink(missing_ok=True)
-    return path
+    return write_whole(path, content.getvalue())

@@ -1,5 +1,7 @@
 """Rows of an even grid of which the oldest are dropped and newer ones are added all the time."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from backsight.types import Array
@@ -43,6 +45,31 @@ class RowBuffer:
         """Rows of the slots from `start` up to `stop`; what is written to them is kept."""
         shift = self._first - self.base
         return self._rows[start + shift : stop + shift]
+
+    def put(
+        self, columns: Sequence[int], slots: np.ndarray, values: Array
+    ) -> tuple[int, np.ndarray]:
+        """Put values (n, m) into columns of the rows at slots (n,); the first one counts.
+
+        Returns
+        -------
+        duplicates : int
+            Values of which there was one already.
+        changed : (n,) array of bool
+            Samples of which a value was put.
+        """
+        self.extend(int(slots.max()) + 1)
+        rows, where = self.view(self.base, self.stop), slots - self.base
+        duplicates, changed = 0, np.zeros(len(slots), bool)
+        for j, column in enumerate(columns):
+            given = np.isfinite(values[:, j])
+            at, first = np.unique(where[given], return_index=True)
+            free = np.isnan(rows[at, column])
+            duplicates += int(given.sum() - free.sum())
+            chosen = np.flatnonzero(given)[first[free]]
+            rows[at[free], column] = values[chosen, j]
+            changed[chosen] = True
+        return duplicates, changed
 
     def drop(self, base: int) -> None:
         """Forget the rows before a slot."""

@@ -203,6 +203,13 @@ class Keeper:
         )
 
 
-def checkpoint_bytes(checkpoint: Checkpoint, *, origin: float, newest: int, clocks: str) -> bytes:
-    """What is kept with a part: the memory, and the clock."""
-    return checkpoint.packed(origin=origin, newest=float(newest), clocks=clocks)
+def checkpoint_bytes(
+    checkpoint: Checkpoint,
+    *,
+    origin: float,
+    newest: int,
+    clocks: str,
+    held: Mapping[str, Array],
+) -> bytes:
+    """What is kept with a part: the memory, the clock, and what delays hold back."""
+    return checkpoint.packed(origin=origin, newest=float(newest), clocks=clocks, **held)

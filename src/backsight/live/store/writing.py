@@ -9,7 +9,6 @@ table, also while it is written.
 import base64
 import contextlib
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,7 +18,7 @@ import numpy as np
 
 from backsight.errors import OutputError, PluginError
 from backsight.live.engine import Checkpoint
-from backsight.output import holding, write_whole, writing
+from backsight.output import holding, make_folder, put_in_place, tidy, write_whole, writing
 
 _ABOUT, _KEY = ".about.json", b"backsight"
 _FORM: Mapping[str, Any] = {"compression": "zstd", "use_dictionary": False}
@@ -59,6 +58,14 @@ class LiveStore:
                 "on from the part before"
             ) from None
 
+    def columns(self, part: Path) -> dict[str, np.ndarray]:
+        """Columns of a part by name; none if it was removed meanwhile or cannot be read."""
+        try:
+            table = self._parquet.read_table(part)
+        except (OSError, self._arrow.ArrowException):
+            return {}
+        return {name: table[name].to_numpy() for name in table.column_names}
+
     def add(
         self, start: int, columns: Mapping[str, np.ndarray], units: Mapping[str, str], memory: bytes
     ) -> None:
@@ -84,10 +91,7 @@ class LiveStore:
                     with self._parquet.ParquetWriter(file, schema, **_FORM) as writer:
                         writer.write_table(table)
                         writer.add_key_value_metadata({_KEY: base64.b64encode(memory)})
-                    file.flush()
-                    os.fsync(file.fileno())
-                part.replace(target)
-                _names_to_disk(self.folder)
+                put_in_place(part, target)
             finally:
                 part.unlink(missing_ok=True)
 
@@ -121,13 +125,20 @@ def _unit(unit: str | None) -> dict[str, str] | None:
     return {"unit": unit} if unit else None
 
 
-def _names_to_disk(folder: Path) -> None:
-    if os.name != "nt":
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
+def arrow() -> Any:
+    """The library that writes Parquet.
+
+    Raises
+    ------
+    PluginError
+        If it is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ModuleNotFoundError:
+        raise PluginError("a store needs pyarrow: pip install 'backsight[live]'") from None
+    return pyarrow
 
 
 @contextlib.contextmanager
@@ -148,13 +159,9 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
     PluginError
         If Arrow is not installed.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ModuleNotFoundError:
-        raise PluginError("a store needs pyarrow: pip install 'backsight[live]'") from None
+    library = arrow()
     with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     with holding(folder):
         about = folder / _ABOUT
         if about.exists():
@@ -168,9 +175,9 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
                 )
             content = {"program": "backsight live", "of": said}
             write_whole(about, json.dumps(content, indent=1).encode())
-        for rest in folder.glob(".part-*.part"):
-            rest.unlink(missing_ok=True)  # of a run that was killed
-        yield LiveStore(folder, pyarrow, pyarrow.parquet)
+        with writing(folder):
+            tidy(folder)
+        yield LiveStore(folder, library, library.parquet)
 
 
 def _check_about(about: Path, said: str) -> None:

@@ -2,7 +2,7 @@
 
 Not one file with an unlimited dimension: HDF5 has no journal, and a file that is being extended
 when the process is killed cannot be opened any more. A part is written beside its place and moved
-there in one step, and the memory of the estimator after it likewise.
+there in one step when it is on the disk, and the memory of the estimator after it likewise.
 """
 
 import contextlib
@@ -18,7 +18,15 @@ import numpy as np
 import xarray as xr
 
 from backsight.errors import DataError, OutputError
-from backsight.output import HOLD, holding, write_whole, writing
+from backsight.output import (
+    contents,
+    holding,
+    make_folder,
+    put_in_place,
+    tidy,
+    write_whole,
+    writing,
+)
 
 ABOUT, MEMORY, SUMMARY = "about.json", "memory.npz", "summary.nc"
 """Files of a store beside its parts."""
@@ -42,12 +50,12 @@ class PartStore:
         """Keep the results of part k, None if none of its samples are kept, and the memory."""
         if result is not None:
             self._write(f"part-{k:06}.nc", result)
-        part = self.folder / f".{MEMORY}.{secrets.token_hex(4)}.part.npz"
+        part = self.folder / f".{MEMORY}.{secrets.token_hex(4)}.part"
         with writing(self.folder):
             try:
                 with part.open("wb") as file:
                     _save(file, memory)
-                part.replace(self.folder / MEMORY)
+                put_in_place(part, self.folder / MEMORY)
             finally:
                 part.unlink(missing_ok=True)
 
@@ -60,7 +68,7 @@ class PartStore:
         with writing(self.folder):
             try:
                 dataset.to_netcdf(part, engine="h5netcdf")
-                part.replace(self.folder / name)
+                put_in_place(part, self.folder / name)
             finally:
                 part.unlink(missing_ok=True)
 
@@ -82,14 +90,13 @@ def opened_store(out: Path, *, said: str) -> Iterator[PartStore]:
         If another process writes to it, it holds something else, or it cannot be written.
     """
     with writing(out):
-        out.mkdir(parents=True, exist_ok=True)
+        make_folder(out)
     with holding(out):
         about = out / ABOUT
         if about.exists():
             _check_same(about, said)
         else:
-            foreign = sorted(p.name for p in out.iterdir() if p.name != HOLD)
-            if foreign:
+            if foreign := contents(out):
                 raise OutputError(
                     f"'{out}' has files that are not from here, such as {foreign[0]}; choose "
                     "another folder"
@@ -97,8 +104,8 @@ def opened_store(out: Path, *, said: str) -> Iterator[PartStore]:
             version = importlib.metadata.version("backsight")
             content = {"program": "backsight", "version": version, "of": said}
             write_whole(about, json.dumps(content, indent=1).encode())
-        for rest in out.glob(".*.part*"):
-            rest.unlink(missing_ok=True)  # of a run that was killed
+        with writing(out):
+            tidy(out)
         yield PartStore(out)
 
 

@@ -116,7 +116,7 @@ def _attempt(chain: Chain) -> tuple[ca.Function, list[str]]:
     found = by_name(_sweep(chain), [*given, search["side"]])
     judged = _judge(chain)(
         before["attempt"], before["conflict"], search["conflict"],
-        search["side"], found["broken"], search["unfinished"],
+        search["side"], found["broken"], search["unfinished"], found["conflict"],
     )  # fmt: skip
     go, start, conflict = judged
     old = [ca.MX.sym(k, *found[k].shape) for k in KEPT]
@@ -133,10 +133,18 @@ LAST = 2
 
 
 def _judge(chain: Chain) -> ca.Function:
-    """Whether another attempt is needed, from what active limits, and the limits in conflict."""
+    """Whether another attempt is needed, from what active limits, and the limits in conflict.
+
+    Sensors without noise that contradict what is known are left out, whatever the limits are.
+    """
     n, m = chain.n, chain.N + 1
     attempt, unfinished = ca.SX.sym("attempt"), ca.SX.sym("unfinished")
-    known, conflict, side, broken = (ca.SX.sym(k, n, m) for k in ("k", "c", "side", "broken"))
+    names = ("known", "conflict", "side", "broken", "unmet")
+    known, conflict, side, broken, unmet = given = [ca.SX.sym(k, n, m) for k in names]
+    side, broken, sensors = ca.SX(side), ca.SX(broken), ca.SX.zeros(n, m)
+    for r in chain.exact:
+        sensors[r, :] = unmet[r, :]
+        side[r, :] = broken[r, :] = ca.SX.zeros(1, m)
     some = [ca.mmax(ca.vec(ca.fabs(k))) for k in (conflict, side, broken)]
     contradicts, held, violated = some
     violated = ca.logic_and(ca.logic_and(violated, held), ca.logic_not(unfinished))
@@ -144,11 +152,11 @@ def _judge(chain: Chain) -> ca.Function:
     named = ca.if_else(violated, ca.fmax(broken, ca.fabs(side)), conflict)
     return ca.Function(
         "judge_attempt",
-        [attempt, known, conflict, side, broken, unfinished],
+        [attempt, *given[:4], unfinished, given[4]],
         [
             ca.logic_and(again, attempt < LAST),
             ca.SX.zeros(n, m),
-            ca.if_else(attempt == LAST, known, named),
+            ca.fmax(ca.if_else(attempt == LAST, known, named), sensors),
         ],
     )
 

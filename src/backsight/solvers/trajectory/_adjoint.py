@@ -91,6 +91,9 @@ def _sides(
     """Sides on which the limits should be, and how many are not."""
     side, changes = ca.SX.zeros(chain.n), ca.SX(0)
     for r in range(chain.n):
+        if r in chain.exact:
+            side[r] = ca.if_else(z.active(r), 1, 0)
+            continue
         active, slack = z.active(r), float(chain.slack[r])
         now = ca.if_else(active, z.side[r], 0)
         pulls = ca.logic_or(z.side[r] * nu[r] < 0, ca.logic_and(ca.logic_not(enter), g[r] == 0))

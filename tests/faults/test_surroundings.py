@@ -1,0 +1,187 @@
+"""What surrounds a command fails: memory, pipes, folders that are read only, others at work."""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import small_problem
+from backsight.output import MARKER
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs signals and limits of POSIX")
+
+MANY = 20
+HERE = {"OPENBLAS_NUM_THREADS": "1"}
+
+
+def words(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "backsight", *map(str, arguments)]
+
+
+def shell(text: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """A line of bash, in which BS is the command; its status is that of the command."""
+    line = f"BS='{sys.executable} -m backsight'; {text}"
+    return subprocess.run(
+        ["bash", "-c", line], cwd=folder, capture_output=True, text=True, env=os.environ | HERE
+    )
+
+
+@pytest.fixture
+def here(tmp_path):
+    small_problem.write(tmp_path, small_problem.TEXT.replace('kind = "mho"', 'kind = "ekf"\n#'))
+    return tmp_path
+
+
+@pytest.mark.parametrize("what", ["methods | head -1", "schema | head -1", "methods | true"])
+def test_whoever_reads_may_go(here, what):
+    done = shell(f"$BS {what}; echo ${{PIPESTATUS[0]}} >&2", here)
+    *told, code = done.stderr.splitlines()
+    assert not told
+    assert code in ("0", "1")
+
+
+def test_a_result_is_there_though_nobody_reads(here):
+    done = shell("$BS run problem.toml -o out | true; echo ${PIPESTATUS[0]} >&2", here)
+    *told, code = done.stderr.splitlines()
+    assert not told
+    assert code in ("0", "1")
+    assert json.loads((here / "out" / "summary.json").read_text())
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_terminal_that_takes_nothing_is_one_line(here):
+    done = shell("$BS methods > /dev/full", here)
+    assert done.returncode == 2
+    assert done.stderr == "backsight: No space left on device\n"
+
+
+@pytest.mark.parametrize("stream", [">&-", "2>&-", "<&-"])
+def test_a_closed_stream_is_no_reason_to_fail(here, stream):
+    done = shell(f"$BS run problem.toml -o out {stream}", here)
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    assert (here / "out" / "report.html").exists()
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_a_request_to_end_leaves_what_was_there(here, name, code):
+    """It comes when the results are begun."""
+    (here / "out").mkdir()
+    with subprocess.Popen(
+        words("run", "problem.toml", "-o", "out"),
+        cwd=here, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        env=os.environ | HERE,
+    ) as process:  # fmt: skip
+        end = time.monotonic() + 60
+        while not list((here / "out").glob(".backsight-*.part")):
+            assert process.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.002)
+        process.send_signal(getattr(signal, name))
+        _, told = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert told.startswith("backsight: ")
+    assert "interrupted" in told
+    assert "Traceback" not in told
+    left = {p.name for p in (here / "out").iterdir()}
+    # An estimator that had finished is written, unless there is another interrupt.
+    assert not left or MARKER in left
+
+
+def limited(megabytes: int):
+    def limit() -> None:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (megabytes << 20, megabytes << 20))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+    return limit
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not keep to the limit")
+@pytest.mark.parametrize("verb", ["run", "check", "tune", "export"])
+def test_memory_runs_out(here, verb):
+    """With ever more of it, until it is enough: one line each time, and nothing is half done."""
+    more = {"tune": ["-e", "EKF", "-o", "out/t.toml"], "export": ["-e", "EKF", "-o", "out"]}
+    command = words(verb, "problem.toml", *more.get(verb, ["-o", "out"] if verb == "run" else []))
+    codes = []
+    for megabytes in (150, 250, 350, 450, 550, 650, 800, 1000, 1300, 1700, 2200, 3000, 4000, 8000):
+        shutil.rmtree(here / "out", ignore_errors=True)
+        done = subprocess.run(
+            command, cwd=here, capture_output=True, text=True, env=os.environ | HERE,
+            preexec_fn=limited(megabytes),
+        )  # fmt: skip
+        codes.append(done.returncode)
+        if done.returncode in (0, 1):
+            break
+        assert "Traceback" not in done.stderr, (megabytes, done.stderr)
+        assert not (here / "out").exists()
+        assert not list(here.glob(".*part"))
+    assert codes[-1] in (0, 1)
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() != 0, reason="needs another user to become")
+def test_folders_that_are_read_only(here):
+    """As a user who owns nothing; who owns the computer may write anywhere."""
+    (here / "out").mkdir()
+    for path in here.rglob("*"):
+        path.chmod(0o755 if path.is_dir() else 0o644)
+    os.chmod(here, 0o755)
+    with contextlib.ExitStack() as stack:
+        for folder in here.parents:  # pytest's folders are for one user alone
+            mode = folder.stat().st_mode & 0o777
+            if mode & 0o005 == 0o005 or folder == Path("/"):
+                continue
+            os.chmod(folder, mode | 0o055)
+            stack.callback(os.chmod, folder, mode)
+        for out in ("out", "new", "out/new"):
+            done = subprocess.run(
+                words("run", "problem.toml", "-o", out),
+                cwd=here, capture_output=True, text=True, user=65534, group=65534,
+                extra_groups=[], env=os.environ | HERE | {"HOME": "/nonexistent"},
+            )  # fmt: skip
+            assert done.returncode == 2, done.stderr
+            last = done.stderr.splitlines()[-1]
+            assert last == (
+                f"backsight: cannot write to the folder '{out}': Permission denied; choose "
+                "another one"
+            )
+    assert not list((here / "out").iterdir())
+    assert not (here / "new").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("out", ["one folder", "their own"])
+def test_many_runs_at_once(here, out, tmp_path_factory):
+    """Twenty of them, on one cache that is empty: the same numbers, and nothing is left over."""
+    cache = tmp_path_factory.mktemp("cache")
+    names = ["out"] * MANY if out == "one folder" else [f"out{k}" for k in range(MANY)]
+    own = os.environ | HERE | {"BACKSIGHT_CACHE": str(cache)}
+    running = [
+        subprocess.Popen(
+            words("run", "problem.toml", "-o", name),
+            cwd=here, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=own,
+        )
+        for name in names
+    ]  # fmt: skip
+    for process in running:
+        _, told = process.communicate()
+        assert (process.returncode, told) == (0, "")
+    finals = {
+        json.dumps(json.loads((here / n / "summary.json").read_text())["estimators"]["EKF"]["final"])
+        for n in names
+    }
+    assert len(finals) == 1
+    for name in set(names):
+        there = sorted(p.name for p in (here / name).iterdir())
+        assert there == [MARKER, "estimates.nc", "report.html", "summary.json"]
+    assert not list(here.glob(".*part"))
+    assert not list(cache.rglob("*.tmp"))
