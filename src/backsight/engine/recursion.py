@@ -83,6 +83,8 @@ class Recursion:
         about an earlier one.
     start : callable, optional
         The memory before the first sample for another prior: ``(x0, P0) -> carry``, physical.
+    fresh : (nc,) array, optional
+        The memory of a new start after a failure, if that is not `carry0`.
     """
 
     step: ca.Function
@@ -93,6 +95,7 @@ class Recursion:
     lag: int = 0
     innovation: ca.Function | None = None
     start: Callable[[Array, Array], Array] | None = None
+    fresh: Array | None = None
 
     def restarting(self) -> Recursion:
         """The same, but after a sample that leaves no finite memory it starts anew from `carry0`.
@@ -113,7 +116,8 @@ class Recursion:
         size = len(self.carry0)
         go, old, fresh = (ca.MX.sym(n, k) for n, k in (("go", 1), ("old", size), ("fresh", size)))
         anew = ca.Function("anew", [go, old, fresh], [ca.MX(0), fresh])
-        _, kept = iterate(anew, 1, carry=[lost, after], constants=[ca.MX(self.carry0)])
+        again = self.carry0 if self.fresh is None else self.fresh
+        _, kept = iterate(anew, 1, carry=[lost, after], constants=[ca.MX(again)])
         step = ca.Function(self.name, symbols, [kept, *outputs])
         return dataclasses.replace(self, step=step)
 

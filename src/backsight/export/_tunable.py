@@ -14,7 +14,7 @@ import numpy as np
 
 from backsight.engine import vm
 from backsight.engine.c99 import SettingsField
-from backsight.engine.program import Program, Beginning, following, starting, walk
+from backsight.engine.program import Beginning, Program, following, starting, walk
 from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, EngineError, nearest
 from backsight.estimators.around.misled import watched

@@ -135,16 +135,17 @@ class Window:
         nx = self.nx
         rows = nx + d + places * nx
         first = sum((KernelWork(2 * rows) + _product(rows, i) for i in range(m)), KernelWork(0))
-        second = sum((_product(rows - j, m) for j in range(rows)), KernelWork(0))
-        last = sum((_product(rows, m - 1 - i) + KernelWork(rows) for i in range(m)), KernelWork(0))
+        known = nx + d  # of the states only what is of one of them
+        ends = [rows if j < known else known + ((j - known) // nx + 1) * nx for j in range(rows)]
+        second = sum((_product(end - j, m) for j, end in enumerate(ends)), KernelWork(0))
         covariances = KernelWork(places * nx * (2 * nx + d))
         noise = KernelWork(7 * m * (m + 1) // 2)
-        return noise + _factor(m) + _ready(m) + first + second + covariances + last
+        return noise + _factor(m) + _ready(m) + first + second + covariances
 
     @cached_property
     def _look(self) -> KernelWork:
         nx, m = self.nx, self.m
-        found = KernelWork(m) + self._prepare(m, self.d, PLACES) + _posterior(nx)
+        found = KernelWork(m) + self._prepare(m, self.d, PLACES) + _posterior(nx) + _forward(m)
         if self.arrival == NONE:
             found += _unknown(nx)
         if self.bounded:
@@ -201,10 +202,12 @@ class Window:
 
     def _residuals(self) -> KernelWork:
         m, d = self.m, self.d
-        forces = KernelWork(self.n * (2 + 2 * self.length) + d * (1 + 2 * m) + 2 * m)
-        found = self._first() + forces + _product(m, self.nx) + _forward(m)
+        forces = KernelWork(self.n * (2 + 2 * self.length))
+        found = self._first() + forces + m * (_dot(self.nx) + _dot(d) + KernelWork(2))
         if self.bounded or self.varying:
-            found += m * (_dot(m) + KernelWork(2))
+            found += (
+                m * (_dot(m) + KernelWork(2)) + _product(m, self.nx) + d * KernelWork(1 + 2 * m)
+            )
         return found
 
     def _gap(self) -> KernelWork:
@@ -255,7 +258,7 @@ class Window:
         each = _product(rows, self.length) + _product(nx, nx)
         solved = _product(rows, outputs) + KernelWork(outputs) + s * each + _product(rows, s)
         states = 2 * _product(nx, nx) + nx * _dot(nx)
-        tables = self._prepare(outputs, self.p, 1) + _posterior(nx)
+        tables = self._prepare(outputs, self.p, 1) + _forward(outputs) + _posterior(nx)
         if self.bounded:
             tables += self.columns * (_product(rows, self.p) + KernelWork(2))
         return tables + solved + states + self._covariances(nx)

@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,6 +18,13 @@ from backsight.live._status import LiveStatus
 from backsight.live.dashboard import Board, placed_board, served_board
 from backsight.live.reviving import can_revive, revive
 from backsight.problem.reading.tables import DashboardTable
+
+ROUNDS = 4
+"""In the time of a block."""
+
+SWITCH = 5e-4
+"""Seconds after which one thread of Python lets another one go on; a round must not wait longer
+for the thread that writes."""
 
 _IMPATIENT = 1.0
 """Seconds after which another Ctrl-C is meant."""
@@ -95,11 +103,12 @@ def keep_going(
 ) -> None:
     """Do rounds until the sources end or `stopping` is set.
 
-    A round begins every half of a block: what comes then waits for less than that, and the other
-    half is left for the work.
+    A round begins every quarter of a block: what comes then waits for less than that, and the rest
+    is left for the work and for what else the processor does.
     """
-    pace = session.live.settings.block / 2
+    pace = session.live.settings.block / ROUNDS
     hurried = any(lane.replayed and not _speed(lane) for lane in session.lanes)
+    sys.setswitchinterval(SWITCH)
     due, line_due = time.monotonic(), time.monotonic() + 1.0
     while not stopping.is_set():
         last = session.ended

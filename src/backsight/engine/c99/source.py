@@ -13,7 +13,7 @@ from backsight.engine.c99._interface import (
 )
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
 from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
-from backsight.engine.program import Buffer, Program, Beginning
+from backsight.engine.program import Beginning, Buffer, Program
 
 
 @dataclasses.dataclass(frozen=True)

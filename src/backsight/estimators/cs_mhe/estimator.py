@@ -23,10 +23,17 @@ from backsight.estimators.arrival import SmoothedArrival, arrival_name
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.cs_mhe._along import Along, directions, varying_tables
 from backsight.estimators.cs_mhe._arrival import LinearArrival, arrival_faults
-from backsight.estimators.cs_mhe._limits import by_force, caps, check_unlimited, sides, sign_faults
+from backsight.estimators.cs_mhe._limits import (
+    NO_LIMIT,
+    by_force,
+    caps,
+    check_unlimited,
+    sides,
+    sign_faults,
+)
 from backsight.estimators.cs_mhe._step import cs_recursion
 from backsight.estimators.cs_mhe._tables import check_forces, shapes_within, tables
-from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
+from backsight.estimators.cs_mhe._window import KERNEL, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.dictionaries import Dictionary, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
@@ -139,12 +146,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     A window that is not full yet, or has gaps, is one with samples that were not measured. Samples
     may have a noise of their own (eq. 8). If limits contradict each other, the estimate is the one
     without them, the status says *infeasible*, and ``infeasible`` names them; covariances do not
-    count on an active limit.
-
-    Raises
-    ------
-    EngineError
-        If the C kernels of the package are not compiled.
+    count on an active limit. Without the C kernels of the package it raises `EngineError`.
 
     References
     ----------
@@ -242,8 +244,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     def _linearised(self, model: Model, dt: float) -> Forced:
         if self.hold != "zoh":
             raise TuningError("hold 'foh' needs a linear model; use 'zoh'")
-        joined = self._joined(model)
-        system = at_mean(joined, dt, noise=self.noise, prior=self.prior)
+        system = at_mean(self._joined(model), dt, noise=self.noise, prior=self.prior)
         return Forced.of(system, self.background(model), self.forces)
 
     def _joined(self, model: Model) -> Model:
@@ -271,8 +272,6 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             found = tables(forced, shapes, limits, N=self.N, lag=self.delay)
         else:
             found = varying_tables(forced, shapes, onto, N=self.N)
-        largest = by_force("largest", self.largest, forced.signals, otherwise=math.inf)
-        change = math.inf if self.carryover is None else self.carryover.change
         return Solver(
             forced=forced,
             tables=found,
@@ -287,7 +286,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             carries=self.carryover is not None,
             refits=self.bias == "removed",
             limits=limits,
-            caps=caps(largest, self.dictionary, change),
+            caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
             at_most=(self.max_steps, self.max_active),
         )
 

@@ -28,9 +28,10 @@ typedef struct {
 /* Given the forces f and the first state dx, the states of interest are K r + Phi dx + E f with
    covariance V. Rows lie on top of each other:
 
-       W = [O' S0^-1; G' S0^-1; K],   J = [O' S0^-1 O, O' S0^-1 G; G' S0^-1 O, G' S0^-1 G; -Phi, -E]
+       W = [O'; G'; cross'] L'^-1,   J = [O' S0^-1 O, O' S0^-1 G; G' S0^-1 O, G' S0^-1 G; -Phi, -E]
 
-   so that W r - J [dx; f] is the gradient, halved, and the states. r has the rows that count. */
+   so that W L^-1 r - J [dx; f] is the gradient, halved, and the states, with S0 = L L'. r has the rows
+   that count. */
 typedef struct {
     int nx, d, m, rows;
     const real *W, *J, *V; /* V: the covariances on top of each other */
@@ -116,10 +117,11 @@ static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *
         cs_window_product(row, -1, W, rows, L + i, m, rows, i);
         for (int k = 0; k < rows; ++k) row[k] *= L[i + i * m];
     }
-    for (int j = 0; j < rows; ++j) {
+    for (int j = 0; j < rows; ++j) { /* of the states only what is of one of them */
+        const int end = j < known ? rows : known + ((j - known) / nx + 1) * nx;
         real *column = J + j * rows;
         for (int i = j; i < rows; ++i) column[i] = 0;
-        cs_window_product(column + j, 1, W + j, rows, W + j, rows, rows - j, m);
+        cs_window_product(column + j, 1, W + j, rows, W + j, rows, end - j, m);
     }
     for (int j = 0; j < known; ++j)
         for (int i = 0; i < j; ++i) J[i + j * rows] = J[j + i * rows];
@@ -137,11 +139,6 @@ static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *
                 if (moved) J[row + (nx + j) * rows] -= moved[k];
             }
         }
-    for (int i = m - 1; i >= 0; --i) { /* L'^-1, the same way */
-        real *row = W + i * rows;
-        cs_window_product(row, -1, row + rows, rows, L + i + 1 + i * m, 1, rows, m - 1 - i);
-        for (int k = 0; k < rows; ++k) row[k] *= L[i + i * m];
-    }
     const cs_window_tables tables = {nx, d, m, rows, W, J, V, L};
     return tables;
 }
