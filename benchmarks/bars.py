@@ -5,7 +5,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from benchmarks import beam_contests, contests, noise_contests, scaling, startup
+from benchmarks import (
+    beam_contests,
+    call_contests,
+    contests,
+    fit_contests,
+    noise_contests,
+    scaling,
+    startup,
+)
 from benchmarks.contest import Row
 from benchmarks.process_noise import ACTIVE, BOUNDS, FREE, INACTIVE
 from benchmarks.scaling import Point
@@ -95,6 +103,7 @@ def bars(measured: Measured) -> list[Bar]:
                 ),
                 **_noise_ratios(measured),
                 **_beam_ratios(measured),
+                **_fit_ratios(measured),
             }
         ),
         *_most(
@@ -135,6 +144,19 @@ def bars(measured: Measured) -> list[Bar]:
                 ),
                 **_noise_times(measured),
                 **_beam_times(measured),
+                "Tuning: difference from statsmodels [share of a standard deviation]": (
+                    measured.difference(fit_contests.DEVIATIONS, fit_contests.STATSMODELS),
+                    1e-4,
+                ),
+                "EKF: a call with 2000 samples, all in [ms]": (
+                    time(call_contests.CALL, call_contests.ESTIMATE),
+                    1.5,
+                ),
+                "EKF: a call with 100 000 samples, against its loop [times as long]": (
+                    time(call_contests.WHOLE, call_contests.ESTIMATE)
+                    / time(call_contests.WHOLE, call_contests.LOOP),
+                    1.5,
+                ),
                 "EKF: 60 states, row of masses, against NumPy with BLAS [times as long]": (
                     large(contests.CHAIN),
                     3,
@@ -201,6 +223,20 @@ def _noise_times(measured: Measured) -> Figures:
         "MHE, process noise: difference from IPOPT [scaled states]": (_worst(differences), 1e-8),
         "MHE, process noise: exponent of the time against N": (growth, 1.1),
         "MHE, process noise: 30 states, N = 20 [ms per sample]": (1e-3 * large, 5),
+    }
+
+
+def _fit_ratios(measured: Measured) -> Figures:
+    """Tuning: how many times faster the same optimum is found."""
+    return {
+        f"Tuning: against {name} [times faster]": (
+            measured.time(table, name) / measured.time(table, fit_contests.BACKSIGHT),
+            10,
+        )
+        for table, name in (
+            (fit_contests.DEVIATIONS, fit_contests.STATSMODELS),
+            (fit_contests.COVARIANCE, fit_contests.KALMAN_PY),
+        )
     }
 
 

@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from backsight.live import LiveSession, load_live, opened_session
+from backsight.live import LiveSession, load_live, made_ready, opened_session
+from backsight.live.running import ROUNDS, SWITCH
 from backsight.live.sources import Batch
 
 MODES = 4
@@ -90,7 +91,7 @@ def send(port: int, *, channels: int, rate: float, seconds: float) -> None:
 @contextlib.contextmanager
 def opened(file: Path) -> Iterator[LiveSession]:
     """A session that says what it has to say."""
-    with opened_session(load_live(file), tell=print) as session:
+    with opened_session(made_ready(load_live(file)), tell=print) as session:
         yield session
         session.close()
 
@@ -107,6 +108,7 @@ def load(*, channels: int, rate: float, seconds: float, block: float, store: boo
         command = [sys.executable, "-m", "benchmarks.live_load", "--send", str(port)]
         settings = ["--channels", str(channels), "--rate", str(rate), "--seconds", str(seconds)]
         sender = stack.enter_context(subprocess.Popen([*command, *settings]))
+        sys.setswitchinterval(SWITCH)
         while not session.round():
             time.sleep(0.001)
         session.latencies.clear()
@@ -116,7 +118,7 @@ def load(*, channels: int, rate: float, seconds: float, block: float, store: boo
             session.round()
             latencies += session.latencies
             session.latencies.clear()
-            due = max(due + block / 2, time.monotonic())
+            due = max(due + block / ROUNDS, time.monotonic())
             time.sleep(max(due - time.monotonic(), 0))
         took = time.monotonic() - begun
         share = (time.process_time() - used) / took

@@ -27,7 +27,7 @@ def estimated():
         inputs={"i": "Strom [A]"},
         outputs={"speed": "Drehzahl [rad/s]"},
     )
-    noise = bs.Noise(sigma_y=0.05, sigma_w={"w": 1e-4, "load": 2e-4})
+    noise = bs.Noise(sigma_y=0.050106, sigma_w={"w": 0.0018959, "load": 0.00019218})
     prior = bs.Prior(sigma_x0={"w": 1.0, "J": 5e-4, "b": 1e-3, "load": 0.1})
     return bs.compare(
         {"EKF": bs.EKF(noise, prior), "MHE": bs.MHE(noise, prior, N=20)}, model, recording

@@ -73,6 +73,8 @@ class Status(enum.IntFlag):
     NOT_SOLVED = 4096
     TURN_GUESSED = 8192
     REDUNDANT = 16384
+    MISLED = 32768
+    NOT_OPTIMAL = 65536
 
 
 STATUS_TEXT = {
@@ -132,6 +134,15 @@ STATUS_TEXT = {
     Status.REDUNDANT: (
         "a sensor without noise read what was known exactly already, so that its sample was left "
         "out; give it its sigma_y, or the states a random walk, if what it reads is different"
+    ),
+    Status.MISLED: (
+        "constants have learned from a reading that was more than a hundred standard deviations "
+        "from what was expected, and are worthless from there on; give the noise a rule for "
+        'outliers, Gate() (outliers.kind = "Gate"), or start anew from the prior (restart)'
+    ),
+    Status.NOT_OPTIMAL: (
+        "the optimum of a window is known only to a duality gap of more than 1e-9 of its cost, by "
+        "rounding; raise lam, or state the noise as it is"
     ),
 }
 """Cause and remedy of every status bit."""

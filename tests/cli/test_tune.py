@@ -91,6 +91,7 @@ def test_says_what_could_not_be_found(backsight, tmp_path):
         ('free = ["sigma_y"]\nestimator = "UKF"', "tune.estimator: there is no 'UKF'"),
         ('free = ["sigma_y"]\nrecordings = ["none.csv"]', "there is no file"),
         ("free = [1]", "tune.free"),
+        ('free = [{ name = "lag", options = [1, 2] }]', "there is no setting 'lag'"),
     ],
 )
 def test_refuses_in_one_line_and_writes_nothing(backsight, tmp_path, table, message):
@@ -132,3 +133,46 @@ def test_replaces_no_file_unless_told_to(backsight, tmp_path):
     assert code == 2
     assert "--force" in told
     assert path.read_text(encoding="utf-8") == GUESSED
+
+
+OPTIONS = """
+[estimators.window]
+kind = "mhe"
+N = 4
+arrival = { kind = "NoArrival" }
+
+[tune]
+estimator = "window"
+free = [{ name = "arrival", options = [{ kind = "NoArrival" }, { kind = "EKFArrival" }] }]
+"""
+
+
+def test_options_may_be_tables(backsight, tmp_path):
+    path, out = problem(tmp_path, GUESSED + OPTIONS), tmp_path / "tuned.toml"
+    code, printed, _ = backsight("tune", path, "--out", out)
+    assert code == 0
+    assert "arrival = EKFArrival" in printed
+    found = tomllib.loads(out.read_text(encoding="utf-8"))
+    assert found["estimators"]["window"]["arrival"] == {"kind": "EKFArrival"}
+    assert load(out).estimators["window"].arrival == bs.settings.EKFArrival()
+
+
+def test_settings_of_several_numbers_go_into_the_file(backsight, tmp_path):
+    observer = """
+[estimators.observer]
+kind = "ahg"
+gain = 20.0
+Gamma = [1e3, 10.0]
+
+[tune]
+estimator = "observer"
+free = ["Gamma"]
+"""
+    path, out = problem(tmp_path, GUESSED + observer), tmp_path / "tuned.toml"
+    assert backsight("tune", path, "--out", out)[0] in (0, 1)
+    found = tomllib.loads(out.read_text(encoding="utf-8"))
+    factor = found["tune"]["found"]["Gamma"]["value"]
+    assert factor != 1
+    Gamma = found["estimators"]["observer"]["Gamma"]
+    assert Gamma == pytest.approx([1e3 * factor, 10 * factor], rel=1e-4)
+    assert load(out).estimators["observer"].Gamma.tolist() == Gamma

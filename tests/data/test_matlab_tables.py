@@ -56,3 +56,27 @@ def test_tables_and_other_objects_of_matlab(tables):
     found = list_columns(tables)
     assert {"tt/a", "td/b", "tab/a", "plain", "s/tt/b"} <= {c.name for c in found.signals}
     assert found["ts"].remarks == ("a timeseries of MATLAB",)
+
+
+def test_cells_and_arrays_of_structures_of_version_73_are_read(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "run.mat"
+    values = {"a": np.arange(9.0), "b": np.arange(9.0) ** 2}
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["t"] = 0.1 * np.arange(9.0)[None]
+        for name, column in values.items():
+            file[f"#refs#/{name}"] = column[None]
+            file[f"#refs#/{name}"].attrs["MATLAB_class"] = np.bytes_("double")
+        file["t"].attrs["MATLAB_class"] = np.bytes_("double")
+        group = file.create_group("ch")
+        group.attrs["MATLAB_class"] = np.bytes_("struct")
+        for owner, name in ((file, "c"), (group, "values")):
+            entries = owner.create_dataset(name, (2, 1), dtype=h5py.ref_dtype)
+            entries[0, 0], entries[1, 0] = file["#refs#/a"].ref, file["#refs#/b"].ref
+        file["c"].attrs["MATLAB_class"] = np.bytes_("cell")
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + b"\0" * 8 + b"\0\2IM"
+    path.write_bytes(head + path.read_bytes()[len(head) :])
+
+    for column in ("c{2}", "c[1]", "ch(2).values", "ch[1]/values"):
+        recording = read(path, time="t", inputs={}, outputs={"q": column})
+        np.testing.assert_array_equal(recording.y.values.ravel(), values["b"])

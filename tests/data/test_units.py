@@ -111,8 +111,13 @@ def test_a_problem_takes_its_recording_in_the_units_of_the_model(tmp_path):
 
 
 def test_recordings_are_converted_by_name():
-    given = {"inputs": {"T": "degC"}, "outputs": {"q": "mm", "c": "banana"}}
-    recording = from_arrays(u=[20.0, 30.0], y=[[1.0, 7.0], [2.0, 8.0]], dt=1.0, **given)
+    recording = from_arrays(
+        u=[20.0, 30.0],
+        y=[[1.0, 7.0], [2.0, 8.0]],
+        dt=1.0,
+        inputs={"T": "degC"},
+        outputs={"q": "mm", "c": "banana"},
+    )
     other = convert_units(recording, {"q": "m", "T": "K", "c": "V"})
     assert other.u.values.ravel().tolist() == [293.15, 303.15]
     assert other.y.values[:, 0].tolist() == [1e-3, 2e-3]
@@ -138,3 +143,56 @@ def test_an_estimator_takes_no_millimetres_for_metres():
     other = data.assign_coords(output_unit=("output", ["Pa"]))
     with pytest.raises(DataError, match="output 'y' is in Pa, the model takes m, which is another"):
         bs.estimate(ekf, model, other, engine="vm")
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted", "factor"),
+    [
+        *((u, "m/s^2", 9.80665) for u in ("g", "G", "gn", "g_n", "grav")),
+        ("mg", "m/s²", 9.80665e-3),
+        ("g²/Hz", "m^2/s^3", 9.80665**2),
+        *((u, "Nm", 1.0) for u in ("N*m", "N.m", "N-m", "N·m", "N⋅m", "N×m", "N m")),
+        *((u, "N mm", f) for u, f in (("mNm", 1.0), ("Ncm", 10.0), ("daNm", 1e4), ("MNm", 1e9))),
+        ("ft-lb", "Nm", 1.3558179483314),
+        ("lb", "N", 4.4482216152605),
+        ("kNs/m", "N s/m", 1e3),
+        ("kgm²", "kg m^2", 1.0),
+        ("gmm", "kg m", 1e-6),
+        *((u, "rad/s", math.pi / 30) for u in ("rpm", "RPM", "U/min", "r/min", "rev/min")),
+        *((u, "rad/s", math.pi / 180) for u in ("deg/s", "°/s", "dps")),
+        ("1/min", "1/s", 1 / 60),
+        ("mil", "µm", 25.4),
+        ("KN", "N", 1e3),
+        ("‰", "%", 0.1),
+        ("kmh", "m/s", 1 / 3.6),
+        ("°C/s", "K/s", 1.0),
+    ],
+)
+def test_spellings_of_engineers_have_their_factors(given, wanted, factor):
+    found = conversion(given, wanted)
+
+    assert found.factor == pytest.approx(factor, rel=1e-9)
+    assert found.offset == 0.0
+
+
+@pytest.mark.parametrize("unit", ["°C", "degC", "Deg C", "℃", "Celsius", "C"])
+def test_degrees_of_celsius_keep_their_offset(unit):
+    assert conversion(unit, "K") == pytest.approx((1.0, 273.15))
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [("1/min", "rad/s"), ("1/min", "rpm"), ("Hz", "rad/s"), ("dB", "1"), ("kg", "N"), ("Np", "1")],
+)
+def test_what_has_no_factor_that_is_sure_is_refused(given, wanted):
+    with pytest.raises(UnitError, match=r"converted|logarithmic"):
+        conversion(given, wanted)
+
+
+def test_a_unit_of_the_file_that_leads_nowhere_is_said(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t [s],p [psig]\n0,1\n1,2\n2,3\n")
+
+    recording = read(path, time="t", inputs={}, outputs={"p": {"name": "p", "unit": "Pa"}})
+
+    assert recording.attrs["understood"] == "'p' is taken in Pa, though the file says psig"

@@ -290,11 +290,3 @@ def test_the_bias_is_removed():
     np.testing.assert_array_equal(fitted["x_hat"], weak["x_hat"])
     bias = np.abs(fitted["d_raw"] - weak["d_raw"])
     assert np.all(fitted["d_std"] >= np.hypot(weak["d_std"], bias) * (1 - 1e-9))
-
-
-def test_bounds_of_states_are_refused():
-    plant = struck.model(struck.system(accelerations=False))
-    first = dataclasses.replace(plant.states[0], upper=1e-3)
-    bounded = dataclasses.replace(plant, states=(first, *plant.states[1:]))
-    with pytest.raises(TuningError, match=f"bounds of {first.name}, which .* LinearMHE"):
-        estimator(struck.system(accelerations=False)).compile(bounded, struck.DT)

@@ -15,6 +15,13 @@ DT, N = 0.05, 40
 A = np.array([[1.0, DT], [-4.0 * DT, 1.0 - 0.4 * DT]])
 Q, P0 = np.diag([0.0, 0.02**2]), np.diag([0.04, 1.0])
 FILTERS = (bs.KalmanFilter, bs.EKF, bs.UKF)
+EKF, UKF = bs.settings.EKFArrival(), bs.settings.UKFArrival()
+WINDOWS = {
+    "mhe": lambda noise, prior: bs.MHE(noise, prior, N=4),
+    "mhe, EKF arrival": lambda noise, prior: bs.MHE(noise, prior, N=4, arrival=EKF),
+    "mhe, UKF arrival": lambda noise, prior: bs.MHE(noise, prior, N=4, arrival=UKF),
+    "lmhe": lambda noise, prior: bs.LinearMHE(noise, prior, N=4, arrival_weight=1.0),
+}
 
 SENSORS = {
     "one": ([[1.0, 0.0]], np.zeros((1, 1))),
@@ -45,8 +52,10 @@ def drawn(C, R, seed=0):
     return y
 
 
-def conditioned(C, R, y):
+def conditioned(C, R, y, *, smoothed=False):
     """Estimates given all measurements so far: the least deviations that explain them exactly.
+
+    Smoothed, given all measurements.
 
     The start, the noise of every sample and that of the sensors are L z with z of variance one;
     measurements are M z = y, so that z = M^+ y and what is left of it is I - M^+ M.
@@ -56,7 +65,7 @@ def conditioned(C, R, y):
     root = sensor.eigenvectors * np.sqrt(np.maximum(sensor.eigenvalues, 0))
     effect = np.zeros((2, 2 * n + ny * n))
     effect[:, :2] = np.diag(np.sqrt(np.diag(P0)))
-    rows, goal, means, covariances = [], [], [], []
+    rows, goal, means, covariances, every = [], [], [], [], []
     for k in range(n):
         shown = C @ effect
         shown[:, 2 * n + ny * k : 2 * n + ny * (k + 1)] = root
@@ -66,9 +75,15 @@ def conditioned(C, R, y):
         means.append(effect @ inverse @ goal)
         left = effect - effect @ inverse @ np.array(rows)
         covariances.append(left @ left.T)
+        every.append(effect)
         effect = A @ effect
         if k + 1 < n:
             effect[:, 2 * (k + 1) : 2 * (k + 2)] = walk
+    if smoothed:
+        left = [effect - effect @ inverse @ np.array(rows) for effect in every]
+        return np.array([effect @ inverse @ goal for effect in every]), np.array(
+            [part @ part.T for part in left]
+        )
     return np.array(means), np.array(covariances)
 
 
@@ -89,6 +104,45 @@ def test_estimates_are_those_of_conditioning(sensors, method):
         assert np.array_equal(told > 0, np.isfinite(y).all(axis=1))
     elif sensors != "both states":
         assert not told.any()
+
+
+QUICK = {("mhe", "noisy one first"), ("mhe", "their difference"), ("lmhe", "two of one thing")}
+EVERY = [
+    pytest.param(window, sensors, marks=() if (window, sensors) in QUICK else pytest.mark.slow)
+    for window in WINDOWS
+    for sensors in SENSORS
+]
+
+
+@pytest.mark.parametrize(("window", "sensors"), EVERY)
+def test_windows_take_exact_readings_as_equations(window, sensors):
+    C, R = (np.array(given) for given in SENSORS[sensors])
+    y = drawn(C, R)
+    recording = bs.from_arrays(y=y, dt=DT, inputs={}, outputs={f"y{i}": "m" for i in range(len(C))})
+    estimator = WINDOWS[window](bs.Noise(R=R, Q=Q), bs.Prior(P0=P0))
+    result = bs.estimate(estimator, plant(C), recording, engine="vm", throw=False)
+    x, P = conditioned(C, R, y)
+    np.testing.assert_allclose(result["x_hat"].values, x, atol=1e-12)
+    np.testing.assert_allclose(result["P"].values, P, atol=1e-13)
+    assert not result["status"].any()
+
+
+@pytest.mark.parametrize(
+    "sensors", [pytest.param(s, marks=() if s == "one" else pytest.mark.slow) for s in SENSORS]
+)
+def test_a_window_over_all_samples_is_the_smoother(sensors):
+    C, R = (np.array(given) for given in SENSORS[sensors])
+    y = drawn(C, R)
+    recording = bs.from_arrays(y=y, dt=DT, inputs={}, outputs={f"y{i}": "m" for i in range(len(C))})
+    given = bs.Noise(R=R, Q=Q), bs.Prior(P0=P0)
+    x, P = conditioned(C, R, y, smoothed=True)
+    window = bs.solve_window(bs.MHE(*given, N=N - 1), plant(C), recording)
+    np.testing.assert_allclose(window["x"].values, x, atol=1e-12)
+    np.testing.assert_allclose(window["P"].values, P, atol=1e-11)
+    late = bs.estimate(bs.MHE(*given, N=7, lag="N"), plant(C), recording, engine="vm")
+    # What is left of the window after the last sample is that of the smoother.
+    np.testing.assert_allclose(late["x_hat"].values[-8:], x[-8:], atol=1e-12)
+    assert not late["status"].any()
 
 
 @pytest.mark.parametrize("method", FILTERS, ids=lambda method: method.key)
@@ -119,6 +173,33 @@ def test_contradicting_sensors_say_so():
     assert np.isnan(bs.check.nis(result).values[np.isfinite(both).all(axis=1)]).all()
 
 
+@pytest.mark.parametrize("window", ["mhe", "lmhe"])
+def test_windows_name_the_sensor_that_contradicts(window):
+    y = drawn(np.array([[1.0, 0.0]]), np.zeros((1, 1)))
+    both = np.hstack([y, y + 0.3])
+    recording = bs.from_arrays(y=both, dt=DT, inputs={}, outputs={"y0": "m", "y1": "m"})
+    estimator = WINDOWS[window](bs.Noise(sigma_y=0.0, Q=Q), bs.Prior(P0=P0))
+    model = plant([[1.0, 0.0], [1.0, 0.0]])
+    result = bs.estimate(estimator, model, recording, engine="vm", throw=False)
+    late = result.isel(time=slice(12, None))
+    assert (late["status"] == int(Status.INFEASIBLE)).all()
+    assert late["infeasible"].sel(limit="y1 (without noise)").all()
+    assert not late["infeasible"].sel(limit="y0 (without noise)").any()
+    np.testing.assert_allclose(late["x_hat"].sel(state="q"), y[12:, 0], atol=1e-12)
+
+
+def test_an_exact_reading_and_a_bound_that_contradict_are_told():
+    model = bs.lti(
+        [[1.0]], np.zeros((1, 0)), [[1.0]], inputs={}, outputs={"y": ""}, dt=1.0,
+        states={"q": bs.Signal(upper=1.0)},
+    )  # fmt: skip
+    recording = bs.from_arrays(y=[0.5, 0.9, 1.5, 0.7], dt=1.0, inputs={}, outputs={"y": ""})
+    mhe = bs.MHE(bs.Noise(sigma_y=0.0, sigma_w=0.3), bs.Prior(sigma_x0=1.0), N=1)
+    result = bs.estimate(mhe, model, recording, engine="vm", throw=False)
+    assert (result["status"].values & int(Status.INFEASIBLE) > 0).tolist() == [0, 0, 1, 1]
+    np.testing.assert_allclose(result["x_hat"][:, 0], [0.5, 0.9, 1.5, 0.7], atol=1e-12)
+
+
 def test_a_pendulum_with_an_exact_encoder_is_the_limit_of_small_noise():
     pendulum = bs.Model(
         f=lambda x, u, p: [x.w, -p.g * np.sin(x.phi) - 0.1 * x.w],
@@ -132,7 +213,7 @@ def test_a_pendulum_with_an_exact_encoder_is_the_limit_of_small_noise():
         pendulum, np.zeros((60, 0)), dt=DT, x0=[1.0, 0.0], parameters={"g": 10.0}
     )
     prior = bs.Prior(sigma_x0=[0.5, 1.0, 3.0])
-    for method in (bs.EKF, bs.UKF):
+    for method, small in ((bs.EKF, 1e-9), (bs.UKF, 1e-9), (bs.MHE, 1e-7)):
         found = [
             bs.estimate(
                 method(bs.Noise(sigma_y=sigma, sigma_w={"w": 0.02}), prior),
@@ -140,7 +221,7 @@ def test_a_pendulum_with_an_exact_encoder_is_the_limit_of_small_noise():
                 recording,
                 engine="vm",
             )
-            for sigma in (0.0, 1e-9)
+            for sigma in (0.0, small)
         ]
         np.testing.assert_allclose(found[0]["x_hat"], found[1]["x_hat"], atol=1e-5)
         np.testing.assert_allclose(found[0]["x_std"], found[1]["x_std"], atol=1e-5)
@@ -150,9 +231,10 @@ def test_a_pendulum_with_an_exact_encoder_is_the_limit_of_small_noise():
 def test_every_estimator_takes_exact_sensors_or_says_who_does(key):
     problem = CASES[key].problem
     estimator = CASES[key].build(problem, bs.Integrator("rk4", 1))
-    without = bs.Noise(sigma_y=0.0, sigma_w=estimator.noise.sigma_w, Q=estimator.noise.Q)
+    given, _ = estimator.assumed
+    without = bs.Noise(sigma_y=0.0, sigma_w=given.sigma_w, Q=given.Q)
     exact = dataclasses.replace(estimator, noise=without)
-    if ESTIMATORS[key] in FILTERS:
+    if ESTIMATORS[key] in (*FILTERS, bs.MHE):
         exact.compile(problem.model, 0.02)
     else:
         with pytest.raises(TuningError, match=r"'position' has no noise .* EKF and UKF"):

@@ -13,6 +13,7 @@ import xarray as xr
 import backsight as bs
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
+from backsight.live._ready import made_ready
 from backsight.live._session import LiveSession
 
 DT, N = 0.01, 900
@@ -115,7 +116,8 @@ class Fed:
 def fed(folder: Path, live: str = RIG + COLUMNS, *, killed: bool = False) -> Iterator[Fed]:
     """Open a session, and close it as Ctrl-C does, or leave it as kill -9 does."""
     told: list[str] = []
-    with opened_session(load_live(written(folder, live)), tell=told.append, engine="vm") as session:
+    ready = made_ready(load_live(written(folder, live)), engine="vm")
+    with opened_session(ready, tell=told.append) as session:
         yield Fed(session, told)
         if not killed:
             session.close()

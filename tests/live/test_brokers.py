@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import json
 import shutil
 import socket
 import subprocess
@@ -10,7 +11,8 @@ import time
 
 import numpy as np
 import pytest
-from tests.live.conftest import DT, STORED, N, fed, message
+from tests.live.conftest import COLUMNS, DT, STORED, N, fed, message
+from tests.live.test_alarms import IN_ORDER
 from tests.live.test_order import check
 
 from backsight.live.sources._decoding import payload_decoder
@@ -119,6 +121,37 @@ def test_a_broker_that_goes_and_comes_back(tmp_path, samples, expected):
             until(live, lambda: live.counts.received >= N)
             stack.close()
     check(tmp_path, expected)
+
+
+@needs_broker
+@pytest.mark.slow
+def test_alarms_and_estimates_are_published(tmp_path, samples):
+    """An alarm that is raised while the broker is away waits for it."""
+    port, got = free_port(), []
+    tables = (
+        IN_ORDER + COLUMNS + '[alarm.stiff]\nkind = "range"\nof = "k"\nupper = 38.0\n'
+        f'mqtt = {{ topic = "rig/alarm", port = {port} }}\n'
+        f'[sink.out]\nkind = "mqtt"\ntopic = "rig/k"\nport = {port}\nof = ["k"]\n'
+    )
+    with fed(tmp_path, tables) as live:
+        live.feed(map(message, samples[:600]))
+        assert [e["event"] for e in live.session.alarms.events] == ["raised"]
+        with broker(tmp_path, port):
+            listener = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
+            listener.on_message = lambda _c, _d, m: got.append((m.topic, json.loads(m.payload)))
+            listener.on_connect = lambda c, *_: c.subscribe("rig/#", 1)
+            listener.connect("127.0.0.1", port)
+            listener.loop_start()
+            until(live, lambda: any(topic == "rig/alarm" for topic, _ in got))
+            time.sleep(0.1)  # both tried to connect at the same times
+            live.feed(map(message, samples[600:]))
+            until(live, lambda: any(topic == "rig/k" for topic, _ in got))
+            listener.disconnect()
+            listener.loop_stop()
+    alarm = next(content for topic, content in got if topic == "rig/alarm")
+    assert (alarm["name"], alarm["event"]) == ("stiff", "raised")
+    assert alarm["value"] == pytest.approx(40.0, abs=0.5)
+    assert got[-1][1]["k"] == pytest.approx(40.0, abs=0.5)
 
 
 def test_a_journal_is_read_up_to_where_it_was_written(tmp_path):

@@ -9,12 +9,12 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from tests.live.conftest import COLUMNS, RIG, fed, message
+from tests.live.conftest import COLUMNS, RIG, STORED, fed, message
 from tests.workbench.browser import FOUND, browsing
 
 from backsight.errors import OutputError
 from backsight.live._status import LiveStatus
-from backsight.live.dashboard import served_board
+from backsight.live.dashboard import placed_board, served_board
 from backsight.live.dashboard._history import History
 from backsight.problem.reading.tables import DashboardTable
 
@@ -26,10 +26,11 @@ def shown(folder, live: str = RIG + COLUMNS + ALARM, **table):
     """A session that is fed by hand, and its dashboard."""
     with fed(folder, live) as found:
         status = LiveStatus(found.session)
-        with served_board(
-            found.session, status, DashboardTable(**table), tell=found.told.append
-        ) as (board, address):
-            yield found, board, address
+        with (
+            placed_board(DashboardTable(**table), folder, tell=found.told.append) as place,
+            served_board(found.session, status, place) as board,
+        ):
+            yield found, board, place.address
 
 
 def asked(address: str, path: str, body: bytes | None = None, **headers: str):
@@ -59,14 +60,44 @@ def test_the_history_keeps_extremes_and_forgets_the_old():
         part = slice(k, k + 7001)
         history.add(times[part], values[part], np.ones_like(values[part]))
     minute = history.over(60)
-    assert minute["period"] == 0.1
-    assert 595 <= len(minute["t"]) <= 602
+    assert minute["period"] == 0.05
+    assert 1195 <= len(minute["t"]) <= 1202
     whole = history.over(3600)
     assert whole["period"] == 1.0
     assert 499 <= len(whole["t"]) <= 502
     assert max(whole["series"]["a"]["high"]) == 50.0
     assert set(whole["series"]["b"]["last"]) == {None}
     assert np.isclose(whole["series"]["a"]["last"][-1], values[-1, 0], rtol=1e-5)
+
+
+def test_the_history_of_a_recording_that_begins_at_zero_begins_there():
+    history = History(["a"])
+    assert history.over(60)["t"] == []
+    history.add(np.array([0.0, 0.06, 0.11]), np.ones((3, 1)), np.ones((3, 1)))
+    assert history.over(60)["t"] == [0.0, 0.05, 0.1]
+    assert history.fresh()["t"] == [0.0, 0.05]
+
+
+def test_the_history_is_there_after_a_restart(tmp_path, samples):
+    """What was kept, and what came after that from the parts of the store."""
+    with shown(tmp_path, STORED) as (live, board, address):
+        live.feed(map(message, samples[:400]))
+    kept = tmp_path / "store" / ".history.npz"
+    first = kept.read_bytes()
+    with shown(tmp_path, STORED) as (live, board, _):
+        live.feed(map(message, samples[400:]))
+    history = board.history  # it has seen the end, which was stored after it was kept
+    everything = history.over(60)
+    for content in (kept.read_bytes(), first, b"damaged"):
+        kept.write_bytes(content)
+        with shown(tmp_path, STORED) as (_, board, _):
+            end = time.monotonic() + 10
+            while (found := board.history.over(60))["t"] != everything["t"]:
+                assert time.monotonic() < end
+                time.sleep(0.01)
+        for what in ("low", "high", "last", "std"):
+            right = everything["series"]["state:k"][what]
+            assert found["series"]["state:k"][what] == right
 
 
 def test_frames_hold_what_was_estimated(tmp_path, samples, expected):

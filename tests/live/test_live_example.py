@@ -8,6 +8,7 @@ import pytest
 
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
+from backsight.live._ready import made_ready
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "live"
 
@@ -22,7 +23,8 @@ def test_friction_and_load_of_the_simulated_motor(tmp_path):
     file = tmp_path / "live.toml"
     file.write_text((EXAMPLE / "live.toml").read_text())
     told: list[str] = []
-    with opened_session(load_live(file), tell=told.append, engine="vm") as session:
+    ready = made_ready(load_live(file), engine="vm")
+    with opened_session(ready, tell=told.append) as session:
         made = simulate.batches(1.7e9)
         payloads = [json.dumps(next(made)).encode() for _ in range(150)]
         payloads[40], payloads[60] = payloads[60], payloads[40]

@@ -14,6 +14,7 @@ from tests.live.conftest import COLUMNS, N, fed, message, written
 from backsight.errors import BacksightError, OutputError, ProblemError
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
+from backsight.live._ready import made_ready
 from backsight.live.sources._cutting import Cutter
 from backsight.live.sources._decoding import payload_decoder
 from backsight.problem.reading.tables import MessageTable
@@ -180,8 +181,8 @@ def test_a_line_without_an_end_is_given_up():
          "source.rig.struct: must be < or >"),
         ('kind = "udp"\nport = 0\nformat="packed"\ncolumns=["t","u","y"]\nstruct="<dd"\n' + COLUMNS,
          "holds 2 numbers, but there are 3"),
-        ('kind = "udp"\nport = 0\ninputs.u = "u"\noutputs.y = { column = "y", delay = 0.013 }\n',
-         "source.rig.outputs.y.delay: is 1.3 samples"),
+        ('kind = "udp"\nport = 0\ninputs.u = "u"\noutputs.y = { column = "y", delay = 1.5 }\n',
+         "source.rig.outputs.y.delay: is longer than samples may be late; give live.lag"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_in_the_file_is_said_before_anything_runs(tmp_path, text, part):
@@ -190,7 +191,8 @@ def test_what_is_wrong_in_the_file_is_said_before_anything_runs(tmp_path, text, 
 
 
 def begin(folder, text: str) -> None:
-    with opened_session(load_live(written(folder, text)), tell=print, engine="vm"):
+    ready = made_ready(load_live(written(folder, text)), engine="vm")
+    with opened_session(ready, tell=print):
         pass
 
 

@@ -1,7 +1,14 @@
 """Samples that come late, twice, never, or from another time."""
 
+import time
+
 import numpy as np
-from tests.live.conftest import DT, STORED, N, fed, message, stored
+import pytest
+from tests.live.conftest import COLUMNS, DT, PROBLEM, STORED, N, fed, message, stored, written
+
+import backsight as bs
+from backsight.data import remove_delays
+from backsight.live._problem import load_live
 
 
 def shuffled(samples, reach: int, seed: int) -> list[np.ndarray]:
@@ -25,6 +32,25 @@ def test_in_order_it_is_what_estimate_finds(tmp_path, samples, expected):
         live.feed(map(message, samples))
     check(tmp_path, expected)
     assert live.counts.late == live.counts.too_late == 0
+
+
+def test_without_inputs_it_begins_with_the_first_sample(tmp_path, samples, monkeypatch):
+    problem = PROBLEM.replace("u - k*q", "- k*q").replace(
+        "sigma_x0 = { q = 0.1", "sigma_x0 = { q = 1.0"
+    )
+    monkeypatch.setattr("tests.live.conftest.PROBLEM", problem)
+    swing = samples.copy()
+    swing[:, 2] = 0.5 * np.exp(-0.4 * samples[:, 0]) * np.cos(6.31 * samples[:, 0])
+    live_tables = STORED.replace('inputs.u = { column = "u", unit = "m/s2" }\n', "")
+    live = load_live(written(tmp_path, live_tables))
+    recording = bs.from_arrays(y=swing[:300, 2], dt=DT, inputs={}, outputs={"y": "m"})
+    expected = bs.estimate(live.estimator, live.model, recording, engine="vm")
+    with fed(tmp_path, live_tables) as run:
+        run.feed(map(message, swing[:300]))
+    found = stored(tmp_path, ["time", "x_std.k"])
+    assert np.allclose(found["time"], DT * np.arange(300), rtol=0, atol=1e-9)
+    right = expected["x_std"].sel(state="k").values
+    assert np.allclose(found["x_std.k"], right, rtol=1e-12, atol=0)
 
 
 def test_within_the_reorder_buffer_nothing_is_late(tmp_path, samples, expected):
@@ -134,3 +160,39 @@ def test_a_source_that_is_slower_than_the_grid_is_no_fault(tmp_path, samples):
     assert np.isfinite(found["y.y"]).sum() == len(samples[::3]) - np.isnan(samples[::3, 2]).sum()
     assert np.array_equal(found["u.u"][:300], np.repeat(samples[:300:3, 1], 3))
     assert not live.told
+
+
+DELAYED = COLUMNS.replace('column = "u"', 'column = "u", delay = 0.004').replace(
+    'column = "y"', 'column = "y", delay = 0.013'
+)
+
+
+@pytest.mark.parametrize("reach", [0, 90])
+def test_delays_of_a_part_of_a_sample_are_taken_out_as_of_a_recording(tmp_path, samples, reach):
+    """Also of samples that come late, and by a run that was killed in between."""
+    live_tables = STORED.replace(COLUMNS, DELAYED)
+    live = load_live(written(tmp_path, live_tables))
+    units = {"inputs": {"u": "m/s2"}, "outputs": {"y": "m"}}
+    recording = bs.from_arrays(u=samples[:, 1], y=samples[:, 2], dt=DT, **units)
+    moved = remove_delays(recording, {"u": 0.004, "y": 0.013})
+    expected = bs.estimate(live.estimator, live.model, moved, engine="vm")
+    order = shuffled(samples, reach, seed=4)
+    with fed(tmp_path, live_tables, killed=True) as first:
+        first.feed(map(message, order[:450]))
+        end = time.monotonic() + 10
+        while not first.session.keeper.stored:
+            first.session.round()
+            assert time.monotonic() < end
+    with fed(tmp_path, live_tables) as second:
+        known = second.session.grid.newest + 1 - second.session.grid.before
+        # In order, nothing is sent again; else whoever sends does not know what is stored.
+        second.feed(map(message, order if reach else order[known:]))
+    found = stored(tmp_path, ["time", "x_hat.k", "x_std.k", "y.y", "u.u"])
+    n = moved.sizes["time"] - 1  # the last outputs are not known yet
+    assert np.allclose(found["time"][:n], DT * np.arange(n), rtol=0, atol=1e-9)
+    assert np.allclose(found["y.y"][:n], moved["y"][:n, 0], rtol=0, atol=1e-15, equal_nan=True)
+    assert np.allclose(found["u.u"][:n], moved["u"][:n, 0], rtol=0, atol=1e-15)
+    for name, variable in (("x_hat.k", "x_hat"), ("x_std.k", "x_std")):
+        right = expected[variable].sel(state="k").values[:n]
+        assert np.allclose(found[name][:n], right, rtol=1e-12, atol=0)
+    assert (first.counts.late > 50) == (reach == 90)

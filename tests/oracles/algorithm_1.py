@@ -20,6 +20,7 @@ class Setup:
     drift: tuple[float, float] | None = None
     reading: str = "separate"
     age: int = 1
+    change: float = np.inf
     threshold: float = 0.0
     sign: int = 0
 

@@ -87,3 +87,21 @@ def test_parameters_of_a_linear_model_make_it_an_extended_filter(recording):
     assert isinstance(lanes.wide.varied, bs.EKF)
     steady = bs.KalmanFilter(NOISE, PRIOR, steady_state=True)
     assert not lanes_of(steady, MODEL, 0.01, unknowns).wide.varied.constant_gain
+
+
+def test_a_program_is_kept_for_what_says_the_same():
+    R = np.diag([1e-6, 4e-6])
+
+    def lanes():
+        estimator = bs.KalmanFilter(bs.Noise(R=R, sigma_w=NOISE.sigma_w), PRIOR)
+        unknowns = unknowns_of([Free("sigma_w.v")], estimator, MODEL)
+        return lanes_of(estimator, MODEL, 0.01, unknowns)
+
+    first = lanes()
+    assert lanes().recursion is first.recursion
+    R[0, 0] = 2e-6
+    assert lanes().recursion is not first.recursion
+    R[0, 0] = 1e-6
+    again = lanes()
+    assert again.recursion is first.recursion
+    np.testing.assert_array_equal(again.estimator.noise.R, R)

@@ -97,3 +97,21 @@ def test_bad_input_is_refused():
     rest.attrs = given.attrs
     with pytest.raises(DataError, match="without forces"):
         bs.tune.trace_force_path(made, model, rest)
+
+
+def test_threshold_keeps_noise_out_as_often_as_wanted():
+    model, made = struck_beam.model(0.003), estimator(lam=8.0)
+    choice = bs.tune.threshold_from_noise(made, model, recording(), false_alarm=0.2)
+    shown = dataclasses.replace(made, threshold=choice.threshold)
+    noise = [recording(1e-5, seed, background=0.0739**0.5, hits=0.0) for seed in range(25)]
+    without, kept = (bs.estimate_many(e, model, noise) for e in (made, shown))
+    assert all((r["d_hat"].values != 0).any() for r in without)
+    assert 1 <= sum((r["d_hat"].values != 0).any() for r in kept) <= 11
+    assert choice.false_alarm(choice.threshold) == pytest.approx(0.2, abs=0.011)
+    tuned = bs.tune.fit(made, model, noise[0], free=["threshold"])
+    assert tuned.values["threshold"] > choice.threshold  # one in twenty
+    with pytest.raises(TuningError, match="draw 100"):
+        bs.tune.threshold_from_noise(made, model, noise[0], false_alarm=0.01, draws=20)
+    strong = bs.tune.fit(estimator(lam=40.0), model, noise[0], free=["threshold"])
+    assert strong.values["threshold"] == 0
+    assert "not needed" in strong.doubts[0]

@@ -28,10 +28,15 @@ def export(
     precision: Annotated[
         str | None, typer.Option(help="double or float; an FMU is always double.")
     ] = None,
+    accuracy: Annotated[
+        float,
+        typer.Option(help="Of float: largest deviation in standard deviations; inf: not tried."),
+    ] = 0.01,
     tunable: Annotated[
         list[str] | None,
         typer.Option(
-            help="What stays changeable: sigma_y, sigma_w, a parameter of the model; several times."
+            help="What stays changeable: sigma_y, sigma_w, x0, sigma_x0, lower, upper, a number of "
+            "the estimator (alpha, lam), a parameter of the model; several times."
         ),
     ] = None,
     fmi: Annotated[bool, typer.Option("--fmi", help="Write an FMU, FMI 3.0.")] = False,
@@ -82,6 +87,7 @@ def export(
             out,
             name=prefix,
             precision=cast(Literal["double", "float"], precision or "double"),
+            accuracy=accuracy,
             tunable=tunable or None,
             force=force,
         )

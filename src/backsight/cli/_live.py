@@ -29,5 +29,7 @@ def live(
         from backsight.live import run_live
 
         show = say if sys.stderr.isatty() else None
-        status = run_live(problem, tell=tell, show=show, speed=speed, dashboard=dashboard)
+        status = run_live(
+            problem, tell=tell, show=show, speed=speed, dashboard=dashboard, survive=True
+        )
         say(status.summary())

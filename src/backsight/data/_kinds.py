@@ -95,6 +95,17 @@ def _by_content(path: Path, head: bytes, suffix: str) -> str | None:
     return TEXT[0] if _is_text(head) else None
 
 
+def members(archive: zipfile.ZipFile) -> list[str]:
+    """Files in an archive, without what systems put beside them."""
+    names = [name for name in archive.namelist() if not name.endswith("/")]
+    return [n for n in names if not n.startswith("__MACOSX/") and not n.endswith(".DS_Store")]
+
+
+def kind_inside(head: bytes) -> str:
+    """What unpacked bytes are if they are no text: the suffix of their kind, or ""."""
+    return next((kind for sign, kind in SIGNS.items() if head.startswith(sign)), "")
+
+
 def _is_hawc2(path: Path, head: bytes) -> bool:
     """Whether this is a result of HAWC2: a list of channels, or numbers beside one."""
     if path.suffix.lower() == ".sel":
@@ -109,7 +120,7 @@ def _is_hawc2(path: Path, head: bytes) -> bool:
 def _in_archive(path: Path) -> str | None:
     try:
         with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
+            names = members(archive)
     except (OSError, ValueError, zipfile.BadZipFile):
         return None
     if names and all(name.endswith(".npy") for name in names):

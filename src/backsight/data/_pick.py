@@ -31,6 +31,7 @@ def pick(
     *,
     axis: Axis | None = None,
     column_major: bool = False,
+    clock: str | None = None,
 ) -> dict[str, Array]:
     """Take vectors, or columns of matrices, out of named arrays.
 
@@ -48,6 +49,8 @@ def pick(
         Axis of matrices along which time runs.
     column_major : bool
         The arrays come with their axes in reverse order, as MATLAB writes them to HDF5.
+    clock : str, optional
+        The one of `wanted` that is time: dates and whole numbers stay what they are.
 
     Returns
     -------
@@ -65,11 +68,11 @@ def pick(
     for reference in wanted:
         indexed = INDEXED.fullmatch(reference)
         if reference in arrays:
-            values = _numbers(arrays[reference], reference, column_major)
+            values = _numbers(arrays[reference], reference, column_major, reference == clock)
             found[reference] = _vector(values, reference)
         elif indexed and indexed["name"] in arrays:
             name = indexed["name"]
-            values = _numbers(arrays[name], name, column_major)
+            values = _numbers(arrays[name], name, column_major, reference == clock)
             matrices[reference] = (name, int(indexed["index"]), values)
         else:
             absent.append(no_column(indexed["name"] if indexed else reference, arrays))
@@ -172,9 +175,11 @@ def _longer(shape: tuple[int, ...]) -> int | None:
     return int(np.argmax(shape))
 
 
-def _numbers(entry: Any, name: str, column_major: bool) -> Array:
+def _numbers(entry: Any, name: str, column_major: bool, exact: bool) -> Array:
     values = np.asarray(entry)
     values = values.T if column_major else values
+    if exact and values.dtype.kind in "iumM":
+        return values
     if values.dtype.kind not in "fiub":
         raise DataError(f"'{name}' is not an array of real numbers, but of {values.dtype}")
     return values.astype(float)

@@ -6,6 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+from backsight.errors import DataError
+
 Axis = Literal[0, 1]
 """Axis of a matrix along which time runs."""
 
@@ -37,6 +39,11 @@ class TextForm:
     header: int | None = None
     skip_lines: int = 0
     missing: tuple[str | float, ...] = ()
+
+    def __post_init__(self) -> None:
+        sign = self.delimiter
+        if sign is not None and len(sign) != 1 and sign.strip(" "):
+            raise DataError(f"delimiter is {sign!r}; give one sign, or blanks")
 
 
 @dataclasses.dataclass(frozen=True)

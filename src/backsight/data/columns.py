@@ -74,13 +74,9 @@ class Column(Description):
         return dataclasses.replace(self, factor=between.factor, offset=self.offset + between.offset)
 
     def contradicts(self, found: str) -> bool:
-        """Whether `unit` and the file's unit, `found`, are units of different things."""
+        """Whether there is no way from the file's unit, `found`, to `unit`."""
         given = self.factor is None and self.unit and found
-        return (
-            bool(given)
-            and all(map(is_unit, (found, self.unit)))
-            and not (convertible(found, self.unit))
-        )
+        return bool(given) and is_unit(self.unit) and not convertible(found, self.unit)
 
     def unit_by(self, found: str) -> str:
         """Unit of the signal: as given, or that of the file, `found`, if nothing is converted."""

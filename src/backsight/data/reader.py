@@ -15,7 +15,7 @@ from backsight.data.columns import Column, ColumnLike, column, columns
 from backsight.data.derived import columns_in, evaluated, remove_delays
 from backsight.data.formats.loading import list_contents, read_contents
 from backsight.data.recording import Group, as_recording, time_axis
-from backsight.data.times.clock import epoch_form, seconds
+from backsight.data.times.marks import times_of
 from backsight.description import Whole, checked
 from backsight.errors import DataError, nearest
 from backsight.schema import SIGMA_FACTOR
@@ -95,7 +95,8 @@ def read(
         columns, or much longer than the other one.
     time_format : str, optional
         How dates are written, as in ``strptime``: "%m/%d/%Y %H:%M:%S.%f"; of stamps that are
-        numbers "excel" or "matlab" (days), "unix", "unix_ms", "unix_us", "unix_ns" or "ros".
+        numbers "excel", "matlab" or "julian" (days), "unix", "unix_ms", "unix_us", "unix_ns",
+        "ros", "dotnet" or "filetime".
     missing : sequence of str or float
         Values that stand for "not measured", as -999 or "ERR".
     delimiter, decimal, thousands, encoding, header, skip_lines : optional
@@ -182,24 +183,17 @@ def read(
     where = str(path)
     raw = {n: _measured(v, n, missing) for n, v in contents.columns.items() if n != request.clock}
     raw |= evaluated(made, meant, raw)
-    given, begin = contents.time, contents.begin
+    given, begin, understood = contents.time, contents.begin, contents.understood
     if clock:
-        marks, own = contents.columns[clock.name], contents.units.get(clock.name, "")
-        plain = clock.factor is None and not clock.unit and not own
-        form = epoch_form(marks) if time_format is None and plain else time_format
-        given, begin = seconds(marks, time_format=form, where=where)
+        own = contents.units.get(clock.name, "")
+        marks = contents.columns[clock.name]
+        given, begin, noted = times_of(clock, marks, own, time_format=time_format, where=where)
         raw[clock.name] = given
-        if form is None and marks.dtype.kind in "fiub":
-            given = _in_seconds(clock, own).physical(given)
-        else:
-            given = clock.physical(given)
+        understood = "; ".join(filter(None, (understood, noted)))
     lengths = {name: len(values) for name, values in raw.items()}
     if given is not None and not clock:
         lengths["the file's own time"] = len(given)
     n = checks.check_lengths(lengths, where)
-    understood = contents.understood
-    if clock and form != time_format:
-        understood = "; ".join(filter(None, (understood, f"time_format '{form}'")))
     timed = slice(0, n) if given is None else _with_time(given, raw.values())
     if timed != slice(0, n):
         raw = {name: values[timed] for name, values in raw.items()}
@@ -229,13 +223,6 @@ def read(
     )
     late = {n: c.delay for group in signals[:3] for n, c in group.items() if c.delay}
     return remove_delays(recording, late) if late else recording
-
-
-def _in_seconds(clock: Column, found: str) -> Column:
-    """The clock with a factor to seconds by the unit that is given, or that of the file."""
-    if clock.factor is not None or clock.unit in ("", "s"):
-        return dataclasses.replace(clock, unit="s").settled(found)
-    return dataclasses.replace(clock, unit="s").settled(clock.unit)
 
 
 def _measured(values: Array, name: str, missing: Sequence[str | float]) -> Array:

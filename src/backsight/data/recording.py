@@ -9,12 +9,20 @@ import xarray as xr
 
 from backsight import schema
 from backsight.data import _checks as checks
-from backsight.data._named import index_of, is_named, named_columns
+from backsight.data._named import (
+    in_seconds,
+    index_of,
+    is_named,
+    is_quantity,
+    named_columns,
+    unit_of,
+)
 from backsight.data.resampling import resample as resampled
 from backsight.data.resampling import to_grid
 from backsight.data.times.clock import epoch_form, seconds
 from backsight.errors import DataError
 from backsight.types import Array
+from backsight.units import conversion, convertible
 
 BEGIN = "begin"
 """Attribute of a recording with the date of the zero of its time (UTC if the zone is known)."""
@@ -58,7 +66,8 @@ def from_arrays(
     u, y : (n, nu) and (n, ny) arrays, or (n,) for a single signal
         Inputs and outputs; ``NaN`` in `y` is "not measured". Without inputs, leave out `u`. What
         has names goes in by name, whatever its order: a data frame (pandas, polars), a dataset or
-        a labelled array of xarray, a dictionary, a structured array.
+        a labelled array of xarray, a dictionary, a structured array. What has units (of xarray, of
+        pint) is converted to those that are named here.
     inputs, outputs : dict
         Name to unit of every column, in order of the columns unless these have names.
     time : (n,) array, optional
@@ -138,10 +147,14 @@ def _stamps(time: Any, given: Mapping[str, Any], where: str) -> tuple[Array | No
             )
     if time is None:
         return next(iter(read.values())) if read else (None, "")
+    if is_quantity(time):
+        time = in_seconds(np.asarray(time.magnitude), unit_of(time, ""))
     if isinstance(time, str):
         if not is_named(given["y"]):
             raise DataError(f"{where}: time is '{time}', but y has no columns by name")
-        time = named_columns(given["y"], [time], "y", where)[time]
+        name, unit = time, unit_of(given["y"], time)
+        time = named_columns(given["y"], [name], "y", where)[name]
+        time = in_seconds(np.asarray(time), unit) if unit else time
     return seconds(time, time_format=epoch_form(time), where=where)
 
 
@@ -247,9 +260,13 @@ def _matrix(values: Any, what: str, units: Mapping[str, str], where: str) -> Arr
         lengths = {name: np.size(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             raise DataError(f"{where}: the columns of {what} have different lengths: {lengths}")
-        numbers = [_numbers(c, f"{what}['{name}']", where) for name, c in columns.items()]
+        numbers = [
+            _converted(_numbers(c, f"{what}['{name}']", where), unit_of(values, name), units[name])
+            for name, c in columns.items()
+        ]
         values = np.stack(numbers, axis=1) if numbers else np.empty((0, 0))
-    matrix = _numbers(values, what, where)
+    own = unit_of(values, what)
+    matrix = _numbers(values.magnitude if is_quantity(values) else values, what, where)
     if matrix.ndim == 1 and len(units) == 1:
         matrix = matrix[:, None]
     if matrix.ndim != 2 or matrix.shape[1] != len(units):
@@ -258,10 +275,20 @@ def _matrix(values: Any, what: str, units: Mapping[str, str], where: str) -> Arr
             f"{where}: {what} has the shape {matrix.shape}; it needs time as the first axis and "
             f"{len(units)} columns: {', '.join(units) or 'none'}{hint}"
         )
-    return matrix
+    if not own:
+        return matrix
+    each = zip(matrix.T, units.values(), strict=True)
+    return np.stack([_converted(column, own, unit) for column, unit in each], axis=1)
+
+
+def _converted(values: Array, own: str, unit: str) -> Array:
+    """From the unit that data bring along to the one that is named, if there is a way."""
+    return conversion(own, unit).applied(values) if unit and convertible(own, unit) else values
 
 
 def _numbers(values: Any, what: str, where: str) -> Array:
+    if np.ma.isMaskedArray(values):
+        values = np.ma.filled(np.ma.asarray(values, float), np.nan)
     kind = np.asarray(values).dtype.kind
     if kind in "mM":  # would become nanoseconds, or ticks of any other length
         raise DataError(f"{where}: {what} is not an array of real numbers, but of dates")

@@ -8,7 +8,7 @@ numbers; `Description` checks every field against it and tells all that is wrong
 from backsight.description._alike import alike
 from backsight.description._arguments import checked
 from backsight.description._base import Description, Sound
-from backsight.description._content import content, digest
+from backsight.description._content import Kept, content, digest
 from backsight.description._docstring import first_sentence, meanings_of, without_marks
 from backsight.description._fits import fault
 from backsight.description._html import equations_of, page_of, preformatted
@@ -36,6 +36,7 @@ __all__ = [
     "Description",
     "Distinct",
     "Horizon",
+    "Kept",
     "Lag",
     "Level",
     "NonNegative",

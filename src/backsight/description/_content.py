@@ -1,12 +1,15 @@
 """What descriptions say, as a key: to find again what was made of the same ones."""
 
+import collections
 import dataclasses
+import functools
 import hashlib
 import io
 import pickle
+import threading
 import types
-from collections.abc import Hashable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -29,18 +32,67 @@ def content(*values: object) -> Hashable | None:
     return file.getvalue(), tuple(pickler.met)
 
 
+T = TypeVar("T")
+
+
+class Kept(Generic[T]):
+    """What was made of descriptions, to be found again by what they say.
+
+    Parameters
+    ----------
+    most : int
+        Number of things that are kept; the one not used for the longest time goes first.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most, self._lock = most, threading.Lock()
+        self._made: collections.OrderedDict[Hashable, T] = collections.OrderedDict()
+
+    def of(self, key: Hashable | None, make: Callable[[], T]) -> T:
+        """What was made before of the same `content`; without a key it is made each time."""
+        if key is None:
+            return make()
+        with self._lock:
+            if key in self._made:
+                self._made.move_to_end(key)
+                return self._made[key]
+        made = make()  # without the lock: it takes long, and made twice does no harm
+        with self._lock:
+            self._made[key] = made
+            while len(self._made) > self._most:
+                self._made.popitem(last=False)
+        return made
+
+
 class _Content(pickle.Pickler):
     def __init__(self, file: io.BytesIO, protocol: int) -> None:
         super().__init__(file, protocol)
         self.met: list[Hashable] = []
 
-    def persistent_id(self, obj: Any) -> int | None:
-        if not isinstance(obj, _BY_IDENTITY):
-            return None
+    def reducer_override(self, obj: Any) -> Any:
+        """Put a number in the place of what is not told by its parts, and keep it aside."""
+        if type(obj).__name__ == "Function" and hasattr(obj, "serialize"):  # of CasADi
+            return self._kept_aside(_serialised(obj))
+        if not isinstance(obj, _BY_IDENTITY) or obj is _place:
+            return NotImplemented
         if getattr(obj, "__closure__", None):
             raise pickle.PicklingError("what a closure holds cannot be told")
-        self.met.append(obj)
-        return len(self.met)
+        return self._kept_aside(obj)
+
+    def _kept_aside(self, what: Hashable) -> tuple[Any, tuple[int]]:
+        self.met.append(what)
+        return _place, (len(self.met),)
+
+
+def _place(number: int) -> int:
+    """Stands for what was kept aside."""
+    return number
+
+
+@functools.lru_cache(maxsize=256)
+def _serialised(function: Any) -> str:
+    """Text of a function, which never changes; it takes long to write."""
+    return function.serialize()
 
 
 def digest(*values: object) -> str:

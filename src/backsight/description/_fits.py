@@ -146,7 +146,8 @@ def _number(hint: Any, value: object, called: Called, within: Range | None) -> F
 
 def _outside(value: object, called: Called, within: Range) -> Fault:
     unit = f" {called.unit}" if called.unit else ""
-    return Fault(f"{called.name} is {shown(value)}{unit}; it must {within.must}")
+    must = within.must if isinstance(value, complex) else within.wanted(float(value))  # type: ignore[arg-type]
+    return Fault(f"{called.name} is {shown(value)}{unit}; it must {must}")
 
 
 def _array(value: object, called: Called, within: Range | None) -> Fault | None:
@@ -165,7 +166,7 @@ def _array(value: object, called: Called, within: Range | None) -> Fault | None:
         return _outside(float(numbers_of), called, allowed)
     if allowed is FINITE:
         return Fault(f"{name} has an entry that is not finite")
-    return Fault(f"{name} must {allowed.must}, but an entry is {bad[0]:g}")
+    return Fault(f"{name} must {allowed.wanted(bad[0])}, but an entry is {bad[0]:g}")
 
 
 def _tuple(
@@ -213,9 +214,7 @@ def _mapping(hint: Any, value: object, called: Called, within: Range | None) -> 
         elif found:
             return Fault(found.text)
     if outside and within:
-        also = "" if within.infinite else " and be finite"
-        must = f"{within.must}{also}".replace("be positive and be", "be positive and")
-        return Fault(f"{called.name} must {must} for {', '.join(outside)}")
+        return Fault(f"{called.name} must {within.whole} for {', '.join(outside)}")
     return None
 
 

@@ -37,6 +37,17 @@ class Range:
             return False
         return (self.lower < value if self.above else self.lower <= value) and value <= self.upper
 
+    @property
+    def whole(self) -> str:
+        """What the number must be, finite as well where the ends alone do not say so."""
+        if self.infinite or math.isinf(self.lower) or not math.isinf(self.upper):
+            return self.must
+        return f"{self.must} and {'be ' if self.must.startswith('not') else ''}finite"
+
+    def wanted(self, value: float) -> str:
+        """What a number outside of the range must be, after "it must"."""
+        return self.must if math.isfinite(value) else self.whole
+
 
 @dataclasses.dataclass(frozen=True)
 class Called:

@@ -6,6 +6,9 @@ from backsight.errors import TuningError
 from backsight.models.signals import Signal
 from backsight.types import Array
 
+WALK_SAMPLES = 100
+"""Samples of random walk that count for the size of a state without a scale."""
+
 SMALLEST, LARGEST = 1e-151, 1e151
 """Sizes whose squares are numbers: covariances are divided by them."""
 

@@ -21,7 +21,7 @@ from backsight.errors import BacksightError, TuningError
 from backsight.estimators._compiling import Compilable
 from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators._inspection import Inspection
-from backsight.estimators._sizes import with_scales
+from backsight.estimators._sizes import WALK_SAMPLES, with_scales
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import ScaledPart, noise_at, scaled_parts
 from backsight.kernels import library
@@ -37,6 +37,10 @@ class AbstractEstimator(Compilable, abc.ABC):
 
     kernels: ClassVar[tuple[str, ...]] = ()
     """Kernels in C that it calls; it cannot be built where they are not compiled."""
+    multiplied_settings: ClassVar[tuple[str, ...]] = ()
+    """Settings of several numbers that a factor can change together."""
+    fixed_settings: ClassVar[Mapping[str, str]] = {}
+    """Why numbers among the settings cannot be found from a recording, by the name of the field."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,6 +59,11 @@ class AbstractEstimator(Compilable, abc.ABC):
     def horizon(self) -> int:
         """Sampling periods that the window spans, 0 of an estimator without a window."""
         return int(getattr(self, "N", 0))
+
+    @property
+    def forgets(self) -> bool:
+        """Whether no sample counts for ever, even of constants: the gain or the window ends it."""
+        return self.constant_gain
 
     @property
     def delay(self) -> int:
@@ -91,10 +100,9 @@ class AbstractEstimator(Compilable, abc.ABC):
 
         Raises
         ------
-        TuningError
-            If the estimator has no smoother: it is no filter with a Gaussian prior at every sample.
         TuningError, ModelError
-            If the description does not fit the model.
+            If the estimator has no smoother: it is no filter with a Gaussian prior at every sample;
+            or if the description does not fit the model.
         """
         del model, dt, covariance
         raise TuningError(
@@ -106,9 +114,6 @@ class AbstractEstimator(Compilable, abc.ABC):
 
 EXACT = Integrator("exact", 1)
 """For discrete models, and linear ones that are made discrete."""
-
-WALK_SAMPLES = 100
-"""Samples of random walk that count for the size of a state without a scale."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,8 +185,7 @@ class Setting:
         x, u = ca.SX.sym("x", self.model.nx), ca.SX.sym("u", self.model.nu)
         rates = ca.densify(ca.jacobian(self.model.rhs(x, u), x))
         A = np.array(ca.Function("A", [x, u], [rates])(self.x0, np.zeros(self.model.nu)))
-        if not np.isfinite(A).all():
-            A = np.zeros_like(A)
+        A = A if np.isfinite(A).all() else np.zeros_like(A)
         return self.with_noise(lambda Q, Qc: (Q + discretise_noise(A, Qc, dt=self.dt)[1], 0 * Qc))
 
     def with_noise(self, change: Callable[[Array, Array], tuple[Array, Array]]) -> Setting:
@@ -248,29 +252,25 @@ def setting(
             problems.append(str(error))
     if problems:
         raise TuningError("; ".join(problems))
-    x0, P0 = found["x0"], found["P0"]
-    chosen = EXACT
+    x0, P0, chosen = found["x0"], found["P0"], EXACT
     if integrator is not None:
         over = np.sqrt(np.diag(P0))
         chosen = settle_steps(integrator, model, lambda: modes_over(model, x0, over), dt=dt)
     walk = np.diag(found["Q"]) + dt * np.diag(found["Qc"])
-    spread = np.sqrt(np.diag(found["P0"]) + WALK_SAMPLES * walk)
-    typical = np.maximum(np.abs(found["x0"]), spread)
+    typical = np.maximum(np.abs(x0), np.sqrt(np.diag(P0) + WALK_SAMPLES * walk))
     sized = dataclasses.replace(
         model,
         states=with_scales(model.states, typical),
         outputs=with_scales(model.outputs, np.sqrt(np.diag(found["R"]))),
     )
     still = np.zeros((1, model.nu))
-    sx, su, sy = (
-        np.array([s.scale or 1.0 for s in group])
-        for group in (sized.states, sized.inputs, sized.outputs)
-    )
+    groups = sized.states, sized.inputs, sized.outputs
+    sx, su, sy = (np.array([s.scale or 1.0 for s in group]) for group in groups)
     return Setting(
         model=scale(sized),
         dt=dt,
-        x0=found["x0"] / sx,
-        P0=found["P0"] / np.outer(sx, sx),
+        x0=x0 / sx,
+        P0=P0 / np.outer(sx, sx),
         Q=found["Q"] / np.outer(sx, sx),
         Qc=found["Qc"] / np.outer(sx, sx),
         R=found["R"] / np.outer(sy, sy),

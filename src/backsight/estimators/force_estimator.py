@@ -10,6 +10,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.parts.linear import Linear
 from backsight.estimators.uncertainty import Noise
 from backsight.models.model import Model
+from backsight.models.signals import Signal
 from backsight.types import Array
 
 
@@ -61,10 +62,28 @@ class Forced:
     sigma: Array
     names: tuple[str, ...]
 
+    @classmethod
+    def of(cls, system: Linear, sigma: Array, names: tuple[str, ...]) -> "Forced":
+        """Take the last inputs of a system for the forces."""
+        m, unit = len(names), system.s.su[-len(names) :]
+        E, F = (system.B + system.B_next)[:, -m:], system.D[:, -m:]
+        return cls(system, E / unit, F / unit, sigma, names)
+
     @property
     def nu(self) -> int:
         """Number of known inputs."""
         return self.system.s.model.nu - len(self.names)
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """The forces as inputs of the model."""
+        return self.system.s.model.inputs[self.nu :]
+
+    @property
+    def noise(self) -> Array:
+        """Covariance of all process noise of a sample with that of the background, scaled."""
+        background = self.E * self.sigma
+        return self.system.s.Q + background @ background.T
 
     @property
     def direct(self) -> bool:

@@ -43,12 +43,12 @@ public:
 {_settings_member(code)}
     {name}_estimator() noexcept
     {{
-        reset();
 {f"        {name}_defaults(&settings);" if code.open.fields else ""}
+        reset();
     }}
 
     // Forget all samples; settings stay.
-    void reset() noexcept {{ {name}_init(&memory_); }}
+    void reset() noexcept {{ {name}_init(&memory_{", &settings" if code.open.start else ""}); }}
 
     // Process one sample.
     result step(const sample &given) noexcept

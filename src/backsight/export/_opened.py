@@ -12,9 +12,6 @@ from backsight.types import Array
 SIGMA = "sigma_y"
 """Field of the standard deviations of the sensors, and the word that asks for them."""
 
-WALK = "sigma_w"
-"""Field of the random walks of the states, and the word that asks for them."""
-
 PARAMETERS = "parameters"
 """Field of the parameters of the model."""
 
@@ -34,9 +31,6 @@ def opened_step(
     u, mask = given["u"], given["mask"]
     if PARAMETERS in given:
         u = ca.vertcat(u, given[PARAMETERS])
-    if WALK in given:
-        nominal = ca.DM([s.value for s in signals[WALK]])
-        u = ca.vertcat(u, _factors(nominal)(given[WALK]))
     if SIGMA in given:
         mask = _weights(R)(mask, given[SIGMA])
     results = inner.step.call([given["carry"], u, given["y"], mask], True, False)
@@ -45,12 +39,6 @@ def opened_step(
         results[where] = _unmeasured(R)(results[where], given["mask"], given[SIGMA])
     outputs = [f"o{i}" for i in range(len(results))]
     return ca.Function(inner.name, list(given.values()), results, list(given), outputs)
-
-
-def _factors(nominal: ca.DM) -> ca.Function:
-    """Random walks by their nominal values."""
-    sigma = ca.SX.sym("sigma", nominal.numel())
-    return ca.Function("factors", [sigma], [sigma / ca.SX(nominal)])
 
 
 def _weights(R: Array) -> ca.Function:

@@ -3,7 +3,8 @@
 import re
 
 from backsight.engine.c99 import source as c99
-from backsight.engine.program.effort import Effort, effort
+from backsight.engine.c99.stack import stack_bytes
+from backsight.engine.program.effort import effort
 from backsight.export._written import Written, one_line
 from backsight.models.model import Model
 
@@ -33,7 +34,9 @@ def readme(code: Written) -> str:
         s.name if s.dummy is None else f"{s.name} (no sensor: y = {s.dummy:g}, mask = 1)"
         for s in model.outputs
     )
-    workspace = kind.bytes * source.workspace + INT * source.ints
+    # What comes after integers is aligned like the numbers before them.
+    workspace = kind.bytes * (source.workspace + -(-INT * source.ints // kind.bytes))
+    stack = stack_bytes(code.program, kind)
     files = ", ".join(f"`{file}`" for file in code.kernels if file != "kernels.h")
     without = " without the kernels" if files else ""
     included = f", `kernels.h` and {files}, which `{name}.c` includes" if files else ""
@@ -52,8 +55,8 @@ warnings as errors and compares them with Python on the first samples of your re
 static {name}_memory memory;        /* survives from sample to sample */
 static {name}_workspace work;       /* scratch; may be shared with others between two calls */
 {"static " + name + "_settings settings;" if code.open.fields else ""}
-{name}_init(&memory);
 {name + "_defaults(&settings);" if code.open.fields else ""}
+{name}_init(&memory{", &settings" if code.open.start else ""});
 {arrays}
 for (;;) {{
     /* physical units; mask is 1 where y was measured, else 0; it is 1 / sigma_factor
@@ -68,6 +71,7 @@ for (;;) {{
 | y, mask | {outputs} |
 {_of_virtual(model)}| numbers | {kind.name}, {kind.bytes} bytes |
 | RAM | {kind.bytes * source.memory} bytes memory, {workspace} bytes workspace |
+| stack | at most {stack} bytes with 64-bit addresses and no optimisation, far less with it |
 | flash | about {flash:.0f} kB{without}; `size` of the object file tells exactly |
 | largest number of passes of the loops inside each other | {limits} |
 | additions, multiplications, comparisons per step | at most {most.plain} |
@@ -75,7 +79,6 @@ for (;;) {{
 | other functions of `<math.h>` | at most {most.functions} |
 | numbers moved | at most {most.copies} |
 
-{_data_dependent(most) if most.kernels else ""}
 {SINGLE if kind.name == "float" else ""}There is no allocation, no recursion and no global variable;
 several instances may run side by side, each with its own memory.
 """
@@ -100,7 +103,12 @@ def _settings(code: Written) -> str:
     return "\n".join(
         [
             "The settings may be changed between two samples, without a new export. Standard",
-            "deviations must be larger than 0.",
+            "deviations must be larger than 0."
+            + (
+                " The prior is that of the settings when the memory is set."
+                if code.open.start
+                else ""
+            ),
             "",
             "| setting | of | as exported |",
             "|---|---|---|",
@@ -108,11 +116,4 @@ def _settings(code: Written) -> str:
             "",
             "",
         ]
-    )
-
-
-def _data_dependent(most: Effort) -> str:
-    return (
-        f"The numbers are without what {most.kernels} calls of kernels do, whose work depends on "
-        "the data; their passes are limited, see the kernel's source.\n\n"
     )

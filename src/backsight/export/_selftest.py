@@ -28,7 +28,13 @@ class Vectors:
 
 
 def selftest(
-    vectors: Vectors, name: str, kind: Precision, tolerance: float, *, settings: bool
+    vectors: Vectors,
+    name: str,
+    kind: Precision,
+    tolerance: float,
+    *,
+    settings: bool,
+    begins: bool,
 ) -> str:
     """Write a program that runs the vectors and returns 0 if all outputs agree.
 
@@ -37,7 +43,8 @@ def selftest(
     are compared in double precision only: in single precision the optimiser may take another number
     of passes to the same result.
 
-    With `settings` the step takes a struct of them, at its defaults here.
+    With `settings` the step takes a struct of them, at its defaults here; with `begins` they set
+    the memory before the first sample, too.
     """
     n = len(next(iter(vectors.outputs.values())))
     real = f"{name}_real"
@@ -101,8 +108,8 @@ def selftest(
         *local,
         f"    double worst[{len(compared)}] = {{0.0}};",
         "    int k, failed = 0;",
-        f"    {name}_init(&memory);",
         *([f"    {name}_defaults(&settings);"] if settings else []),
+        f"    {name}_init(&memory{', &settings' if begins else ''});",
         f"    for (k = 0; k < {n}; ++k) {{",
         f"        {name}_step({given}, {arguments});",
         *compares,

@@ -1,25 +1,26 @@
 """Values that stay changeable in exported code: they are inputs of the step, with defaults.
 
 Standard deviations of sensors divide the weights of the sample, as `sigma_factor` of a recording
-does; parameters of the model, and factors of the random walks, are inputs of it. Everything else is
-what it was.
+does, where the estimator can weigh; parameters of the model are inputs of it. All other numbers are
+followed by the constants that are made of them (`backsight.engine.program.following`), and by the
+memory before the first sample.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from backsight.engine import vm
 from backsight.engine.c99 import SettingsField
+from backsight.engine.program import Program, Start, following, starting, walk
 from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, EngineError, nearest
+from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator, setting
-from backsight.estimators.uncertainty import Noise
-from backsight.estimators.varied_noise import NoisePart, VariedNoise
-from backsight.export._opened import PARAMETERS, SIGMA, WALK, opened_step
-from backsight.models.augment import with_idle_inputs
+from backsight.export._followed import PRIOR, SIGMA, Followed, followed, refusal, words
+from backsight.export._opened import PARAMETERS, opened_step
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.models.structures import forces_as_inputs
@@ -28,20 +29,25 @@ from backsight.types import Array
 DEVIATION = 1e-9
 """Largest deviation of an output that making values changeable may bring, of its largest value."""
 
-FACTOR = "factor_of_"
-"""Begin of the names of inputs that multiply random walks."""
+SEED = 1
+"""Of the trials that show what follows."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Tunable:
-    """A recursion, ``(carry, *settings, u, y, mask) -> (carry, *outputs)``, with its settings.
+    """A recursion with settings, ``(carry, *settings, u, y, mask) -> (carry, *outputs)``.
 
     Parameters
     ----------
     plain : Recursion
         As the estimator makes it, ``(carry, u, y, mask) -> (carry, *outputs)``.
     recursion : Recursion
-        With the settings. The memory of a window holds parameters that are inputs, too.
+        With the settings that are inputs of the step: weights of sensors, parameters of the model.
+        The memory of a window holds parameters that are inputs, too.
+    program : Program
+        With all settings.
+    start : Start, optional
+        How the memory before the first sample follows them.
     fields : tuple of SettingsField
     signals : dict of tuple of Signal
         Name, unit and default of what a field holds.
@@ -49,32 +55,19 @@ class Tunable:
 
     plain: Recursion
     recursion: Recursion
+    program: Program
+    start: Start | None
     fields: tuple[SettingsField, ...]
     signals: dict[str, tuple[Signal, ...]]
 
-    def run(self, data: Sequence[Array]) -> list[Array]:
-        """Outputs of the changeable step over data, with the defaults."""
-        rows = [np.tile(np.array(f.values), (len(data[0]), 1)) for f in self.fields]
-        return vm.run(self.recursion, [*rows, *data], carry=self.recursion.carry0)[1]
-
 
 def weighs(estimator: AbstractEstimator) -> bool:
-    """Whether the noise of its sensors may be changed while it runs.
+    """Whether the noise of its sensors may be changed as the weight of a sample.
 
     Of one that looks back the covariance of the innovation is that of an earlier sample, whose
     noise nobody keeps.
     """
     return estimator.weighs and not estimator.constant_gain and not estimator.delay
-
-
-def varies(estimator: AbstractEstimator) -> bool:
-    """Whether the random walks of its states may be changed while it runs."""
-    try:
-        noise = estimator.assumed[0]
-    except BacksightError:
-        return False
-    able = bool(estimator.varies_noise) and not estimator.constant_gain
-    return able and noise.sigma_w is not None and not noise.beyond_additive
 
 
 def tunable(
@@ -92,8 +85,7 @@ def tunable(
     ----------
     estimator, model, dt
     names : sequence of str, optional
-        ``"sigma_y"``, ``"sigma_w"`` and parameters of the model; by default the first, where the
-        estimator can.
+        See `backsight.export.export_c`; by default the noise of sensors, where it is a weight.
     data : sequence of array
         u, y and mask of samples on which the results must stay what they are.
     restart : bool
@@ -104,49 +96,74 @@ def tunable(
     EngineError
         If a name is unknown, or the estimator would find something else with it changeable.
     """
-    plain = estimator.compile(model, dt)
+    plain = watched(estimator.compile(model, dt), estimator, model)
     wanted = [SIGMA] * weighs(estimator) if names is None else list(dict.fromkeys(names))
     _check(wanted, estimator, model)
-    parameters = [n for n in wanted if n not in (SIGMA, WALK)]
-    walks = _walks(estimator, model) if WALK in wanted else ()
-    inner = _with_inputs(estimator, model, dt, parameters, walks) if parameters or walks else plain
-    if restart:
-        plain, inner = plain.restarting(), inner.restarting()
-    signals = {}
-    if SIGMA in wanted:
+    known = {s.name: s for s in model.parameters}
+    parameters = [n for n in wanted if n in known]
+    signals: dict[str, tuple[Signal, ...]] = {}
+    if SIGMA in wanted and weighs(estimator):
         signals[SIGMA] = _sensors(estimator, model)
-    if walks:
-        signals[WALK] = walks
     if parameters:
-        known = {s.name: s for s in model.parameters}
         signals[PARAMETERS] = tuple(known[n] for n in parameters)
+    others = [n for n in wanted if n not in known and n not in signals]
+    fixed = _fixed(estimator, model, dt, parameters) if parameters or others else (estimator, model)
+    groups = [followed(n, *fixed) for n in others]
+    R = estimator.assumed[0].measurement(model) if SIGMA in signals else np.zeros((0, 0))
+
+    def made(values: Sequence[Array]) -> Recursion:
+        changed = fixed
+        for group, v in zip(groups, values, strict=True):
+            changed = group.change(*changed, v)
+        inner = _compiled(*changed, dt, parameters) if parameters or others else plain
+        inner = inner.restarting() if restart else inner
+        return dataclasses.replace(inner, step=opened_step(inner, model, signals, R))
+
+    recursion = made([group.values for group in groups])
+    plain = plain.restarting() if restart else plain
+    if parameters:
+        _compare(plain, recursion, signals, data)
+    program, start = _following(made, groups) if groups else (walk(recursion.step), None)
+    signals |= {group.name: group.signals for group in groups}
+    by_order = {name: signals[name] for name in sorted(signals, key=_order)}
     fields = tuple(
         SettingsField(name, tuple(s.value for s in group), tuple(_label(s) for s in group))
-        for name, group in signals.items()
+        for name, group in by_order.items()
     )
-    R = estimator.assumed[0].measurement(model) if SIGMA in wanted else np.zeros((0, 0))
-    opened = dataclasses.replace(inner, step=opened_step(inner, model, signals, R))
-    found = Tunable(plain, opened, fields, signals)
-    if parameters or walks:
-        _compare(found, data, [*parameters, *([WALK] if walks else [])])
-    return found
+    return Tunable(plain, recursion, program, start, fields, by_order)
+
+
+def _order(name: str) -> tuple[int, str]:
+    """The prior first, then standard deviations: so FMUs find them, see `export.fmi`."""
+    if name in PRIOR:
+        return PRIOR.index(name), name
+    return len(PRIOR) + (not name.startswith("sigma_")), name
+
+
+def _following(
+    made: Callable[[Sequence[Array]], Recursion], groups: Sequence[Followed]
+) -> tuple[Program, Start | None]:
+    """The program whose constants follow, and how its memory begins."""
+    rng = np.random.default_rng(SEED)
+    trials = [group.trials(rng) for group in groups]
+    recursions = [made([t[k] for t in trials]) for k in range(3)]
+    settings = np.hstack(trials)
+    fields = {group.name: len(group.signals) for group in groups}
+    what = ", ".join(fields)
+    programs = [walk(r.step) for r in recursions]
+    memories = [np.asarray(r.carry0, float) for r in recursions]
+    return (
+        following(programs, settings, fields, what=what),
+        starting(memories, settings, fields, what=what),
+    )
 
 
 def _check(wanted: Sequence[str], estimator: AbstractEstimator, model: Model) -> None:
-    known = [SIGMA] * weighs(estimator) + [WALK] * varies(estimator)
-    known += [s.name for s in model.parameters]
+    known = [*words(estimator, model), *(s.name for s in model.parameters)]
     for name in wanted:
-        if name == SIGMA and not weighs(estimator):
-            raise EngineError(
-                f"{estimator.title} has no noise of its sensors that could be changed while it runs"
-            )
-        if name == WALK and not varies(estimator):
-            raise EngineError(
-                f"{estimator.title} has no sigma_w that could be changed while it runs; filters "
-                "whose noise is given as sigma_w have, but not with a constant gain"
-            )
         if name not in known:
-            raise EngineError(f"'{name}' cannot be made changeable: {nearest(name, known)}")
+            problem = f"'{name}' cannot be made changeable: {nearest(name, known)}"
+            raise refusal(name, estimator) or EngineError(problem)
 
 
 def _sensors(estimator: AbstractEstimator, model: Model) -> tuple[Signal, ...]:
@@ -159,49 +176,30 @@ def _label(signal: Signal) -> str:
     return f"{signal.name} [{signal.unit}]" if signal.unit else signal.name
 
 
-def _walks(estimator: AbstractEstimator, model: Model) -> tuple[Signal, ...]:
-    sigma = np.sqrt(np.diag(estimator.assumed[0].process(model)))
-    pairs = zip(model.states, sigma, strict=True)
-    return tuple(Signal(s.unit, value=float(v), name=s.name) for s, v in pairs if v > 0)
-
-
-def _with_inputs(
-    estimator: AbstractEstimator,
-    model: Model,
-    dt: float,
-    names: Sequence[str],
-    walks: Sequence[Signal],
-) -> Recursion:
-    """The recursion whose last inputs are parameters, and factors of the random walks."""
+def _fixed(
+    estimator: AbstractEstimator, model: Model, dt: float, parameters: Sequence[str]
+) -> tuple[AbstractEstimator, Model]:
+    """Estimator and model with nothing left open that would depend on what is changed."""
     chosen = estimator.chosen(model, dt)
-    if names and chosen is not None and chosen.scheme == "exact":
+    if parameters and chosen is not None and chosen.scheme == "exact":
         raise EngineError(
-            f"{', '.join(names)} cannot be made changeable: the model is carried by its matrix "
-            "exponential, which is computed here; give the estimator integrator = 'rk4'"
+            f"{', '.join(parameters)} cannot be made changeable: the model is carried by its "
+            "matrix exponential, which is computed here; give the estimator integrator = 'rk4'"
         )
-    wide = _with_scales(estimator, model, dt)
-    wide = forces_as_inputs(wide, names) if names else wide
-    changes: dict[str, Any] = {} if chosen is None else {"integrator": chosen}
-    if walks:
-        wide = with_idle_inputs(wide, [FACTOR + s.name for s in walks])
-        changes["noise"] = _varied(estimator.assumed[0], model, walks)
+    settled: dict[str, Any] = {} if chosen is None else {"integrator": chosen}
+    return dataclasses.replace(estimator, **settled), _with_scales(estimator, model, dt)
+
+
+def _compiled(
+    estimator: AbstractEstimator, model: Model, dt: float, parameters: Sequence[str]
+) -> Recursion:
+    """The recursion whose last inputs are parameters."""
+    wide = forces_as_inputs(model, parameters) if parameters else model
     try:
-        return dataclasses.replace(estimator, **changes).compile(wide, dt)
+        return watched(estimator.compile(wide, dt), estimator, wide)
     except BacksightError as error:
-        what = ", ".join([*names, *([WALK] if walks else [])])
+        what = ", ".join(parameters) or "that"
         raise EngineError(f"{what} cannot be made changeable: {error}") from error
-
-
-def _varied(noise: Noise, model: Model, walks: Sequence[Signal]) -> VariedNoise:
-    """The noise with random walks that inputs multiply, see `backsight.estimators.varied_noise`."""
-    index = {s.name: i for i, s in enumerate(model.states)}
-    parts = []
-    for walk in walks:
-        Q = np.zeros((model.nx, model.nx))
-        Q[index[walk.name], index[walk.name]] = walk.value**2
-        parts.append(NoisePart((FACTOR + walk.name,) * 2, Q=Q))
-    fields = {f.name: getattr(noise, f.name) for f in dataclasses.fields(noise)}
-    return VariedNoise(**{**fields, "sigma_w": None}, parts=tuple(parts))
 
 
 def _with_scales(estimator: AbstractEstimator, model: Model, dt: float) -> Model:
@@ -210,7 +208,7 @@ def _with_scales(estimator: AbstractEstimator, model: Model, dt: float) -> Model
         noise, prior = estimator.assumed
     except BacksightError:
         return model
-    s = setting(model, dt, noise=noise, prior=prior)
+    s = setting(model, dt, noise=noise, prior=prior, noiseless=True)
 
     def sized(group: Sequence[Signal], scales: Array) -> tuple[Signal, ...]:
         pairs = zip(group, scales, strict=True)
@@ -221,15 +219,22 @@ def _with_scales(estimator: AbstractEstimator, model: Model, dt: float) -> Model
     )
 
 
-def _compare(found: Tunable, data: Sequence[Array], parameters: Sequence[str]) -> None:
-    """Raise `EngineError` unless the changeable step finds what the estimator finds."""
-    plain = found.plain
+def _compare(
+    plain: Recursion,
+    opened: Recursion,
+    signals: Mapping[str, Sequence[Signal]],
+    data: Sequence[Array],
+) -> None:
+    """Raise `EngineError` unless parameters as inputs give what the estimator finds."""
     wanted = vm.run(plain, data, carry=plain.carry0)[1]
-    for channel, a, b in zip(plain.channels, wanted, found.run(data), strict=True):
+    rows = [np.tile([s.value for s in group], (len(data[0]), 1)) for group in signals.values()]
+    found = vm.run(opened, [*rows, *data], carry=opened.carry0)[1]
+    names = ", ".join(s.name for s in signals[PARAMETERS])
+    for channel, a, b in zip(plain.channels, wanted, found, strict=True):
         size = np.max(np.abs(a), initial=0.0) or 1.0
         worst = np.max(np.abs(a - b), initial=0.0) / size
         if worst > DEVIATION:
             raise EngineError(
-                f"{', '.join(parameters)} cannot be made changeable: '{channel.name}' would differ "
-                f"by {worst:.1e} of its largest value on the recording"
+                f"{names} cannot be made changeable: '{channel.name}' would differ by {worst:.1e} "
+                "of its largest value on the recording"
             )

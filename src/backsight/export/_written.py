@@ -9,7 +9,7 @@ import xarray as xr
 
 from backsight.engine.c99 import Precision
 from backsight.engine.c99 import source as c99
-from backsight.engine.program import Program, While, flat, walk
+from backsight.engine.program import Program, While, flat
 from backsight.engine.recursion import Recursion
 from backsight.errors import EngineError, printable
 from backsight.estimators.base import AbstractEstimator
@@ -52,7 +52,7 @@ class Written:
 
     @property
     def recursion(self) -> Recursion:
-        """With the settings as inputs before the data."""
+        """With those settings before the data that are inputs of the step."""
         return self.open.recursion
 
     @property
@@ -94,10 +94,10 @@ def code_of(
     data = [d[:SAMPLES] for d in match(model, recording, estimator=estimator)]
     found = tunable(estimator, model, dt, names=names, data=data, restart=restart)
     recursion = found.recursion
-    program = walk(recursion.step)
     source = c99.write_c99(
-        program,
+        found.program,
         name=name,
+        begin=found.start,
         start=np.asarray(recursion.carry0).tolist(),
         results=[c.name for c in recursion.channels],
         precision=kind,
@@ -105,7 +105,7 @@ def code_of(
         f"Written by Backsight {version('backsight')}; change the model, not this file.",
         settings=found.fields,
     )
-    return Written(name, kind, estimator, model, found, program, source, data)
+    return Written(name, kind, estimator, model, found, found.program, source, data)
 
 
 def one_line(text: str) -> str:

@@ -2,19 +2,24 @@
 
 import collections
 import time
+from collections.abc import Mapping
 
 import numpy as np
 
 from backsight.errors import ProblemError
 from backsight.live._freezing import SEEN
 from backsight.live._problem import Channels, LiveProblem, channels_of
-from backsight.live.clock import Placed, Placing, SourceClock, TimeGrid
+from backsight.live.clock import DelayLine, Placed, Placing, SourceClock, TimeGrid
 from backsight.live.engine import LiveEstimation
 from backsight.live.sources import Batch, LiveSource
 from backsight.live.sources.replay import ReplaySource
+from backsight.types import Array
 
 _STEPS, _FAST = 10, 0.7
 """Steps from which a rate is judged, and their share of a period below which it is too high."""
+
+_LINE = "line:"
+"""In front of the names of what delays hold back."""
 
 _RATE_OVER = 5.0
 """Seconds over which a rate is told."""
@@ -44,6 +49,10 @@ class Lane:
         self.too_fast: float | None = None
         """Samples per second, when they are more than the grid has and this was not told."""
         self._told_rate, self._times = False, np.empty(0)
+        self.lines: dict[float, DelayLine] = {}
+        """Of channels that are late by a fraction of a sample, by their delays."""
+        self.gaps = 0
+        """How often it was silent."""
         self.worst_lateness = 0.0
         """Largest time that a sample came after a newer one [s]."""
 
@@ -62,7 +71,9 @@ class Lane:
     def _found(self) -> Channels:
         model, feed = self._live.model, self.source.feed
         if not isinstance(self.source, ReplaySource):
-            return channels_of(self.name, feed, model, self._grid.dt, columns=self.source.columns)
+            return channels_of(
+                self.name, feed, self._live, self._grid.dt, columns=self.source.columns
+            )
         signals = self.source.signals
         names = [
             *(s.name for s in model.inputs if not s.name.startswith(SEEN)),
@@ -79,12 +90,15 @@ class Lane:
         places = [inputs.index(n) if n in inputs else nu + outputs.index(n) for n in names]
         columns = [1 + signals.index(n) for n in names]
         one = np.ones(len(names))
-        return Channels(tuple(places), tuple(columns), one, 0 * one, np.zeros(len(names), int))
+        return Channels(tuple(places), tuple(columns), one, 0 * one, 0 * one)
 
     def take_in(self, batch: Batch, estimation: LiveEstimation) -> list[Placed]:
         """Times, units and slots of what came; what cannot be used is counted."""
         feed, counts = self.source.feed, self.placing.counts
         counts.received += len(batch.arrival)
+        if self.last_arrival is not None:
+            gap = float(batch.arrival[0]) - self.last_arrival
+            self.gaps += gap > feed.silent
         self.last_arrival = float(batch.arrival[-1])
         self._arrived.append((self.last_arrival, len(batch.arrival)))
         if self.replayed:
@@ -117,18 +131,53 @@ class Lane:
     def put(self, placed: Placed, estimation: LiveEstimation) -> None:
         """Put values into their rows; a channel that is late goes to the row of its time."""
         channels, counts = self.channels, self.placing.counts
+        used = np.zeros(len(placed.slots), bool)
         for delay in np.unique(channels.delays):
             chosen = np.flatnonzero(channels.delays == delay)
-            slots, values = placed.slots - delay, placed.values[:, chosen]
-            there = slots >= estimation.base
-            if not there.all():
-                counts.too_late += int((~there).sum())
-                slots, values = slots[there], values[there]
             places = [channels.places[k] for k in chosen]
-            duplicates, late = estimation.put(places, slots, values)
+            values = placed.values[:, chosen]
+            if delay == round(delay):
+                duplicates, changed = self._moved(
+                    places, placed.slots - int(delay), values, estimation
+                )
+            else:
+                line = self.lines.setdefault(delay, DelayLine.of(delay, len(places)))
+                slots, moved, duplicates, changed = line.through(
+                    placed.slots, values, base=estimation.base
+                )
+                estimation.put(places, slots, moved)
             counts.duplicates += duplicates
             self._look_at_rate(duplicates)
-            counts.late += late
+            used |= changed
+        counts.late += int((used & (placed.slots < estimation.done)).sum())
+
+    def _moved(
+        self, places: list[int], slots: np.ndarray, values: Array, estimation: LiveEstimation
+    ) -> tuple[int, np.ndarray]:
+        """Put values into the rows of slots; duplicates, and which samples were new."""
+        there = slots >= estimation.base
+        self.placing.counts.too_late += int((~there).sum())
+        duplicates, put = estimation.put(places, slots[there], values[there])
+        changed = there.copy()
+        changed[there] = put
+        return duplicates, changed
+
+    def kept(self) -> dict[str, Array]:
+        """What the delays of its channels hold back, by a name for each."""
+        return {f"{_LINE}{self.name}:{d}": line.kept() for d, line in self.lines.items()}
+
+    def go_on(self, kept: Mapping[str, Array]) -> None:
+        """Take over what was kept."""
+        delays = self.channels.delays
+        for delay in np.unique(delays):
+            if (found := kept.get(f"{_LINE}{self.name}:{delay}")) is not None:
+                self.lines[delay] = DelayLine.of(delay, int((delays == delay).sum()))
+                self.lines[delay].go_on(found)
+
+    def leap(self) -> None:
+        """What comes next is of another time."""
+        for line in self.lines.values():
+            line.forget()
 
     def rate(self, now: float) -> float:
         """Samples per second over the last seconds."""

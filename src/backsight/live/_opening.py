@@ -2,26 +2,21 @@
 
 import contextlib
 import dataclasses
-import functools
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
-import xarray as xr
 
 from backsight.description import digest
-from backsight.engine.dense import UNROLL
-from backsight.engine.execute import Engine
-from backsight.errors import ProblemError
-from backsight.live._freezing import SEEN, Freezable, Freezer, freezable
+from backsight.live._freezing import SEEN, Freezer
 from backsight.live._lanes import Lane
 from backsight.live._problem import LiveProblem
+from backsight.live._ready import ReadyRun
 from backsight.live._session import LiveSession
 from backsight.live._sinks import Sinks
 from backsight.live.alarms import Alarm, Alarms, Quantities, condition_of
 from backsight.live.clock import TimeGrid
 from backsight.live.engine import Checkpoint, LiveEstimation, LiveRows
-from backsight.live.sources import source_of
 from backsight.live.sources.base import ReceivingSource
 from backsight.live.store import (
     Journal,
@@ -33,34 +28,24 @@ from backsight.live.store import (
     journaled,
     opened_live_store,
 )
-from backsight.problem.reading.tables import FeedTable, RecordingTable, ReplayFeed
-from backsight.problem.recorded import recording_of
-from backsight.run.estimation import Outputs, Prepared, compile_once
-from backsight.run.estimation.results.outputs import JUDGED
-
-SHOWN = (*JUDGED, "z_hat", "z_std", "d_hat", "d_std", "weight")
-"""Variables that are kept of every sample, where the estimator has them."""
+from backsight.run.estimation import Prepared
 
 
 @contextlib.contextmanager
-def opened_session(
-    live: LiveProblem, *, tell: Callable[[str], None], engine: Engine = "native"
-) -> Iterator[LiveSession]:
-    """Start a run: compile, open the store, go on from its last part, start the sources.
+def opened_session(ready: ReadyRun, *, tell: Callable[[str], None]) -> Iterator[LiveSession]:
+    """Start a run: open the store, go on from its last part, start the sources.
 
     Raises
     ------
-    ProblemError, DataError
+    ProblemError
         If something that is needed is missing.
     OutputError
-        If a port is taken, or the store cannot be used.
-    PluginError
-        If a package is not installed.
+        If the store cannot be used.
     """
     with contextlib.ExitStack() as stack:
-        dt = _period(live)
-        live, varied = _with_freezing(live, dt)
-        prepared = compiled_live(live, dt)
+        live, dt, varied, prepared = ready.live, ready.dt, ready.varied, ready.prepared
+        for source in ready.sources:
+            stack.callback(source.stop)
         labels = _labels(live, prepared)
         alarms = _alarms(live, labels, dt, tell)
         store = checkpoint = None
@@ -80,22 +65,20 @@ def opened_session(
         elif varied is not None:
             memory = _all_seen(prepared, live)
         estimation = LiveEstimation(
-            prepared.recursion, live.model, lag=lag, engine=engine, memory=memory
+            prepared.recursion, live.model, lag=lag, engine=ready.engine, memory=memory
         )
         keeper = None
         if store is not None:
             keeper = _keeper(live, store, labels, grid, tell=tell)
-        lanes = []
-        for name, feed in live.feeds.items():
-            source = source_of(name, feed, functools.partial(_replayed, live, feed))
-            lanes.append(Lane(source, live, grid))
+        lanes = [Lane(source, live, grid) for source in ready.sources]
         if checkpoint is not None:
             shifts = json.loads(str(checkpoint[1]["clocks"]))
             for lane in lanes:
                 lane.clock.shift = shifts.get(lane.name, lane.clock.shift)
+                lane.go_on(checkpoint[1])
             tell(f"goes on from {float(grid.time(estimation.base)):.6f} s")
         session = LiveSession(live, lanes, grid, estimation, keeper=keeper, tell=tell)
-        session.alarms = alarms
+        session.alarms, session.labels = alarms, labels
         if live.sinks:
             states = [s.name for s in live.model.states]
             quantities = Quantities(live.model, labels)
@@ -107,9 +90,8 @@ def opened_session(
         if keeper is not None and any(lane.source.durable for lane in lanes):
             _with_journal(session, keeper)
         for lane in lanes:
-            lane.source.start()
-            stack.callback(lane.source.stop)
             lane.channels  # noqa: B018 - what is missing is said before the first sample
+            lane.source.start()
         yield session
 
 
@@ -121,27 +103,6 @@ def _with_journal(session: LiveSession, keeper: Keeper) -> None:
         if isinstance(source := sources.get(name), ReceivingSource):
             source.inbox.put_many([payload], moment=moment)
     session.round()
-
-
-def compiled_live(live: LiveProblem, dt: float) -> Prepared:
-    """The estimator as it runs: what is shown of it, and begun anew when it diverges."""
-    needed = (*SHOWN, "S") if live.model.ny <= UNROLL else SHOWN
-    return compile_once(
-        live.estimator, live.model, dt, outputs=Outputs(("x_std",)), restart=True, needed=needed
-    )
-
-
-def _with_freezing(live: LiveProblem, dt: float) -> tuple[LiveProblem, Freezable | None]:
-    """The problem with random walks that can be switched off, if that is asked for."""
-    if live.settings.freeze is None:
-        return live, None
-    varied = freezable(live.estimator, live.model, dt, parameters=live.parameters)
-    problem = dataclasses.replace(
-        live.problem,
-        model=varied.model,
-        estimators={**live.problem.estimators, live.estimator_name: varied.estimator},
-    )
-    return dataclasses.replace(live, problem=problem), varied
 
 
 def _all_seen(prepared: Prepared, live: LiveProblem) -> Checkpoint:
@@ -194,21 +155,3 @@ def _keeper(
     return Keeper(
         store, settings=live.store, table=table, units=column_units(live.model), tell=tell
     )
-
-
-def _period(live: LiveProblem) -> float:
-    if live.settings.dt is not None:
-        return live.settings.dt
-    for feed in live.feeds.values():
-        if isinstance(feed, ReplayFeed):
-            return float(_replayed(live, feed).attrs["dt"])
-    raise ProblemError("live.dt: is missing; give the sampling period [s] of the estimator")
-
-
-def _replayed(live: LiveProblem, feed: FeedTable) -> xr.Dataset:
-    if not isinstance(feed, ReplayFeed) or feed.path is None:
-        return recording_of(live.problem)
-    table = RecordingTable(
-        path=feed.path, inputs=feed.inputs, outputs=feed.outputs, time=feed.time, dt=feed.dt
-    )
-    return recording_of(dataclasses.replace(live.problem, recording=table))

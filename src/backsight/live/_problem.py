@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from backsight.data.resampling import SAME
 from backsight.errors import ProblemError, nearest
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
@@ -100,7 +101,7 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
     text = text_of(path)
     given = tree_of(text, path)
     feeds = _feeds(given, speed)
-    replayed = [n for n, f in feeds.items() if isinstance(f, ReplayFeed) and f.path is None]
+    replayed = [n for n, f in feeds.items() if isinstance(f, ReplayFeed) and not f.path]
     if replayed and len(feeds) > 1:
         raise ProblemError(
             f"source.{replayed[0]}: the recording of the file has all signals; leave the other "
@@ -199,14 +200,14 @@ class Channels:
         Columns of the source's samples.
     factors, offsets : (m,) arrays
     delays : (m,) array
-        Samples by which they are late.
+        Samples by which they are late, whole or not.
     """
 
     places: tuple[int, ...]
     columns: tuple[int, ...]
     factors: Array
     offsets: Array
-    delays: np.ndarray
+    delays: Array
 
     def physical(self, values: Array) -> Array:
         """Signals (n, m) of samples (n, l)."""
@@ -214,15 +215,16 @@ class Channels:
 
 
 def channels_of(
-    name: str, feed: FeedTable, model: Model, dt: float, *, columns: list[str]
+    name: str, feed: FeedTable, live: LiveProblem, dt: float, *, columns: list[str]
 ) -> Channels:
     """Return the signals of a source among its columns.
 
     Raises
     ------
     ProblemError
-        If a delay is no multiple of the sampling period, or a mean shall be subtracted.
+        If samples would always come too late, or a mean shall be subtracted.
     """
+    model = live.model
     signals = [*(s.name for s in model.inputs), *(s.name for s in model.outputs)]
     units = [*(s.unit for s in model.inputs), *(s.unit for s in model.outputs)]
     nu = model.nu
@@ -236,9 +238,9 @@ def channels_of(
             found.append(columns.index(column.column))
             factors.append(factor)
             offsets.append(offset)
-            delays.append(_whole_delay(column, dt, where))
+            delays.append(_delay(column, live.settings, dt, where))
     return Channels(
-        tuple(places), tuple(found), np.array(factors), np.array(offsets), np.array(delays, int)
+        tuple(places), tuple(found), np.array(factors), np.array(offsets), np.array(delays)
     )
 
 
@@ -251,13 +253,14 @@ def _to_model(column: ColumnTable, unit: str) -> tuple[float, float]:
     return factor, offset
 
 
-def _whole_delay(column: ColumnTable, dt: float, where: str) -> int:
+def _delay(column: ColumnTable, settings: LiveTable, dt: float, where: str) -> float:
+    """Samples by which a column is late."""
     if column.remove_mean:
         raise ProblemError(f"{where}.remove_mean: the mean is not known while samples come")
-    count = column.delay / dt
-    if abs(count - round(count)) > 1e-6:
+    if column.delay > settings.lag + settings.reorder:
         raise ProblemError(
-            f"{where}.delay: is {count:g} samples; while samples come it must be a whole number "
-            f"of them, such as {round(count) * dt:g} s"
+            f"{where}.delay: is longer than samples may be late; give live.lag at least "
+            f"{column.delay:g} s"
         )
-    return round(count)
+    count = column.delay / dt
+    return round(count) if abs(count - round(count)) <= SAME else count

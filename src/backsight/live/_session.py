@@ -1,8 +1,9 @@
 """A run: sources, clock, estimator and store, one round after the other."""
 
+import functools
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -53,6 +54,8 @@ class LiveSession:
         self.alarms: Alarms | None = None
         self.sinks: Sinks | None = None
         self.freezer: Freezer | None = None
+        self.labels: Mapping[str, Sequence[str]] = {}
+        """Names along dimensions of the estimator's own, by variable."""
         self.listeners: list[Callable[[LiveRows], None]] = []
         """Told the newest samples of every round."""
         self.sensors = sum(s.dummy is None for s in live.model.outputs)
@@ -115,6 +118,8 @@ class LiveSession:
         self.estimation.advance(newest + 1, at_once=True)
         self._keep(self.estimation.settle(all_of_it=True))
         self.estimation.begin_anew(slot)
+        for lane in self.lanes:
+            lane.leap()
         self._shown = self.estimation.done
 
     def _estimate(self, *, at_once: bool) -> None:
@@ -156,13 +161,17 @@ class LiveSession:
         if self.sinks is not None:
             self.sinks.close()
 
-    def _checkpoint(self) -> bytes:
+    def _checkpoint(self) -> Callable[[], bytes]:
+        """Copy what must be kept; to pack that takes longer than a round should."""
         clocks = {lane.name: lane.clock.shift for lane in self.lanes}
-        return checkpoint_bytes(
+        held = {name: rows for lane in self.lanes for name, rows in lane.kept().items()}
+        return functools.partial(
+            checkpoint_bytes,
             self.estimation.checkpoint(),
             origin=self.grid.origin or 0.0,
             newest=self.grid.newest,
             clocks=json.dumps(clocks),
+            held=held,
         )
 
     def _acknowledging(self) -> Callable[[], None]:

@@ -3,16 +3,15 @@
 import abc
 import collections
 import json
-import os
 import socket
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 
-from backsight.errors import PluginError, ProblemError
+from backsight.errors import ProblemError
+from backsight.live._publishing import Publisher
 from backsight.live.alarms import Quantities
 from backsight.live.engine import LiveRows
 from backsight.problem.reading.tables import MqttSink, SinkTable, StdoutSink, UdpSink
@@ -95,26 +94,14 @@ class _Datagrams(Outgoing):
 class _Messages(Outgoing):
     def __init__(self, name: str, tell: Callable[[str], None], table: MqttSink) -> None:
         super().__init__(name, tell)
-        try:
-            from paho.mqtt import client as mqtt
-        except ModuleNotFoundError:
-            raise PluginError("MQTT needs paho-mqtt: pip install 'backsight[live]'") from None
-        self._topic = table.topic
-        self._client: Any = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)  # type: ignore[attr-defined]
-        if table.user:
-            self._client.username_pw_set(table.user, os.environ.get("BACKSIGHT_MQTT_PASSWORD"))
-        if table.tls:
-            self._client.tls_set()
-        self._client.connect_async(table.host, table.port)
-        self._client.loop_start()  # connects again by itself
+        self._publisher = Publisher(table)
 
     def send(self, message: bytes) -> None:
-        self._client.publish(self._topic, message, qos=0)
+        self._publisher.publish(message, qos=0)
 
     def stop(self) -> None:
         super().stop()
-        self._client.disconnect()
-        self._client.loop_stop()
+        self._publisher.stop()
 
 
 class Sinks:

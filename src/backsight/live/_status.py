@@ -33,6 +33,7 @@ class LiveStatus:
         self.raised = 0
         """Status bits since the last look."""
         self.now = time.time()
+        self._unknown = frozenset(session.live.model.resting)  # which asks CasADi
         session.listeners.append(self._take)
 
     def _take(self, rows: Any) -> None:
@@ -64,14 +65,13 @@ class LiveStatus:
         if rows is None or not len(rows):
             return []
         x, std = rows.values["x_hat"][-1], rows.values["x_std"][-1]
-        unknown = model.resting
         return [
             {
                 "name": s.name,
                 "unit": s.unit,
                 "value": _finite(x[k]),
                 "std": _finite(std[k]),
-                "unknown": s.name in unknown,
+                "unknown": s.name in self._unknown,
             }
             for k, s in enumerate(model.states)
         ]
@@ -92,6 +92,7 @@ class LiveStatus:
             "drift": _finite(lane.clock.drift),
             "lateness": _finite(lane.worst_lateness),
             "lost": source.lost,
+            "gaps": lane.gaps,
             **vars(counts),
         }
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,10 +12,22 @@ from backsight.engine.execute import Engine
 from backsight.live._lanes import Lane
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
+from backsight.live._ready import made_ready
 from backsight.live._session import LiveSession
 from backsight.live._status import LiveStatus
-from backsight.live.dashboard import Board, served_board
+from backsight.live.dashboard import Board, placed_board, served_board
+from backsight.live.reviving import can_revive, revive
 from backsight.problem.reading.tables import DashboardTable
+
+ROUNDS = 4
+"""In the time of a block."""
+
+SWITCH = 5e-4
+"""Seconds after which one thread of Python lets another one go on; a round must not wait longer
+for the thread that writes."""
+
+_IMPATIENT = 1.0
+"""Seconds after which another Ctrl-C is meant."""
 
 
 def run_live(
@@ -25,6 +38,7 @@ def run_live(
     speed: float | None = None,
     dashboard: bool = False,
     engine: Engine = "native",
+    survive: bool = False,
 ) -> LiveStatus:
     """Run a problem file on samples that come, until the sources end or it is interrupted.
 
@@ -41,6 +55,9 @@ def run_live(
     dashboard : bool
         Serve a dashboard also if the file does not ask for one.
     engine : {"native", "vm"}
+    survive : bool
+        Go on from the last part of the store when the run is killed: it is done in copies of this
+        process, which itself does nothing but begin another one, see `backsight.live.reviving`.
 
     Returns
     -------
@@ -55,13 +72,19 @@ def run_live(
     live = load_live(path, speed=speed)
     table = live.dashboard or (DashboardTable() if dashboard else None)
     with contextlib.ExitStack() as stack:
+        place = None
+        if table is not None:
+            place = stack.enter_context(placed_board(table, path.parent, tell=tell))
+        ready = made_ready(live, engine=engine)
+        if survive and live.store is not None and can_revive():
+            revive(tell)
         stopping = stack.enter_context(ended_by_signals())
-        session = stack.enter_context(opened_session(live, tell=tell, engine=engine))
+        session = stack.enter_context(opened_session(ready, tell=tell))
         for lane in session.lanes:
             tell(f"source {lane.name}: {lane.source.state}")
         status, board = LiveStatus(session), None
-        if table is not None:
-            board, _ = stack.enter_context(served_board(session, status, table, tell=tell))
+        if place is not None:
+            board = stack.enter_context(served_board(session, status, place))
         try:
             keep_going(session, status, stopping, show=show, board=board)
         finally:
@@ -80,11 +103,12 @@ def keep_going(
 ) -> None:
     """Do rounds until the sources end or `stopping` is set.
 
-    A round begins every half of a block: what comes then waits for less than that, and the other
-    half is left for the work.
+    A round begins every quarter of a block: what comes then waits for less than that, and the rest
+    is left for the work and for what else the processor does.
     """
-    pace = session.live.settings.block / 2
+    pace = session.live.settings.block / ROUNDS
     hurried = any(lane.replayed and not _speed(lane) for lane in session.lanes)
+    sys.setswitchinterval(SWITCH)
     due, line_due = time.monotonic(), time.monotonic() + 1.0
     while not stopping.is_set():
         last = session.ended
@@ -110,15 +134,21 @@ def _speed(lane: Lane) -> float:
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[threading.Event]:
-    """Give an event that Ctrl-C and SIGTERM set; a second Ctrl-C interrupts at once."""
-    stopping = threading.Event()
+    """Give an event that Ctrl-C and SIGTERM set; another one a second later interrupts at once.
+
+    A terminal sends Ctrl-C to all processes of a command, and one of them may pass it on.
+    """
+    stopping, asked = threading.Event(), 0.0
     if threading.current_thread() is not threading.main_thread():
         yield stopping
         return
 
     def stop(*_: object) -> None:
-        if stopping.is_set():
+        nonlocal asked
+        if stopping.is_set() and time.monotonic() - asked > _IMPATIENT:
             raise KeyboardInterrupt
+        if not stopping.is_set():
+            asked = time.monotonic()
         stopping.set()
 
     before = {s: signal.signal(s, stop) for s in (signal.SIGINT, signal.SIGTERM)}

@@ -1,12 +1,15 @@
 """The text of a problem file with other values in it; comments and order stay."""
 
+import dataclasses
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
 
+from backsight.description import alike
 from backsight.errors import ProblemError
 from backsight.estimators.uncertainty import Noise
 from backsight.problem.problem import Problem
@@ -63,11 +66,13 @@ def written(problem: Problem, name: str, tuned: Tuned, *, folder: Path) -> str:
                 _by_state(document, table, "sigma_x0", "sigma", chosen)
         elif value in parameters:
             _parameter(document["model"], value, number)
+        elif value in tuned.estimators[0].multiplied_settings:
+            own[value] = _plain(getattr(tuned.estimators[0], value))
         else:
             _put(own, value, number)
     _late(document, tuned)
     for setting, option in tuned.chosen.items():
-        _put(own, setting, option)
+        _put(own, setting, _plain(option))
     _found(document, tuned)
     _paths(document, problem.path.absolute().parent, folder)
     return tomlkit.dumps(document)
@@ -156,6 +161,29 @@ def _put(table: Any, path: str, value: object) -> None:
     for key in inner:
         table = _table(table, key)
     table[last] = _number(value) if isinstance(value, float) else value
+
+
+def _plain(value: Any) -> Any:
+    """A value of a description as a problem file has it."""
+    if dataclasses.is_dataclass(value):
+        table = tomlkit.inline_table()
+        table["kind"] = type(value).__name__
+        for field in dataclasses.fields(value):
+            own = getattr(value, field.name)
+            if own is not None and not alike(own, field.default):
+                table[field.name] = _plain(own)
+        return table
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table()
+        table.update({name: _plain(entry) for name, entry in value.items()})
+        return table
+    if isinstance(value, tuple | list | np.ndarray):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, complex):
+        # More digits: a pole near 1 must stay inside the unit circle.
+        rounded = complex(_number(value.real, 9), _number(value.imag, 9))
+        return rounded.real if rounded.imag == 0 else f"{rounded.real:.9g}{rounded.imag:+.9g}j"
+    return _number(value) if isinstance(value, float) else value
 
 
 def _table(document: Any, key: str) -> Any:

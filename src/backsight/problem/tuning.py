@@ -14,7 +14,7 @@ from backsight.output import write_whole
 from backsight.problem._writing import written
 from backsight.problem.problem import Problem
 from backsight.problem.reading.checking import at
-from backsight.problem.reading.settings import part
+from backsight.problem.reading.settings import option_of, part
 from backsight.problem.reading.tables import FreeTable
 from backsight.problem.recorded import recording_of
 from backsight.report import report
@@ -103,8 +103,9 @@ def tune_problem(
     name = estimator or problem.tune.estimator or _first(problem)
     if name not in problem.estimators:
         raise ProblemError(f"estimators: there is no '{name}'")
-    free = [_free(entry) for entry in problem.tune.free] or _usual(problem.estimators[name])
-    chosen, by = _by(problem.estimators[name], problem, free)
+    method = problem.estimators[name]
+    free = [_free(entry, method) for entry in problem.tune.free] or _usual(method)
+    chosen, by = _by(method, problem, free)
     criterion = None
     if problem.tune.criterion:
         kinds = [Likelihood, Prediction, MultiStep, Simulation, Whiteness]
@@ -155,10 +156,12 @@ def _is_filter(estimator: AbstractEstimator) -> bool:
     return bool(estimator.varies_noise) and not estimator.horizon
 
 
-def _free(entry: FreeTable) -> Free | Choice:
-    with at(f"tune.free: {entry.name}"):
-        if entry.options:
-            return Choice(entry.name, tuple(entry.options))
+def _free(entry: FreeTable, method: AbstractEstimator) -> Free | Choice:
+    where = f"tune.free: {entry.name}"
+    options = [option_of(method, entry.name, o, where=where) for o in entry.options]
+    with at(where):
+        if options:
+            return Choice(entry.name, tuple(options))
         per = tuple(entry.per) if isinstance(entry.per, list) else entry.per
         given = entry.structure
         return Free(

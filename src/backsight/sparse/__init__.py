@@ -8,6 +8,7 @@ from backsight.sparse._matrices import MatricesInTime as MatricesInTime
 from backsight.sparse._matrices import free_motion as free_motion
 from backsight.sparse._matrices import matrices_along as matrices_along
 from backsight.sparse.regression import Fit as Fit
+from backsight.sparse.regression import Regression as Regression
 from backsight.sparse.regression import refit as refit
 from backsight.sparse.selection import L1 as L1
 from backsight.sparse.selection import AbstractSelection as AbstractSelection

@@ -15,6 +15,8 @@ from backsight.tune.fitting import Simulation as Simulation
 from backsight.tune.fitting import Tuned as Tuned
 from backsight.tune.fitting import Whiteness as Whiteness
 from backsight.tune.fitting import fit as fit
+from backsight.tune.force_threshold import ThresholdChoice as ThresholdChoice
+from backsight.tune.force_threshold import threshold_from_noise as threshold_from_noise
 from backsight.tune.high_gain import propose_gain as propose_gain
 from backsight.tune.high_gain import propose_gamma as propose_gamma
 from backsight.tune.lambda_choice import lambda_from_noise as lambda_from_noise

@@ -1,7 +1,9 @@
 """Units as engineers write them: whether they are any, and how to come from one to another.
 
-What pint knows is extended by the words of loggers, and by three traps that it does not see:
-``Nm`` is no number per metre, ``cts`` are no carats, and 1 Hz is no radian per second.
+What pint knows is extended by the words of loggers, and by traps that it does not see: ``Nm`` is no
+number per metre, ``cts`` are no carats, 1 Hz and 1/min are no radian per second, ``U/min`` are
+revolutions, and decibels have no factor. What measures another thing than what is wanted is read as
+its namesake that does: ``g`` of an accelerometer, ``lb`` of a load cell, ``C`` of a thermometer.
 """
 
 import functools
@@ -10,25 +12,24 @@ import re
 from typing import Any, NamedTuple
 
 from backsight.errors import BacksightError, nearest
+from backsight.types import Array
 
 PREFIX = "(?:da|[YZEPTGMkhdcmuµμnpf])?"
 BASE = (
     "m|s|g|A|K|N|Pa|J|W|V|C|F|H|T|Hz|Ohm|Ω|rad|deg|°|°C|degC|°F|min|h|d|L|l|t|bar|psi|rpm|RPM|"
-    "rev|cycles|in|ft|lb|lbf|kip|mile|mi|grav|dB|%|ppm|ue|strain|count|counts|sec|Sec|cts"
+    "rev|cycles|in|ft|lb|lbf|kip|mile|mi|grav|dB|%|ppm|ue|strain|count|counts|sec|Sec|cts|"
+    "Nm|Nmm|Ns|Nms"
 )
 _FACTOR = rf"{PREFIX}(?:{BASE}|1)(?:\^?[-+]?\d|[²³⁻¹]+)?"
 PATTERN = re.compile(rf"{_FACTOR}(?:\s*[*/·. -]\s*\(?{_FACTOR}\)?)*")
 """Most units, without asking pint."""
 
 WORDS = {
-    "Nm": "N*m",
-    "kNm": "kN*m",
-    "Nmm": "N*mm",
-    "Ns": "N*s",
-    "Nms": "N*m*s",
     "Ohm": "ohm",
     "grav": "standard_gravity",
     "g_n": "standard_gravity",
+    "gn": "standard_gravity",
+    "mgn": "millistandard_gravity",
     "cts": "count",
     "ue": "microstrain",
     "µe": "microstrain",
@@ -40,8 +41,51 @@ WORDS = {
     "Sek": "second",
     "sek": "second",
     "cycles": "cycle",
+    "U": "revolution",
+    "r": "revolution",
+    "dps": "degree/second",
+    "kmh": "kph",
+    "ips": "inch/second",
+    "gpm": "gallon/minute",
+    "kp": "kgf",
+    "klbf": "kip",
+    "lbm": "pound",
+    "PS": "metric_horsepower",
+    "pct": "percent",
+    "Celsius": "degC",
+    "celsius": "degC",
+    **{f"K{unit}": f"k{unit}" for unit in ("N", "Pa", "W", "Hz", "V", "g", "m", "J", "Ohm")},
 }
 """What is written, to what pint calls it."""
+
+NAMESAKES = {
+    "g": "standard_gravity",
+    "G": "standard_gravity",
+    "mg": "millistandard_gravity",
+    "ug": "microstandard_gravity",
+    "µg": "microstandard_gravity",
+    "lb": "lbf",
+    "lbs": "lbf",
+    "C": "degC",
+    "F": "degF",
+    "mil": "thou",
+    "mils": "thou",
+    "gal": "Gal",
+}
+"""What a word means where its own meaning is of another kind than what is wanted.
+
+A kilogram is no kilogram of force: that would hide a mistaken column.
+"""
+
+_GLUED = re.compile(
+    r"(?P<force>(?:da|[kMGmuµn])?N)(?P<length>[cdm]?m)?(?P<time>s)?"
+    r"|(?P<mass>kg|g)(?P<arm>(?(mass)[cm]?m))"
+)
+"""Units without a sign between them: ``Ncm``, ``kNs``, ``kgm``, ``gmm``."""
+
+_DEGREES = re.compile(r"deg\.? ?(?=[CF]\b)", re.IGNORECASE)
+_HYPHEN = re.compile(r"(?<=[^\W\d_])-(?=[^\W\d_])")
+_SIGNS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "℃": "°C", "℉": "°F", "‰": " permille"})
 
 _NAME = r"(?:[^\W\d_]+(?:_[^\W\d_]+)*|°\w?|%)"
 _ANY = rf"[(]?(?:10*|{_NAME}(?:(?:\^|\*\*)?[-+]?\d|[²³⁻¹]+)?)[)]?"
@@ -51,7 +95,7 @@ GRAMMAR = re.compile(rf"{_ANY}(?: ?[*/·. -] ?{_ANY})*")
 LONGEST = 60
 """Characters of a unit."""
 
-_TOKEN = re.compile(r"[^\W\d_]+|[°%]\w?")
+_TOKEN = re.compile(r"[^\W\d_²³¹]+|[°%]\w?")
 _POWER = re.compile(r"(?<=[^\W\d_])\^?(-?\d+)")
 _ANGLES = {"radian", "degree", "revolution", "turn", "revolutions_per_minute", "gradian"}
 _FREQUENCIES = {"hertz", "cycle"}
@@ -71,6 +115,10 @@ class Conversion(NamedTuple):
     def same(self) -> bool:
         """Whether nothing changes."""
         return self.offset == 0.0 and math.isclose(self.factor, 1.0, rel_tol=1e-12)
+
+    def applied(self, values: Array) -> Array:
+        """Values in the new unit, of the same shape."""
+        return values if self.same else self.factor * values + self.offset
 
 
 def check_unit(unit: str) -> None:
@@ -111,11 +159,21 @@ def conversion(given: str, wanted: str) -> Conversion:
         return Conversion(1.0)
     old, new = _parsed(given), _parsed(wanted)
     if old.dimensionality != new.dimensionality:  # g of a balance, or of an accelerometer
-        old, new = (_parsed("grav") if u == "g" else _parsed(u) for u in (given, wanted))
+        readings = ((a, b) for a in _readings(given) for b in _readings(wanted))
+        fitting = (r for r in readings if r[0].dimensionality == r[1].dimensionality)
+        old, new = next(fitting, (old, new))
     if old.dimensionality != new.dimensionality or not _alike(old, new):
         raise UnitError(f"'{given}' cannot be converted to '{wanted}'")
-    zero, one = (_registry().Quantity(v, old).to(new).magnitude for v in (0.0, 1.0))
+    zero, one, two = (_registry().Quantity(v, old).to(new).magnitude for v in (0.0, 1.0, 2.0))
+    if not math.isclose(two - one, one - zero, rel_tol=1e-9):
+        raise UnitError(f"'{given}' is logarithmic: no factor leads to '{wanted}'")
     return Conversion(float(one - zero), float(zero))
+
+
+def _readings(unit: str) -> list[Any]:
+    """A unit as it is, and with words in the meaning of their namesakes."""
+    other = _TOKEN.sub(lambda m: NAMESAKES.get(m[0], m[0]), unit)
+    return [_parsed(unit)] if other == unit else [_parsed(unit), _parsed(other)]
 
 
 class BaseUnits(NamedTuple):
@@ -160,19 +218,29 @@ def _alike(old: Any, new: Any) -> bool:
     if cycles[0] != cycles[1] and (angles[0] or angles[1]):
         return False
     plain = angles[0] != angles[1] and "[time]" in old.dimensionality
+    if plain and "minute" in names[0 if angles[1] else 1]:
+        return False  # 1/min may be revolutions
     turns = {"revolution", "turn", "revolutions_per_minute", "degree"}
     return not (plain and (names[0] | names[1]) & turns)
+
+
+def _spelled(word: str) -> str:
+    """What pint calls a word, or words without a sign between them."""
+    if word in WORDS:
+        return WORDS[word]
+    glued = _GLUED.fullmatch(word)
+    parts = [part for part in glued.groups() if part] if glued else []
+    return "*".join(parts) if len(parts) > 1 else word
 
 
 @functools.cache
 def _parsed(unit: str) -> Any:
     import pint
 
-    bare = unit.strip().strip("[]")
+    bare = _HYPHEN.sub("*", _DEGREES.sub("°", unit.strip().strip("[]").translate(_SIGNS).strip()))
     if len(bare) > LONGEST or not (bare in ("", "-") or GRAMMAR.fullmatch(bare)):
         raise UnitError(f"'{unit}' is no unit; write it as N, mm/s or kg m^2")
-    text = _TOKEN.sub(lambda m: WORDS.get(m[0], m[0]), bare)
-    text = _POWER.sub(r"**\1", text.replace("·", "*"))
+    text = _POWER.sub(r"**\1", _TOKEN.sub(lambda m: _spelled(m[0]), bare))
     try:
         return _registry().parse_units("" if text == "-" else text)
     except pint.UndefinedUnitError as error:
@@ -195,4 +263,5 @@ def _registry() -> Any:
 
     registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
     registry.define("microstrain = 1e-6")
+    registry.define("permille = 1e-3")
     return registry

@@ -33,7 +33,10 @@ SOUND = ("EKF", "UKF", SMOOTHED)
 FREE = "smoothed, no bounds"
 
 KALMAN, CLIPPED, UNSCENTED = "EKF alone", "EKF alone, clipped", "UKF alone, clipped"
-"""Filters without a window; clipped means that an estimate is set to its bound."""
+"""Filters without a window; clipped means that estimates, or sigma points, are set to bounds."""
+
+MOVED = "UKF alone, moved"
+"""Its pairs of sigma points are moved inside the bounds, the default."""
 
 LINEAR = "Kalman filter"
 
@@ -74,11 +77,13 @@ def filters(plant: Plant) -> list[Variant]:
     if plant.name == SPRING:
         return [Variant(LINEAR, 0, KalmanFilter(noise, prior), plant.model)]
     extended = EKF(noise, prior, INTEGRATOR, covariance="discrete")
-    unscented = UKF(noise, prior, INTEGRATOR)
+    unscented = UKF(noise, prior, INTEGRATOR, outside="clipped")
+    moved = dataclasses.replace(unscented, outside="moved")
     return [
         Variant(KALMAN, 0, extended, unbounded(plant.model)),
         Variant(CLIPPED, 0, extended, plant.model),
         Variant(UNSCENTED, 0, unscented, plant.model),
+        Variant(MOVED, 0, moved, plant.model),
     ]
 
 

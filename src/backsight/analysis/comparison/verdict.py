@@ -8,6 +8,7 @@ from backsight.analysis.comparison.row import Row
 from backsight.analysis.consistency import cause, pattern
 from backsight.analysis.outliers import sentences
 from backsight.rounding import significant
+from backsight.schema import Status
 
 Light = Literal["good", "fair", "bad"]
 """Believe it; believe it with the reservation that is said; do not believe it."""
@@ -56,7 +57,7 @@ def agreement(row: Row) -> str:
 
 def light(row: Row) -> Light:
     """Return whether an estimate may be believed: a traffic light for `sentence`."""
-    if row.failed or row.coarse:
+    if row.failed or row.coarse or Status.MISLED.name in row.status:
         return "bad"
     if math.isnan(row.mean_nis) or row.doubts:
         return "fair"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
@@ -13,7 +14,7 @@ from backsight.analysis.consistency._coverage import (
     mean_nees,
 )
 from backsight.analysis.consistency._nis import mean_nis, measured_channels, nis, nis_band
-from backsight.analysis.consistency._noise_factors import SURE, NoiseFactors
+from backsight.analysis.consistency._noise_factors import LIKELY, SURE, NoiseFactors
 from backsight.analysis.consistency.whiteness import Colour, colours
 from backsight.description import Printed, checked
 from backsight.errors import DataError
@@ -113,7 +114,10 @@ class Consistency(Printed):
     def misjudged(self) -> bool:
         """Whether R or Q is wrong for certain, and by so much that it matters."""
         noise = self.noise
-        return noise is not None and (noise.R_wrong(SURE) or noise.Q_wrong(SURE))
+        if noise is None:
+            return False
+        deviations = LIKELY if noise.doubted else SURE
+        return noise.R_wrong(deviations) or noise.Q_wrong(deviations)
 
     @property
     def consistent(self) -> bool:
@@ -184,9 +188,14 @@ def check_consistency(result: xr.Dataset) -> Consistency:
         innovations=_by_name(innovation_coverage(result), "output"),
         nees=mean_nees(result),
         states=_by_name(coverage(result), "state"),
-        noise=None if factors is None else NoiseFactors(*map(float, factors)),
+        noise=None if factors is None else _of_attribute(factors),
         kind=result.attrs.get(INNOVATIONS, "white"),
     )
+
+
+def _of_attribute(factors: Sequence[float]) -> NoiseFactors:
+    numbers = [float(v) for v in factors]
+    return NoiseFactors(*numbers[:7], doubted=any(numbers[7:]))
 
 
 def _or_zero(share: float) -> float:

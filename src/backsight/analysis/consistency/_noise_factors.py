@@ -110,6 +110,9 @@ class NoiseFactors(Printed):
         Largest correlation of innovations that no factors explain.
     R_far, Q_far : float
         How far a factor is from one, in the standard deviations that it would have if it were one.
+    doubted : bool
+        Whether they are those of a filter that was run beside, and its innovations have not the
+        size, or not the colour, that they should: the noise is wrong for certain then.
     """
 
     R: float
@@ -119,6 +122,7 @@ class NoiseFactors(Printed):
     unexplained: float
     R_far: float
     Q_far: float
+    doubted: bool = False
 
     def R_wrong(self, deviations: float) -> bool:
         """Whether R does not fit, by so many `deviations` and by so much that it matters."""
@@ -150,8 +154,9 @@ def noise_factors(path: FilterPath) -> NoiseFactors:
     products, by_Q, counted = products[settled], by_Q[settled], counted[settled]
     pairs = np.maximum(counted.mean(axis=0), 1e-12)
     goal, of_Q = products.mean(axis=0) / pairs, by_Q.mean(axis=0) / pairs
+    nan, n = math.nan, len(products)
     if not np.isfinite([np.square(products).sum(), np.square(of_Q).sum()]).all():
-        return NoiseFactors(*[math.nan] * 7)
+        return NoiseFactors(nan, nan, nan, nan, nan, nan, nan)
     of_both = np.zeros_like(goal)
     of_both[0] = 1.0
     # The variance of a squared innovation is twice that of a product of two independent ones.
@@ -162,7 +167,6 @@ def noise_factors(path: FilterPath) -> NoiseFactors:
     if np.linalg.norm(weight * of_Q) < 1e-3 * np.linalg.norm(weight * of_R):
         columns = [of_both]
     elif np.linalg.norm(weight * apart) < APART * np.linalg.norm(weight * of_Q):
-        nan = math.nan
         return NoiseFactors(nan, nan, nan, nan, _left(goal, of_both), nan, nan)
     else:
         columns = [of_R, of_Q]
@@ -172,14 +176,13 @@ def noise_factors(path: FilterPath) -> NoiseFactors:
     fitted = np.tensordot(factors, np.array(columns), 1)
     scatter = (products - counted * fitted) / pairs
     std = _deviations((weight * scatter).reshape(len(scatter), -1) @ solve.T)
-    nan, n = math.nan, len(products)
     if len(columns) == 1:
         f, far = float(factors[0]), _far(factors, 0, columns, weight, n)
         return NoiseFactors(f, float(std[0]), nan, nan, _left(goal, fitted), far, nan)
     f, g = _not_negative(basis, (weight * goal).ravel(), factors)
-    far = [_far(np.array([f, g]), i, columns, weight, n) for i in range(2)]
+    R_far, Q_far = (_far(np.array([f, g]), i, columns, weight, n) for i in range(2))
     left = _left(goal, f * of_R + g * of_Q)
-    return NoiseFactors(f, float(std[0]), g, float(std[1]), left, *far)
+    return NoiseFactors(f, float(std[0]), g, float(std[1]), left, R_far, Q_far)
 
 
 def _far(factors: Array, which: int, columns: list[Array], weight: Array, n: int) -> float:

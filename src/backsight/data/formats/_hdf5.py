@@ -51,6 +51,8 @@ def datasets(
 
     found = _found(file)
     for name in wanted_names(wanted, found):
+        if isinstance(found.get(name), Field):
+            continue
         table, _, field = name.rpartition("/")
         if name not in found and table in found and field in (found[table].dtype.names or ()):
             check_dataset(found[table], table, outside, field=field, whole=whole)
@@ -118,8 +120,9 @@ class Field:
 
     def __init__(self, table: "h5py.Dataset", name: str) -> None:
         self.table, self.name = table, name
-        self.shape = table.shape
-        self.dtype = table.dtype[name]
+        own = table.dtype[name]
+        self.shape = (*table.shape, *own.shape)
+        self.dtype = own.base
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """Read it."""
@@ -142,7 +145,7 @@ def check_dataset(
     elsewhere = _check_source(entry, name, outside)
     if entry.shape is None:
         raise DataError(f"'{name}' is empty")
-    dtype = entry.dtype if field is None else entry.dtype[field]
+    dtype = entry.dtype if field is None else entry.dtype[field].base
     if dtype.names:
         raise DataError(
             f"'{name}' is not an array of real numbers, but a table: take a column as "

@@ -70,7 +70,8 @@ def _picked(found: Objects, request: Request) -> Contents:
     clock = ours.get(request.clock or "")
     dates = [clock] if clock is not None and clock in arrays and _is_date(arrays[clock]) else []
     numbers = [name for name in dict.fromkeys(ours.values()) if name not in dates]
-    taken = pick(arrays, numbers, axis=request.axis, column_major=found.column_major)
+    major = found.column_major
+    taken = pick(arrays, numbers, axis=request.axis, column_major=major, clock=clock)
     taken |= {name: np.ravel(arrays[name]) for name in dates}
     columns = {name: taken[own] for name, own in ours.items()}
     units = {name: found.units[own] for name, own in ours.items() if own in found.units}
@@ -136,11 +137,19 @@ def _objects_of(file: Any, path: Path, roots: Sequence[str], request: Request) -
 
 
 def _object_roots(file: Any) -> list[str]:
-    """Variables that are objects, or hold some."""
+    """Variables that are objects or cells, or hold some."""
+    import h5py
+
     roots: dict[str, None] = {}
 
     def collect(name: str, entry: Any) -> None:
-        if not name.startswith("#") and "MATLAB_object_decode" in entry.attrs:
+        if name.startswith("#"):
+            return
+        refers = isinstance(entry, h5py.Dataset) and h5py.check_ref_dtype(entry.dtype) is not None
+        kinds = (entry.attrs.get("MATLAB_class"), entry.parent.attrs.get("MATLAB_class"))
+        if (
+            refers and (kinds[0] == b"cell" or kinds[1] == b"struct")
+        ) or "MATLAB_object_decode" in entry.attrs:
             roots[name.split("/")[0]] = None
 
     file.visititems(collect)  # follows no links

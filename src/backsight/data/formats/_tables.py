@@ -1,6 +1,8 @@
 """Tables of data frames and spreadsheets: Parquet, Feather, XLSX."""
 
+import contextlib
 import dataclasses
+import json
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +16,7 @@ from backsight.data._request import Contents, Listed, Request
 from backsight.data._room import check_density, check_room
 from backsight.data.formats.libraries import library
 from backsight.data.texts.reading import list_content, read_content
+from backsight.data.times.clock import seconds
 from backsight.errors import DataError
 
 
@@ -36,12 +39,11 @@ def read_parquet(path: Path, request: Request) -> Contents:
 
 def _parquet_of(path: Path, request: Request) -> Any:
     file = library("pyarrow.parquet").ParquetFile(path, memory_map=True)
-    names = file.schema_arrow.names
-    _check(names, request.wanted)
-    claimed = file.metadata.num_rows * 8 * len(request.wanted)
+    columns = _asked(file.schema_arrow, request)
+    claimed = file.metadata.num_rows * 8 * len(columns)
     check_density(claimed, path.stat().st_size, "the table")
     check_room(claimed, "the table")
-    return file.read(columns=list(request.wanted))
+    return file.read(columns=columns)
 
 
 def read_feather(path: Path, request: Request) -> Contents:
@@ -49,19 +51,22 @@ def read_feather(path: Path, request: Request) -> Contents:
     arrow = library("pyarrow")
     with arrow.memory_map(str(path)) as source:
         reader = library("pyarrow.ipc").open_file(source)
-        _check(reader.schema.names, request.wanted)
+        columns = _asked(reader.schema, request)
         check_room(path.stat().st_size, "the table")
         rows = 0
         for k in range(reader.num_record_batches):
             rows += reader.get_batch(k).num_rows
-            check_room(rows * 8 * len(request.wanted), "the table")
-        return _columns(reader.read_all().select(list(request.wanted)), request)
+            check_room(rows * 8 * len(columns), "the table")
+        return _columns(reader.read_all().select(columns), request)
 
 
-def _check(names: Sequence[str], wanted: Sequence[str]) -> None:
-    absent = [no_column(name, names) for name in wanted if name not in names]
+def _asked(schema: Any, request: Request) -> list[str]:
+    """Columns that are read: those that are wanted, and the frame's own time if none is."""
+    absent = [no_column(name, schema.names) for name in request.wanted if name not in schema.names]
     if absent:
         raise DataError("; ".join(absent))
+    index = None if request.clock else _index(schema)
+    return list(dict.fromkeys([*request.wanted, *([index] if index else [])]))
 
 
 def _columns(table: Any, request: Request) -> Contents:
@@ -71,13 +76,29 @@ def _columns(table: Any, request: Request) -> Contents:
         if found:
             units[field.name] = found.decode(errors="replace")
     columns = {name: _values(table[name], name, request) for name in request.wanted}
-    return Contents(columns, units)
+    index = None if request.clock else _index(table.schema)
+    if index is None:
+        return Contents(columns, units)
+    time, begin = seconds(table[index].to_pandas().to_numpy(), time_format=None, where=index)
+    return Contents(columns, units, time=time, begin=begin)
+
+
+def _index(schema: Any) -> str | None:
+    """Column that was the index of a data frame, if it holds dates or intervals."""
+    told = json.loads((schema.metadata or {}).get(b"pandas", b"{}"))
+    names = [name for name in told.get("index_columns", ()) if name in schema.names]
+    if len(names) != 1:
+        return None
+    kind = str(schema.field(names[0]).type)
+    return names[0] if kind.startswith(("timestamp", "duration")) else None
 
 
 def _values(column: Any, name: str, request: Request) -> np.ndarray:
-    values = column.to_pandas()
     if name == request.clock:
-        return values.to_numpy()
+        return column.to_pandas().to_numpy()
+    if str(column.type).startswith(("bool", "decimal")):
+        column = column.cast("uint8" if str(column.type) == "bool" else "float64")
+    values = column.to_pandas()
     if values.dtype.kind not in "fiub":
         raise DataError(f"'{name}' is not a column of real numbers, but of {column.type}")
     return values.to_numpy(float)
@@ -109,16 +130,22 @@ def read_xlsx(path: Path, request: Request) -> Contents:
     The first sheet is read, or that of ``sheet/column``. Values are those that were last computed;
     formulas are not run.
     """
-    title, content = _sheet(path, request.wanted)
+    title, content, others = _sheet(path, request.wanted)
     bare = {name: name.removeprefix(f"{title}/") for name in request.wanted}
-    text = dataclasses.replace(request.text, delimiter="\t", decimal=".")
+    text = dataclasses.replace(request.text, delimiter="\t")
     asked = dataclasses.replace(
         request,
         wanted=tuple(bare.values()),
         clock=bare.get(request.clock or ""),
         text=text,
     )
-    found = read_content(content, asked)
+    try:
+        found = read_content(content, asked)
+    except DataError as error:
+        if not others:
+            raise
+        hint = f"'{title}' is read; take another sheet as '{others[0]}/...'"
+        raise DataError(f"{error}; the workbook has {1 + len(others)} sheets: {hint}") from None
     return Contents(
         {name: found.columns[own] for name, own in bare.items()},
         {name: found.units[own] for name, own in bare.items() if own in found.units},
@@ -128,27 +155,42 @@ def read_xlsx(path: Path, request: Request) -> Contents:
 
 def list_xlsx(path: Path, request: Request) -> list[Listed]:
     """List the columns of the first sheet."""
-    text = dataclasses.replace(request.text, delimiter="\t", decimal=".")
+    text = dataclasses.replace(request.text, delimiter="\t")
     return list_content(_sheet(path, ())[1], dataclasses.replace(request, text=text))
 
 
-def _sheet(path: Path, wanted: Sequence[str]) -> tuple[str, bytes]:
-    """Title and cells of the sheet that is meant, as a text of tabs."""
+def _sheet(path: Path, wanted: Sequence[str]) -> tuple[str, bytes, list[str]]:
+    """Title and cells of the sheet that is meant, as a text of tabs, and the other sheets."""
     openpyxl = library("openpyxl")
     with zipfile.ZipFile(path) as archive:
         claimed = sum(member.file_size for member in archive.infolist())
     check_density(claimed, path.stat().st_size, "the workbook")
     check_room(claimed, "the workbook")
     book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
-    try:
-        sheets = {name.rpartition("/")[0] for name in wanted} & set(book.sheetnames)
+    with contextlib.closing(book):
+        titles = list(book.sheetnames)
+        sheets = {name.rpartition("/")[0] for name in wanted} & set(titles)
         if len(sheets) > 1:
             raise DataError(f"the columns are on several sheets: {', '.join(sorted(sheets))}")
-        title = sheets.pop() if sheets else book.sheetnames[0]
-        rows = book[title].iter_rows(values_only=True)
-        return title, "\n".join("\t".join(map(_cell, row)) for row in rows).encode()
-    finally:
-        book.close()
+        title = sheets.pop() if sheets else titles[0]
+        rows = [list(row) for row in book[title].iter_rows(values_only=True)]
+    if any(None in row for row in rows):
+        _check_computed(path, title, rows)
+    content = "\n".join("\t".join(map(_cell, row)) for row in rows).encode()
+    return title, content, [name for name in titles if name != title]
+
+
+def _check_computed(path: Path, title: str, rows: Sequence[Sequence[Any]]) -> None:
+    """Raise `DataError` if a blank cell is a formula whose value nobody computed."""
+    book = library("openpyxl").load_workbook(path, read_only=True, keep_links=False)
+    with contextlib.closing(book):
+        for written, row in zip(book[title].iter_rows(), rows, strict=False):
+            for cell, value in zip(written, row, strict=False):
+                if value is None and cell.value is not None:
+                    raise DataError(
+                        f"cell {cell.coordinate} of '{title}' is a formula that was never "
+                        "computed; open the workbook in a spreadsheet program and save it"
+                    )
 
 
 def _cell(value: Any) -> str:

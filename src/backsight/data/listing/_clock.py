@@ -7,30 +7,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from backsight.data._checks import IRREGULARITY
-from backsight.data.times.clock import EPOCHS
+from backsight.data.times.clock import epoch_form, maybe_days, seconds
 from backsight.data.times.grid import rounded_grid
+from backsight.data.times.names import SECONDS, is_clock, unit_of_clock
 from backsight.types import Array
 
-_NAME = re.compile(
-    r"(?:\w+[/ _.-])?(?:rel|abs|elapsed|sample|daq)?[ _.-]?"
-    r"(?:t|time|times|zeit|temps|tempo|tiempo|tid|timestamps?|stamps?|seconds?|sec|clock|uhrzeit|"
-    r"datetime|date|x_value)(?:[ _.-]?(?P<unit>[a-zµμ]+))?(?:\s*[(\[].*)?",
-    re.IGNORECASE,
-)
 _COUNTER = re.compile(r"(?:sample|index|row|no|nr|number|count|scan|frame|#|i|k|n)\W?\d?", re.I)
 
-SECONDS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds", "sek"), 1.0),
-    **dict.fromkeys(("ms", "msec", "milliseconds", "millis"), 1e-3),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "microseconds", "micros"), 1e-6),
-    **dict.fromkeys(("ns", "nsec", "nanoseconds", "nanos"), 1e-9),
-    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
-    **dict.fromkeys(("h", "hr", "hour", "hours"), 3600.0),
-}
-"""Units of clocks [s]."""
-
-_DAYS = {"unix": (5e8, 5e9), "matlab": (7.2e5, 7.6e5)}
-"""Where stamps that count seconds from 1970, or days from the year 0 on, lie for such dates."""
+_UNIX = (5e8, 5e9)
+"""Where stamps that count seconds from 1970 on lie."""
 
 FEWEST = 5
 """Samples without which numbers that rise are no sign of a clock."""
@@ -77,7 +62,7 @@ def clock_among(columns: Mapping[str, Array], units: Mapping[str, str]) -> Clock
         for name, values in columns.items()
         if len(values) > 2 and np.isfinite(values).all() and (np.diff(values) > 0).all()
     }
-    named = [name for name in rising if _NAME.fullmatch(name.rpartition("/")[2])]
+    named = [name for name in rising if is_clock(name)]
     for name in named:
         return _clock(name, rising[name], units.get(name, ""), sure=True)
     for name, values in rising.items():
@@ -95,17 +80,15 @@ def clock_of_dates(name: str, time: Array) -> Clock:
 
 
 def _clock(name: str, values: Array, unit: str, *, sure: bool) -> Clock:
-    match = _NAME.fullmatch(name.rpartition("/")[2])
-    word = unit or (match["unit"] if match and match["unit"] else "")
-    for form, (low, high) in (EPOCHS | _DAYS).items():
-        if low < values[0] < high and not unit:
-            return _regular(name, (values - values[0]) * _ticks(form), 1.0, form, sure=sure)
-    factor = SECONDS.get(word if word in SECONDS else word.lower(), 1.0)
+    word = unit or unit_of_clock(name)
+    form = epoch_form(values) or maybe_days(values)
+    form = "unix" if form is None and _UNIX[0] < values[0] < _UNIX[1] else form
+    if form and not word:
+        return _regular(
+            name, seconds(values, time_format=form, where=name)[0], 1.0, form, sure=sure
+        )
+    factor = SECONDS.get(word, SECONDS.get(word.lower(), 1.0))
     return _regular(name, values * factor, factor, "", sure=sure)
-
-
-def _ticks(form: str) -> float:
-    return {"unix_ms": 1e-3, "unix_us": 1e-6, "unix_ns": 1e-9, "matlab": 86400.0}.get(form, 1.0)
 
 
 def _regular(name: str, time: Array, factor: float, form: str, *, sure: bool) -> Clock:

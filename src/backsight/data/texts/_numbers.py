@@ -9,7 +9,8 @@ from backsight.errors import DataError
 
 NOT_MEASURED = (
     *("", "nan", "NaN", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "#N/A", "NaT"),
-    *("null", "NULL", "Null", "None", "none"),
+    *("null", "NULL", "Null", "None", "none", "<NA>", "nan(ind)", "-nan(ind)"),
+    *("#DIV/0!", "#VALUE!", "#NUM!", "#REF!", "#NAME?", "#NULL!"),  # spreadsheets
     *("1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND", "1.#QNAN0", "-1.#IND00"),  # older Windows
 )
 """Cells that mean "not measured"."""
@@ -24,6 +25,13 @@ TOO_LARGE = tuple(
 MISSING = NOT_MEASURED + TOO_LARGE
 
 _INFINITE = {"1.#INF": math.inf, "-1.#INF": -math.inf}
+_CUT = re.compile(r"[+-]?1\.#[A-Z]+0*")
+"""``1.#QNAN`` with fewer digits, ``1.#QO``: not a number, or infinite."""
+
+_FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[dD]([+-]?\d+)|([+-]\d{3}))")
+_SIGNS = str.maketrans("\u2212\u00a0\u2009\u202f\u2019", "-   '")
+"""Typographic signs in numbers: minus, spaces and an apostrophe between thousands."""
+
 _GROUPED = r"[+-]?\d{{1,3}}(?:{thousands}\d{{3}})+(?:{decimal}\d*)?(?:[eE][+-]?\d+)?"
 _COMMA = re.compile(r"[+-]?(?:\d+,\d*|,\d+)(?:[eE][+-]?\d+)?")
 _BOTH = re.compile(r"[+-]?\d{1,3}(?:([.,' ])\d{3})+(?!\1)[.,]\d*")
@@ -45,6 +53,7 @@ class NumberForm:
             return math.nan
         if cell in _INFINITE:
             return _INFINITE[cell]
+        cell = without_typography(cell)
         if self.thousands and self.thousands in cell:
             signs = {"thousands": re.escape(self.thousands), "decimal": re.escape(self.decimal)}
             if not re.fullmatch(_GROUPED.format(**signs), cell):
@@ -59,11 +68,25 @@ class NumberForm:
         try:
             return float(cell)
         except ValueError:
-            return None
+            return _rarely_written(cell)
+
+
+def without_typography(cell: str) -> str:
+    """A number without typographic signs."""
+    return cell if cell.isascii() else cell.translate(_SIGNS)
+
+
+def _rarely_written(cell: str) -> float | None:
+    """Exponents of Fortran, and what is not a number on older Windows."""
+    if _CUT.fullmatch(cell):
+        return math.nan
+    fortran = _FORTRAN.fullmatch(cell)
+    return float(f"{fortran[1]}e{fortran[2] or fortran[3]}") if fortran else None
 
 
 def is_numeric(cell: str) -> bool:
     """Whether a cell is a number by any signs, or a word for a missing one."""
+    cell = without_typography(cell)
     return (
         NumberForm().value(cell) is not None
         or bool(_COMMA.fullmatch(cell))
@@ -85,7 +108,7 @@ def signs(cells: Iterable[str]) -> tuple[str, str | None]:
     decimal: set[str] = set()
     thousands: set[str] = set()
     either: dict[str, str] = {}
-    for cell in cells:
+    for cell in map(without_typography, cells):
         if match := _BOTH.fullmatch(cell):
             thousands.add(match[1])
             decimal.add(cell[max(cell.rfind("."), cell.rfind(","))])

@@ -7,6 +7,8 @@ from backsight.units import PATTERN
 
 _BRACKETS = re.compile(r"[(\[<]\s*(?P<unit>[^()\[\]<>]*)\s*[)\]>]")
 _BEHIND = re.compile(r"(?P<name>.+?)\s*[(\[]\s*(?P<unit>[^()\[\]]*)\s*[)\]]\s*")
+_BY = re.compile(r"(?P<name>.*?\S)(?: / | in )(?P<unit>\S+)\s*")
+"""As on the axis of a plot: ``Force / kN``, ``Force in kN``."""
 
 
 def units_of(cells: Sequence[str]) -> list[str] | None:
@@ -26,6 +28,8 @@ def _unit(cell: str) -> str | None:
 
 
 def split(name: str) -> tuple[str, str]:
-    """Name and unit of ``Current [A]``; the unit is "" if there is none."""
-    behind = _BEHIND.fullmatch(name)
-    return (behind["name"], behind["unit"].strip()) if behind else (name, "")
+    """Name and unit of ``Current [A]`` or ``Current / A``; the unit is "" if there is none."""
+    if behind := _BEHIND.fullmatch(name):
+        return behind["name"], behind["unit"].strip()
+    by = _BY.fullmatch(name)
+    return (by["name"], by["unit"]) if by and PATTERN.fullmatch(by["unit"]) else (name, "")

@@ -9,11 +9,14 @@ import zipfile
 from pathlib import Path
 from typing import IO
 
-from backsight.data._kinds import PACKED
+from backsight.data._kinds import PACKED, kind_inside, members
 from backsight.data._room import check_density, check_room
 from backsight.errors import DataError
 
 _CHUNK = 1 << 24
+_RESERVED = 16
+"""Zeros at the end that a recorder reserved and did not use, rather than a sign of UTF-32."""
+
 _BOMS = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF32_LE: "utf-32",  # before UTF-16, whose mark it begins with
@@ -35,6 +38,7 @@ def content_of(path: Path, encoding: str | None) -> bytes:
         If it is not text in this encoding, or is much larger unpacked than it claims to be.
     """
     raw = _unpacked(path)
+    raw = raw.rstrip(b"\0") if raw.endswith(b"\0" * _RESERVED) else raw
     content = _utf8(raw, encoding)
     if b"\r" in content and content.count(b"\r") != content.count(b"\r\n"):
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -57,7 +61,7 @@ def _unpacked(path: Path) -> bytes:
                 return _limited(packed, path)
         case ".zip":
             with zipfile.ZipFile(path) as archive:
-                names = [n for n in archive.namelist() if not n.endswith("/")]
+                names = members(archive)
                 if len(names) != 1:
                     raise DataError(f"the archive holds {len(names)} files; give one with one text")
                 with archive.open(names[0]) as packed:
@@ -76,6 +80,8 @@ def _limited(packed: io.BufferedIOBase | IO[bytes], path: Path) -> bytes:
             check_room(total, "the packed text")
     except (lzma.LZMAError, EOFError, zipfile.BadZipFile) as error:
         raise DataError(f"the packed text is damaged: {error}") from None
+    if parts and (kind := kind_inside(parts[0])):
+        raise DataError(f"inside is a file of the kind '{kind}'; unpack it first")
     return b"".join(parts)
 
 

@@ -13,8 +13,11 @@ from backsight.data.texts._layout import Layout, layout_of
 from backsight.data.texts._units import split
 from backsight.data.texts.content import content_of
 from backsight.data.times.clock import NUMERIC
-from backsight.data.times.dates import is_date
+from backsight.data.times.dates import is_compact, is_date
 from backsight.errors import DataError
+
+_EXACT = 16
+"""Digits of whole numbers that are kept as such."""
 
 
 def read_text(path: Path, request: Request) -> Contents:
@@ -56,7 +59,7 @@ def read_content(content: bytes, request: Request) -> Contents:
     table = parsed_fast(content, layout, columns)
     if table is None:
         # A fast parser also stumbles over harmless cells, and cannot say where.
-        table = _careful(content, layout, kinds)
+        table = _careful(content, layout, kinds, request.clock)
     units = {name: layout.units[_place(layout, name)] for name in request.wanted}
     return Contents(table, {n: unit for n, unit in units.items() if unit}, layout.understood)
 
@@ -109,12 +112,18 @@ def _kind_by_cells(content: bytes, layout: Layout, place: int) -> type:
             continue
         if cells[place] in layout.numbers.missing:
             continue
+        if is_compact(cells[place]):
+            return str
         number = layout.numbers.value(cells[place]) is not None
+        if number and cells[place].isdecimal() and len(cells[place]) >= _EXACT:
+            return int  # ticks of a clock that no float tells apart
         return float if number or not is_date(cells[place]) else str
     return float
 
 
-def _careful(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str, np.ndarray]:
+def _careful(
+    content: bytes, layout: Layout, kinds: dict[str, type], clock: str | None
+) -> dict[str, np.ndarray]:
     places = {name: _place(layout, name) for name in kinds}
     found: dict[str, list[object]] = {name: [] for name in kinds}
     width = len(layout.names)
@@ -144,7 +153,7 @@ def _careful(content: bytes, layout: Layout, kinds: dict[str, type]) -> dict[str
                 continue
             value = layout.numbers.value(cell)
             if value is None:
-                _not_a_number(layout, line.number, name, cell)
+                _not_a_number(layout, line.number, name, cell, clock)
             found[name].append(value)
     return {
         name: np.array(values, object if kinds[name] is str else None if values else float)
@@ -168,10 +177,15 @@ def _without_comment(text: str, layout: Layout, width: int) -> list[str]:
     return cells
 
 
-def _not_a_number(layout: Layout, number: int, name: str, cell: str) -> NoReturn:
-    hint = ""
+def _not_a_number(layout: Layout, number: int, name: str, cell: str, clock: str | None) -> NoReturn:
+    hint, first = "", number == layout.first_line
     if layout.numbers.decimal == "." and layout.numbers.value(cell.replace(",", ".")) is not None:
         hint = '; numbers need a decimal point, or say decimal = ","'
-    elif number == layout.first_line:
+    elif name == clock and sum(map(str.isdigit, cell)) > len(cell) // 3:
+        hint = ", nor a date that is known; give time_format, as in '%d.%m.%Y %H:%M:%S.%f'"
+    elif first:
         hint = "; if the line gives units, begin it with '#'"
-    raise DataError(f"line {number}, column '{name}': '{cell}' is not a number{hint}")
+    elif name != clock and not cell.islower() and not any(map(str.isdigit, cell)):
+        # Words for that are codes or signs: OL, -, N.A.
+        hint = f'; if that means "not measured", say missing = ["{cell}"]'
+    raise DataError(f"line {number}, column '{name}': '{cell[:60]}' is not a number{hint}")

@@ -10,18 +10,33 @@ from backsight.data.times.dates import parsed
 from backsight.errors import DataError
 from backsight.types import Array
 
-_DAY_OF_1970 = {"excel": 25569.0, "matlab": 719529.0}
+_DAY_OF_1970 = {"excel": 25569.0, "matlab": 719529.0, "julian": 2440587.5}
 """Day numbers of 1970-01-01: Excel counts from 1899-12-30 on, MATLAB from the year 0 on."""
 
-_TICKS = {"unix": 1, "unix_ms": 10**3, "unix_us": 10**6, "unix_ns": 10**9, "ros": 10**9}
-"""Ticks per second since 1970-01-01T00:00 UTC."""
+_TICKS = {"unix": 1, "unix_ms": 10**3, "unix_us": 10**6, "unix_ns": 10**9, "ros": 10**9} | {
+    "dotnet": 10**7,
+    "filetime": 10**7,
+}
+"""Ticks per second since 1970-01-01T00:00 UTC, or since `_BEGIN`."""
+
+_BEGIN = {"dotnet": -62135596800, "filetime": -11644473600}
+"""Where .NET (year 1) and Windows (1601) begin to count, in seconds since 1970."""
 
 NUMERIC = (*_DAY_OF_1970, *_TICKS)
 """Words of ``time_format`` for stamps that are numbers."""
 
 
-EPOCHS = {"unix_ms": (5e11, 5e12), "unix_us": (5e14, 5e15), "unix_ns": (5e17, 5e18)}
-"""Where stamps that count fractions of seconds from 1970 on lie for the dates 1985 to 2128."""
+EPOCHS = {"unix_ms": (5e11, 5e12), "unix_us": (5e14, 5e15), "unix_ns": (9e17, 5e18)} | {
+    "dotnet": (6.2e17, 6.8e17),
+    "filetime": (1.2e17, 1.7e17),
+}
+"""Where stamps that count fractions of seconds lie for dates of our time; no two overlap."""
+
+DAYS = {"excel": (25e3, 75e3), "matlab": (7.2e5, 7.8e5), "julian": (2.44e6, 2.49e6)}
+"""Where day numbers lie for dates of our time."""
+
+_DAYLIKE = 1e-4
+"""Steps of time up to which such a number may count days, of a sample every 8 s at most."""
 
 
 def epoch_form(values: Any) -> str | None:
@@ -33,6 +48,19 @@ def epoch_form(values: Any) -> str | None:
     if array.dtype.kind not in "fiu" or not array.size:
         return None
     return next((form for form, (low, high) in EPOCHS.items() if low < array[0] < high), None)
+
+
+def maybe_days(values: np.ndarray) -> str | None:
+    """The form of numbers that may be days as well as seconds, (n,), or None.
+
+    A date with a time of day is a large number with small steps: 45352.4999 of a spreadsheet.
+    """
+    if values.dtype.kind != "f" or len(values) < 2:
+        return None
+    first, last = float(values[0]), float(values[-1])
+    if not 0 < abs(last - first) <= _DAYLIKE * (len(values) - 1):
+        return None
+    return next((form for form, (low, high) in DAYS.items() if low < first < high), None)
 
 
 def seconds(values: Any, *, time_format: str | None, where: str) -> tuple[Array, str]:
@@ -126,7 +154,8 @@ def _of_numbers(array: np.ndarray, time_format: str, where: str) -> tuple[Array,
     if time_format in _TICKS:
         per_second = _TICKS[time_format]
         ticks = array - first  # whole numbers stay exact
-        return ticks.astype(float) / per_second, _date(float(first) / per_second)
+        since = float(first) / per_second + _BEGIN.get(time_format, 0)
+        return ticks.astype(float) / per_second, _date(since)
     since = float(first) - _DAY_OF_1970[time_format]
     return (array.astype(float) - float(first)) * 86400.0, _date(since * 86400.0)
 

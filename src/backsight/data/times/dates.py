@@ -1,7 +1,7 @@
 """Dates and times as loggers write them, to ``datetime64`` or ``timedelta64``.
 
-Told apart by the form of the first cells: ISO 8601, day or month first, year first with other
-signs, names of months, and clock times without date, which may go past midnight.
+Told apart by the form of the first cells: ISO 8601, digits alone, day or month first, year first
+with other signs, names of months, and clock times without date, which may go past midnight.
 """
 
 import re
@@ -12,21 +12,42 @@ import pandas as pd
 from backsight.errors import DataError
 
 _CLOCK = r"(?P<clock>\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?)(?P<half>\s*[AaPp][Mm])?"
-_ZONE = r"\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2})?"
+_ZONE = r"\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)?"
 _ISO = re.compile(rf"\d{{4}}-\d{{2}}-\d{{2}}(?:[T ]{_CLOCK}{_ZONE})?")
 _NUMBERS = re.compile(
     rf"(?P<a>\d{{1,4}})(?P<sign>[-/.])(?P<b>\d{{1,2}})(?P=sign)(?P<c>\d{{2,4}})"
     rf"(?:[T, ]\s*{_CLOCK}{_ZONE})?"
 )
-_NAMED = re.compile(rf"\d{{1,2}}[- ][A-Za-z]{{3}}[- ]\d{{4}}(?:[T, ]\s*{_CLOCK}{_ZONE})?")
-_TIME = re.compile(r"(?:(?P<h>\d{1,2}):)?(?P<m>\d{1,2}):(?P<s>\d{1,2}(?:[.,]\d+)?)")
+_MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
+_NAMED = re.compile(
+    rf"(?:(?P<a>\d{{1,2}})[-. ] ?)?(?P<month>{'|'.join(_MONTHS)})[a-z]{{0,6}}[-. ] ?"
+    rf"(?:(?P<b>\d{{1,2}}),? )?(?P<year>\d{{4}}|\d{{2}})(?:[T, ]\s*{_CLOCK}{_ZONE})?",
+    re.IGNORECASE,
+)
+_COMPACT = re.compile(
+    r"(?P<year>(?:19|20)\d{2})(?P<month>0[1-9]|1[0-2])(?P<day>0[1-9]|[12]\d|3[01])[T_ ]?"
+    rf"(?P<h>[01]\d|2[0-3])(?P<m>[0-5]\d)(?P<s>[0-5]\d)[.,]?(?P<f>\d*){_ZONE}"
+)
+"""Digits alone, also with T between date and time; never a plausible number of seconds."""
+
+_TIME = re.compile(
+    r"(?:(?P<h>\d{1,2}):)?(?P<m>\d{1,2}):(?P<s>\d{1,2}(?:[.,]\d+)?)(?:\s*(?P<half>[AaPp])[Mm])?"
+)
+_COLON = re.compile(r"(:\d{2}):(\d{3,9})(?![\d:])")
+"""A colon before the fraction of a second."""
 
 HALF_DAY = np.timedelta64(12, "h")
 
 
 def is_date(cell: str) -> bool:
     """Whether a cell looks like a date or a clock time."""
-    return any(form.fullmatch(cell.strip()) for form in (_ISO, _NUMBERS, _NAMED, _TIME))
+    bare = _COLON.sub(r"\1.\2", cell.strip())
+    return any(form.fullmatch(bare) for form in (_ISO, _NUMBERS, _COMPACT, _NAMED, _TIME))
+
+
+def is_compact(cell: str) -> bool:
+    """Whether a cell is a date of digits alone, which is a number as well."""
+    return _COMPACT.fullmatch(cell) is not None
 
 
 def parsed(cells: pd.Series, time_format: str | None, where: str) -> np.ndarray:
@@ -52,6 +73,8 @@ def parsed(cells: pd.Series, time_format: str | None, where: str) -> np.ndarray:
         return np.full(len(cells), np.datetime64("NaT", "ns"))
     if time_format is not None:
         return _spread(_with_format(known, time_format, where), known, cells)
+    if _COLON.search(known.iloc[0]):
+        known = known.str.replace(_COLON, r"\1.\2", regex=True)
     first = known.iloc[0]
     if _TIME.fullmatch(first):
         return _spread(_clock_times(known, where), known, cells)
@@ -59,14 +82,43 @@ def parsed(cells: pd.Series, time_format: str | None, where: str) -> np.ndarray:
         # A comma before the fraction is ISO 8601, too, but not what pandas reads.
         points = known.str.replace(",", ".", regex=False)
         return _spread(_dates(points, "ISO8601", where), known, cells)
+    if _COMPACT.fullmatch(first):
+        return _spread(_dates(_separated(known, where), "ISO8601", where), known, cells)
     if named := _NAMED.fullmatch(first):
-        sign = "-" if "-" in first[:4] else " "
-        return _spread(_dates(*_joined(known, f"%d{sign}%b{sign}%Y", named), where), known, cells)
+        numbered = known.map(_numbered)
+        return _spread(_dates(*_joined(numbered, "%d-%m-%Y", named), where), known, cells)
     if numbers := _NUMBERS.fullmatch(first):
         return _spread(_in_order(known, numbers, where), known, cells)
     raise DataError(
         f"{where}: time begins with '{first}', which is no date that is known; give time_format, "
         "as in '%d.%m.%Y %H:%M:%S.%f'"
+    )
+
+
+def _numbered(cell: str) -> str:
+    """``Mar 1, 2024 12:00`` as ``1-3-2024 12:00``; what is no such date stays as it is."""
+    if (named := _NAMED.fullmatch(cell)) is None:
+        return cell
+    month = _MONTHS.index(named["month"].title()) + 1
+    year = named["year"]
+    if len(year) == 2:
+        year = f"{'19' if int(year) > 68 else '20'}{year}"
+    clock = f" {named['clock']}{named['half'] or ''}{named['zone'] or ''}" if named["clock"] else ""
+    return f"{named['a'] or named['b'] or 1}-{month}-{year}{clock}"
+
+
+def _separated(known: pd.Series, where: str) -> pd.Series:
+    """``20240301T115959.7`` as ``2024-03-01T11:59:59.7``."""
+    wrong = ~known.str.fullmatch(_COMPACT)
+    if wrong.any():
+        raise DataError(f"{where}: time is '{known.loc[wrong].iloc[0]}' among dates of digits")
+    return known.str.replace(
+        _COMPACT,
+        lambda d: (
+            f"{d['year']}-{d['month']}-{d['day']}T{d['h']}:{d['m']}:{d['s']}.{d['f'] or 0}"
+            + (d["zone"] or "").replace("UTC", "Z").replace("GMT", "Z")
+        ),
+        regex=True,
     )
 
 
@@ -127,13 +179,15 @@ def _joined(known: pd.Series, date: str, form: re.Match[str]) -> tuple[pd.Series
     if form["zone"]:
         clock += "%z"
         cells = cells.str.replace(r"\s*(UTC|GMT)$", "Z", regex=True)
-        cells = cells.str.replace(r"\s+(Z|[+-]\d{2}:?\d{2})$", r"\1", regex=True)
+        cells = cells.str.replace(r"\s*(Z|[+-]\d{2}:?\d{2})$", r"\1", regex=True)
+        cells = cells.str.replace(r"\s*([+-]\d{2})$", r"\g<1>00", regex=True)
     return cells, f"{date} {clock}"
 
 
 def _clock_times(known: pd.Series, where: str) -> np.ndarray:
     parts = known.str.replace(",", ".", regex=False).str.extract(
-        r"^(?:(?P<h>\d{1,2}):)?(?P<m>\d{1,2}):(?P<s>\d{1,2})(?:\.(?P<f>\d+))?$"
+        r"^(?:(?P<h>\d{1,2}):)?(?P<m>\d{1,2}):(?P<s>\d{1,2})(?:\.(?P<f>\d+))?"
+        r"(?:\s*(?P<half>[AaPp])[Mm])?$"
     )
     wrong = parts["s"].isna()
     if wrong.any():
@@ -145,6 +199,8 @@ def _clock_times(known: pd.Series, where: str) -> np.ndarray:
         )
     nanoseconds = parts["f"].fillna("0").str.ljust(9, "0").str[:9].astype(np.int64)
     whole = parts[["h", "m", "s"]].fillna("0").astype(np.int64)
+    if parts["half"].notna().any():
+        whole["h"] = whole["h"] % 12 + 12 * parts["half"].isin(["P", "p"])
     total = (whole["h"] * 3600 + whole["m"] * 60 + whole["s"]) * 10**9 + nanoseconds
     return _past_midnight(total.to_numpy().astype("timedelta64[ns]"))
 

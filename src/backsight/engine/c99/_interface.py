@@ -36,6 +36,8 @@ class Interface:
     results: tuple[str, ...]
     settings: tuple[SettingsField, ...]
     about: str
+    begins: bool = False
+    """Whether the memory before the first sample follows the settings."""
 
     @property
     def real(self) -> str:
@@ -59,7 +61,8 @@ class Interface:
     @property
     def init(self) -> str:
         """Declaration of what sets the memory."""
-        return f"void {self.name}_init({self.name}_memory *memory)"
+        settings = f", const {self.name}_settings *settings" if self.begins else ""
+        return f"void {self.name}_init({self.name}_memory *memory{settings})"
 
     @property
     def defaults(self) -> str:

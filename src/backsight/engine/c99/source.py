@@ -13,7 +13,7 @@ from backsight.engine.c99._interface import (
 )
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
 from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
-from backsight.engine.program import Buffer, Program
+from backsight.engine.program import Buffer, Program, Start
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +52,7 @@ def write_c99(
     precision: Precision,
     about: str,
     settings: Sequence[SettingsField] = (),
+    begin: Start | None = None,
 ) -> Source:
     """Write a program as C99.
 
@@ -69,16 +70,19 @@ def write_c99(
         Comment at the top of both files.
     settings : sequence of SettingsField
         Inputs that become a struct with defaults.
+    begin : Start, optional
+        How the memory before the first sample follows them.
     """
-    interface = Interface(name, precision, tuple(results), tuple(settings), about)
+    begins = begin is not None
+    interface = Interface(name, precision, tuple(results), tuple(settings), about, begins)
     working = [b for b in program.buffers if b.values is None]
-    reals, ints = program.space
+    reals, ints = _space(program)
     size = sum(max(b.size, 1) for b in working) + reals
     return Source(
         header=_header(program, working, interface),
-        code=_code(program, interface, start),
+        code=_code(program, interface, start, begin),
         memory=program.carry.size,
-        workspace=size,
+        workspace=max(size, 1),
         ints=ints,
         kernels=program.kernels,
         operations=sum(
@@ -89,6 +93,12 @@ def write_c99(
     )
 
 
+def _space(program: Program) -> tuple[int, int]:
+    """Numbers and integers in which kernels work; an array in C has at least one."""
+    reals, ints = program.space
+    return (max(reals, 1), max(ints, 1)) if program.kernels else (0, 0)
+
+
 def size_of(name: str, argument: str) -> str:
     """Name of the macro that has the size of an argument."""
     return f"{name}_{argument}_SIZE".upper()
@@ -97,10 +107,10 @@ def size_of(name: str, argument: str) -> str:
 def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
     name, kind = to.name, to.kind
     guard = f"{name.upper()}_H"
-    reals, ints = program.space
+    reals, ints = _space(program)
     fields = [f"    {name}_real {identifier(b.name)}[{max(b.size, 1)}];" for b in working]
     if program.kernels:
-        fields += [f"    {name}_real {REALS}[{max(reals, 1)}];", f"    int {INTS}[{max(ints, 1)}];"]
+        fields += [f"    {name}_real {REALS}[{reals}];", f"    int {INTS}[{ints}];"]
     arguments = {b.name: b.size for b in to.data(program)}
     arguments |= {label: b.size for label, b in zip(to.results, program.outputs, strict=True)}
     sizes = [f"#define {size_of(name, label)} {size}" for label, size in arguments.items()]
@@ -125,10 +135,10 @@ def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
             *(fields or [f"    {name}_real none[1];"]),
             f"}} {name}_workspace;",
             "",
+            *settings_struct(to),
             "/* Set the memory to its state before the first sample. */",
             f"{to.init};",
             "",
-            *settings_struct(to),
             "/* Process one sample; for the sizes of the arguments see above.",
             "   Symmetric matrices are lower triangles, column by column. */",
             f"{to.step(program)};",
@@ -139,7 +149,7 @@ def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
     )
 
 
-def _code(program: Program, to: Interface, start: Sequence[float]) -> str:
+def _code(program: Program, to: Interface, start: Sequence[float], begin: Start | None) -> str:
     name, kind = to.name, to.kind
     place = {b: f"work->{identifier(b.name)}" for b in program.buffers if b.values is None}
     place |= {b: identifier(b.name) for b in program.buffers if b.values is not None}
@@ -167,27 +177,37 @@ def _code(program: Program, to: Interface, start: Sequence[float]) -> str:
         for p in (*(b.name for b in to.data(program)), "work", *(["settings"] if kept else []))
         if not _mentions(text, p)
     ]
-    values = listed(kind.number(v) for v in start)
+    leaves = [*program.leaves, *([begin.leaf] if begin else [])]
     return "\n\n".join(
         [
             f'{comment(to.about)}\n#include <math.h>\n\n#include "{name}.h"',
             *_includes(program.kernels, kind),
-            *(write_c99_leaf(leaf, f"{name}_real", kind) for leaf in program.leaves),
-            "\n".join(
-                [
-                    to.init,
-                    "{",
-                    f"    static const {name}_real start[{len(start)}] = {{{values}}};",
-                    "    int i;",
-                    f"    for (i = 0; i < {len(start)}; ++i)",
-                    "        memory->carry[i] = start[i];",
-                    "}",
-                ]
-            ),
+            *(write_c99_leaf(leaf, f"{name}_real", kind) for leaf in leaves),
+            _setter(to, start, begin),
             *settings_setter(to),
             "\n".join([to.step(program), "{", *declared, *unused, *body, "}", ""]),
         ]
     )
+
+
+def _setter(to: Interface, start: Sequence[float], begin: Start | None) -> str:
+    """Definition of what sets the memory."""
+    name, kind = to.name, to.kind
+    values = listed(kind.number(v) for v in start)
+    lines = [
+        to.init,
+        "{",
+        f"    static const {name}_real start[{len(start)}] = {{{values}}};",
+        *([f"    {name}_real own[{len(begin.places)}];"] if begin else []),
+        "    int i;",
+        f"    for (i = 0; i < {len(start)}; ++i)",
+        "        memory->carry[i] = start[i];",
+    ]
+    if begin:
+        given = (f"settings->{n}" for n in begin.leaf.names[: len(begin.leaf.inputs)])
+        lines.append(f"    {identifier(begin.leaf.name)}({', '.join([*given, 'own'])});")
+        lines += [f"    memory->carry[{p}] = own[{k}];" for k, p in enumerate(begin.places)]
+    return "\n".join([*lines, "}"])
 
 
 def _includes(kernels: Sequence[str], kind: Precision) -> list[str]:

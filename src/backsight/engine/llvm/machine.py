@@ -12,12 +12,14 @@ import numpy as np
 from backsight.engine.llvm._leaf import LIBRARY
 
 
+@functools.cache
 def processor() -> str:
     """Return the kind of this computer's processor with the instructions that it knows."""
     features = llvm.get_host_cpu_features().flatten()
     return f"{llvm.get_process_triple()} {llvm.get_host_cpu_name()} {features}"
 
 
+@functools.cache
 def widest() -> int:
     """Return how many lanes run well on this processor."""
     return 8 if llvm.get_host_cpu_features().get("avx512f") else 4

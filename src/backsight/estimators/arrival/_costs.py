@@ -7,11 +7,11 @@ from typing import Annotated
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import unvech
 from backsight.description import Called, Positive, Sound, alike
 from backsight.estimators.arrival._base import AbstractArrival, Arrival, Fitting, Leaving
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman import ekf, ukf
+from backsight.estimators.kalman.exact_sensors import with_exact_sensors
 from backsight.estimators.kalman.sigma_points import points_of
 from backsight.estimators.kalman.square_root import WIDE, width_of_prior
 from backsight.estimators.parts.filtering import Halves
@@ -121,7 +121,8 @@ class EKFArrival(AbstractArrival):
 
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
-        return _filter(ekf.ekf_halves(to.s, to.integrator, "discrete"), to.s.P0, _same(to.chain))
+        halves = with_exact_sensors(to.s, ekf.ekf_halves(to.s, to.integrator, "discrete"))
+        return _filter(halves, to.s.P0, _same(to.chain))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,7 +147,7 @@ class UKFArrival(AbstractArrival):
     def build(self, to: Fitting) -> Arrival:
         """See `AbstractArrival.build`."""
         points = points_of(to.s, alpha=self.alpha, beta=self.beta, kappa=self.kappa)
-        halves = ukf.ukf_halves(to.s, to.integrator, points)
+        halves = with_exact_sensors(to.s, ukf.ukf_halves(to.s, to.integrator, points))
         return _filter(halves, to.s.P0, _whole(to.chain, halves.covariance))
 
 
@@ -221,35 +222,52 @@ def _filter(halves: Halves, P0: Array, covariance: ca.Function) -> Arrival:
 
 
 def _along(chain: Chain, Q: Array) -> ca.Function:
-    """Kalman filter step with given derivatives, no limits."""
-    nx = chain.nx
-    no_noise, no_limits = np.zeros((0, nx)), np.zeros(0)
+    """Kalman filter step with given derivatives; of the limits only sensors without noise."""
+    nx, kept = chain.nx, list(chain.exact)
+    rows = ca.DM(chain.A, 1.0)[kept, :].sparsity()
     free = dataclasses.replace(
-        chain, Q=Q, noise=no_noise, A=ca.Sparsity(0, nx), softness=no_limits, slack=no_limits
+        chain,
+        Q=Q,
+        noise=np.zeros((len(kept), nx)),
+        A=rows,
+        softness=chain.softness[kept],
+        slack=chain.slack[kept],
+        exact=tuple(range(len(kept))),
     )
     x, P = ca.MX.sym("x", nx), ca.MX.sym("P", chain.size_P)
     first, second = ca.MX.sym("first", nx), ca.MX.sym("second", nx)
     stages = [[ca.MX.sym(k, size) for k, size in chain.sizes.items()] for _ in range(2)]
-    nothing = ca.MX(0, 1)
-    now, then = ([*stage[:5], *[nothing] * 5] for stage in stages)
-    matrix = ca.MX(nx, 0)
-    d, P_post, *_ = update(free)(x - first, P, nothing, matrix, nothing, nothing, *now)
+    exact = _exact_rows(chain, rows)
+    none, n = ca.MX.zeros(len(kept)), len(kept)
+    now, then = ([*stage[:5], *exact(*stage[5:]), none, none] for stage in stages)
+    # Where the window begins nothing has moved: the transition only tells sizes.
+    begun = [x - first, P, none, ca.MX.zeros(nx, n), none, none]
+    begun = transit(free)(*begun[:2], *now) if n else begun
+    d, P_post, *_ = update(free)(*begun, *now)
     d_next, P_next, *_ = transit(free)(d, P_post, *then)
     return ca.Function(
         "along", [x, P, first, second, *stages[0], *stages[1]], [second + d_next, P_next]
     )
 
 
+def _exact_rows(chain: Chain, rows: ca.Sparsity) -> ca.Function:
+    """``(A, low, high)`` of a sample to those of sensors without noise."""
+    kept = list(chain.exact)
+    A = ca.SX.sym("A", chain.A.nnz())
+    low, high = ca.SX.sym("low", chain.n), ca.SX.sym("high", chain.n)
+    found = ca.project(ca.SX(chain.A, A)[kept, :], rows)
+    results = [ca.vec(found.nz[:]), low[kept], high[kept]]
+    return ca.Function("exact_rows", [A, low, high], [ca.densify(r) for r in results])
+
+
 def _whole(chain: Chain, covariance: ca.Function) -> ca.Function:
     """The covariance as the window stores it, from the one as its lower triangle."""
     if not chain.dense:
         return covariance
-    P = ca.SX.sym("P", covariance.numel_out(0))
-    full = ca.Function("whole", [P], [ca.vec(unvech(P))])
     spread = ca.MX.sym("spread", covariance.numel_in(0))
-    return ca.Function("whole_covariance", [spread], [full(covariance(spread))])
+    return ca.Function("whole_covariance", [spread], [chain.whole()(covariance(spread))])
 
 
 def _same(chain: Chain) -> ca.Function:
-    P = ca.SX.sym("P", chain.size_P)
+    P = ca.MX.sym("P", chain.size_P)
     return ca.Function("covariance", [P], [P])

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import vech
-from backsight.algebra.update import measured, noise_of
-from backsight.engine.recursion import Channel, Recursion
+from backsight.engine.dense import plus_product
+from backsight.engine.recursion import Recursion
 from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.base import ESTIMATE_CHANNELS
+from backsight.estimators.cs_mhe._along import Along
 from backsight.estimators.cs_mhe._arrival import next_covariance
+from backsight.estimators.cs_mhe._innovation import innovation_of_window
+from backsight.estimators.cs_mhe._shown import NUMBERS, channels, how_it_went, output
 from backsight.estimators.cs_mhe._window import (
-    ROUNDING,
     Solver,
     WindowSolution,
     begun_before,
@@ -22,41 +23,55 @@ from backsight.estimators.cs_mhe._window import (
 from backsight.estimators.cs_mhe.carryover import Carryover, slide
 from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.filtering import choose, physical
-from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, named_results, notation
 from backsight.estimators.parts.memory import Memory
-from backsight.estimators.parts.window import empty_queue, moved_on, queued
-
-NUMBERS = ("nonzeros", "steps", "kkt", "lam_max")
-"""Outputs about the active set."""
+from backsight.estimators.parts.window import empty_queue, moved_on, queued, unless_broken
 
 
-def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recursion:
-    """Put a window's beginning, its solution and its memory together."""
+def cs_recursion(
+    name: str, solver: Solver, carryover: Carryover | None, along: Along | None = None
+) -> Recursion:
+    """Put a window's beginning, its solution and its memory together.
+
+    `along` linearises the windows of a nonlinear model.
+    """
     forced, N, lag = solver.forced, solver.N, solver.lag
     s, nu, nf, ny = forced.system.s, forced.nu, len(forced.names), len(forced.system.C)
     samples = N + 1
     data = [ca.MX.sym(n, k) for n, k in (("u", nu), ("y", ny), ("m", ny))]
     u, y, mask = _enter(forced)(*data)
-    m = _memory(solver, carryover)
-    e, S = _innovation(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
+    m = _memory(solver, carryover, along)
+    if along is None:
+        e, S = innovation_of_window(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
+    else:
+        e, S = along.innovation()(m.x_next, m.P_next, u, y, mask)
 
     # 1. the window moves on; its samples differ from the motion without forces
     U, Y, M = moved_on((m.U, m.Y, m.M), (u, y, mask))
     absent, slid = _counted()(m.absent)
-    residuals, states, last = motion(forced, samples, m.tail.shape[0])(
-        m.x_start, absent, m.tail, U, Y, M
-    )
+    weights = _weights(solver, carryover, m.mean, m.variance)
 
     # 2. the problem of eq. 8-14
-    window, weights = [residuals, M, absent], _weights(solver, carryover, m.mean, m.variance)
-    found = solver.solve(window, m.P_start, weights, m.warm)
-    bands = _bands(solver, window, weights, found, m, slid)
+    trajectory: dict[str, ca.MX] = {}
+    if along is None:
+        residuals, states, last = motion(forced, samples, m.tail.shape[0])(
+            m.x_start, absent, m.tail, U, Y, M
+        )
+        states = ca.horzcat(states, last)
+        window, problem = [residuals, M, *solver.ends(states[:, :-1], residuals, M), absent], []
+        found = solver.solve(window, m.P_start, weights, m.warm)
+    else:
+        shifted = ca.horzcat(m.forces[:, 1:], ca.MX.zeros(m.forces.shape[0], 1))
+        start = [m.x_start, m.P_start, m.warm]
+        made = along.solve(m.X[:, 1:], shifted, [absent, m.tail, U, Y, M], start, weights)
+        window, problem, found, states = made.window, made.problem, made.found, made.states
+        trajectory = {"X": made.X, "forces": made.forces}
+    bands = _bands(solver, window, weights, found, m, slid, problem)
 
     # 3. the estimate, `lag` samples before the end
     here = N - lag
     now = named_results(
-        _output(forced),
+        output(forced),
         states[:, here] + found.x[1],
         bands.P,
         U[:, here],
@@ -64,24 +79,22 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
         bands.forces,
     )
     (e, S), late = queued(m.late, [e, S], lag)
-    told = named_results(_told(solver.lam), *found.info)
-    estimate = physical(s, x=now["x"], P=now["triangle"], u=now["v"], e=e, S=S, flags=told["flags"])
+    says = named_results(how_it_went(solver.lam), *found.info)
+    estimate = physical(s, x=now["x"], P=now["triangle"], u=now["v"], e=e, S=S, flags=says["flags"])
 
     # 4. arrival cost, eq. 12, and what the next window expects (Algorithm 1)
-    second = ca.horzcat(states[:, 1:], last)[:, 0] + found.x[0]
+    second = states[:, 1] + found.x[0]
     P_second = next_covariance(solver.arrival, s, found.P[0])
     x_start, P_start = choose(slid, [second, P_second], [m.x_start, m.P_start])
     tail = m.tail
     if tail.numel():
         leaving = found.alpha[:, 0] + found.extra[:, 0]
         tail = slide(slid, tail) + slid * begun_before(solver, leaving)
-    return m.recursion(
-        name,
-        data,
-        next={
+    after = m.joined(
+        {
             "x_start": x_start,
             "P_start": P_start,
-            "x_next": last + found.x[2],
+            "x_next": states[:, samples] + found.x[2],
             "P_next": bands.P_next,
             "U": U,
             "Y": Y,
@@ -91,25 +104,38 @@ def cs_recursion(name: str, solver: Solver, carryover: Carryover | None) -> Recu
             "late": late,
             **_handed_on(solver, carryover, slid, found, m),
             **bands.next,
-        },
+            **trajectory,
+        }
+    )
+    if along is not None:  # a motion without end is not linearised along again
+        after = unless_broken([x_start, ca.vec(P_start), ca.vec(trajectory["X"])], after, m.start)
+    return m.recursion(
+        name,
+        data,
+        next=after,
         outputs={
             **estimate,
             **{name: now[name] for name in ("d_hat", "d_raw", "d_std")},
-            **{name: told[name] for name in NUMBERS},
+            **{name: says[name] for name in NUMBERS},
+            **({"infeasible": found.infeasible} if solver.limits.names else {}),
         },
-        channels=(*ESTIMATE_CHANNELS, *_channels(forced.names)),
+        channels=(*ESTIMATE_CHANNELS, *channels(forced.names, solver.limits.names)),
         dt=s.dt,
         lag=lag,
     )
 
 
-def _memory(solver: Solver, carryover: Carryover | None) -> Memory:
+def _memory(solver: Solver, carryover: Carryover | None, along: Along | None) -> Memory:
     """What is kept from sample to sample."""
     s, samples = solver.forced.system.s, solver.N + 1
     nf, ny = len(solver.forced.names), len(s.sy)
     atoms, steps = solver.shape
     expected = np.zeros((atoms, steps if carryover else 0))
     once = {"P_once": s.P0} if _counts_again(solver) else {}
+    moved = {}
+    if along is not None:
+        shape = solver.tables.modal, samples
+        moved = {"X": np.tile(s.x0[:, None], samples + 1), "forces": np.zeros(shape)}
     return Memory(
         x_start=s.x0,
         P_start=s.P0,
@@ -125,6 +151,7 @@ def _memory(solver: Solver, carryover: Carryover | None) -> Memory:
         variance=expected,
         late=empty_queue(s, solver.lag),
         **once,
+        **moved,
     )
 
 
@@ -150,6 +177,7 @@ def _bands(
     found: WindowSolution,
     m: Memory,
     slid: ca.MX,
+    problem: Sequence[ca.MX],
 ) -> _Bands:
     """How large the errors are.
 
@@ -161,7 +189,7 @@ def _bands(
     if not _counts_again(solver):
         return _Bands(found.P[1], found.P[2], found.forces, {})
     once = dataclasses.replace(solver, arrival=SmoothedArrival())
-    beside = once.solve(list(window), m.P_once, list(weights), found.alpha)
+    beside = once.solve(list(window), m.P_once, list(weights), found.alpha, problem)
     (P_once,) = choose(slid, [beside.P[0]], [m.P_once])
     apart = _apart(len(solver.forced.names), P_once.shape[0])
     P, forces = apart(found.x[1], beside.x[1], beside.P[1], found.forces, beside.forces)
@@ -170,22 +198,14 @@ def _bands(
 
 def _apart(nf: int, nx: int) -> ca.Function:
     """Covariance and forces of one window with the errors of another, and the distance to it."""
-
-    def formula(
-        x: ca.SX, x_once: ca.SX, whole: ca.SX, forces: ca.SX, forces_once: ca.SX
-    ) -> Results:
-        apart = (forces[:, 1] - forces_once[:, 1]) ** 2
-        return {
-            "spread": whole + (x - x_once) @ (x - x_once).T,
-            "found": ca.horzcat(forces[:, :2], forces_once[:, 2] + apart),
-        }
-
-    return leaf("apart", {"x": nx, "whole": (nx, nx), "forces": (nf, 3)}, formula)
-
-
-def _channels(names: tuple[str, ...]) -> tuple[Channel, ...]:
-    forces = (Channel(n, ("force",), labels=names) for n in ("d_hat", "d_raw", "d_std"))
-    return (*forces, *map(Channel, NUMBERS))
+    sizes = {"x": (nx, 1), "x_once": (nx, 1), "whole": (nx, nx), "forces": (nf, 3)}
+    sizes |= {"forces_once": (nf, 3)}
+    x, x_once, whole, forces, forces_once = given = [ca.MX.sym(k, *n) for k, n in sizes.items()]
+    by = x - x_once
+    apart = (forces[:, 1] - forces_once[:, 1]) ** 2
+    spread = plus_product(whole, by, by, turned=(False, True))
+    results = [spread, ca.horzcat(forces[:, :2], forces_once[:, 2] + apart)]
+    return ca.Function("apart", given, results)
 
 
 def _enter(forced: Forced) -> ca.Function:
@@ -196,28 +216,6 @@ def _enter(forced: Forced) -> ca.Function:
         return {"u": u / s.su[:nu], "y": y / s.sy, "mask": mask}
 
     return leaf("enter", {**notation(s), "u": nu}, formula)
-
-
-def _innovation(forced: Forced, samples: int) -> ca.Function:
-    """Innovation, 0 where not measured, and its covariance.
-
-    ``(x, P, absent, u, y, mask) -> (e, S)``; the state still lacks what an interpolated input adds
-    at its end.
-    """
-    system, nu = forced.system, forced.nu
-    C, background = ca.sparsify(ca.DM(system.C)), (forced.F * forced.sigma**2) @ forced.F.T
-    R = ca.SX(ca.DM(system.s.R))
-    D, B_next = (ca.sparsify(ca.DM(k[:, :nu])) for k in (system.D, system.B_next))
-
-    def formula(x: ca.SX, whole: ca.SX, absent: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
-        x_prior = x + ca.if_else(absent < samples, ca.densify(ca.mtimes(B_next, u)), 0)
-        e = measured(mask) * (y - ca.mtimes(C, x_prior) - ca.mtimes(D, u))
-        S = ca.mtimes([C, whole, C.T]) + ca.DM(background) + noise_of(R, mask)
-        return {"e": e, "S": ca.densify(S)}
-
-    nx = len(system.A)
-    sizes = {**notation(system.s), "u": nu, "whole": (nx, nx), "absent": 1}
-    return leaf("innovation", sizes, formula)
 
 
 def _counted() -> ca.Function:
@@ -256,45 +254,3 @@ def _handed_on(
         seen=seen,
     )
     return {"warm": warm, "mean": mean, "variance": variance}
-
-
-def _output(forced: Forced) -> ca.Function:
-    """``(x, whole, u, tail, forces)`` to state, its covariance, all inputs and forces."""
-    s, nu, nf = forced.system.s, forced.nu, len(forced.names)
-
-    def formula(x: ca.SX, whole: ca.SX, u: ca.SX, tail: ca.SX, forces: ca.SX) -> Results:
-        kept, raw = forces[:, 0] + tail, forces[:, 1] + tail
-        return {
-            "x": x,
-            "triangle": vech(whole),
-            "v": ca.vertcat(u, raw / s.su[nu:]),
-            "d_hat": kept,
-            "d_raw": raw,
-            "d_std": ca.sqrt(forces[:, 2]),
-        }
-
-    nx = len(forced.system.A)
-    sizes = {"x": nx, "whole": (nx, nx), "u": nu, "tail": nf, "forces": (nf, 3)}
-    return leaf("output", sizes, formula)
-
-
-def _told(lam: float) -> ca.Function:
-    """Info of the kernel to flags, nonzeros, steps, kkt and lam_max.
-
-    Violations that are mere rounding are not told apart, so that every compiler gives the same.
-    """
-
-    def formula(
-        status: ca.SX, kkt: ca.SX, steps: ca.SX, nonzeros: ca.SX, lam_max: ca.SX, unobserved: ca.SX
-    ) -> Results:
-        flags = Flags(iteration_limit=status == 1, dependent=status == 2, unobserved=unobserved)
-        return {
-            "flags": flags.vector(),
-            "nonzeros": nonzeros,
-            "steps": steps,
-            "kkt": ca.fmax(kkt / lam, ROUNDING),
-            "lam_max": lam_max,
-        }
-
-    info = ("status", "kkt", "steps", "nonzeros", "lam_max", "unobserved")
-    return leaf("told", dict.fromkeys(info, 1), formula)

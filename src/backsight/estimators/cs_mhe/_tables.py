@@ -1,15 +1,14 @@
 """A window of a linear model with unknown forces in numbers, as the kernel `cs_window` takes it."""
 
 import dataclasses
-import math
 
 import numpy as np
 import scipy
 
 from backsight.errors import TuningError
-from backsight.estimators.force_estimator import Forced
+from backsight.estimators.force_estimator import AbstractDictionary, Forced
+from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.linear import root
-from backsight.models.model import Model
 from backsight.types import Array
 
 SAME = 1e-10
@@ -24,7 +23,8 @@ class Tables:
     ----------
     problem, full, atoms : tuple of arrays
         Arguments of the kernel, in order: what a window is, what follows where every sample was
-        measured, and the atoms as modal forces, those transposed, and as forces.
+        measured and no limit is active, and the atoms as modal forces, those transposed, and as
+        forces.
     modal : int
         Numbers by which all forces of a step act together.
     steps : int
@@ -38,7 +38,7 @@ class Tables:
     steps: int
 
 
-def tables(forced: Forced, shapes: Array, *, N: int, lag: int) -> Tables:
+def tables(forced: Forced, shapes: Array, limits: Limits, *, N: int, lag: int) -> Tables:
     """Work out what does not depend on the data.
 
     Parameters
@@ -46,17 +46,21 @@ def tables(forced: Forced, shapes: Array, *, N: int, lag: int) -> Tables:
     forced : Forced
     shapes : (forces, steps, atoms) array
         The dictionary.
+    limits : Limits
     N : int
         Horizon.
     lag : int
         Samples from the end of the window to its output.
     """
     system = forced.system
-    A, C = system.A, system.C
-    nx = len(A)
+    A, nx, n = system.A, len(system.A), len(limits.names)
+    C = np.vstack([system.C, limits.state - limits.residual @ system.C])
     steps = N + forced.direct
-    modes, onto = _modal(forced)
+    forces, onto = modal_forces(np.vstack([forced.E, forced.F]))
+    modes = np.vstack([forces, -limits.residual @ forces[nx:]])
     noise = _noise(forced)
+    noise = np.vstack([noise, limits.noise @ noise[:nx] - limits.residual @ noise[nx:]])
+    R = scipy.linalg.block_diag(system.s.R, np.zeros((n, n)))
     p = modes.shape[1]
     by_noise, seen_noise = _responses(A, C, noise, N=N, steps=N + 1)
     by_force, seen_force = _responses(A, C, modes, N=N, steps=steps)
@@ -64,32 +68,36 @@ def tables(forced: Forced, shapes: Array, *, N: int, lag: int) -> Tables:
     for _ in range(N + 1):
         powers.append(A @ powers[-1])
     start = np.vstack([C @ power for power in powers[:-1]])
-    S0 = seen_noise @ seen_noise.T + np.kron(np.eye(N + 1), system.s.R)
+    S0 = seen_noise @ seen_noise.T + np.kron(np.eye(N + 1), R)
     P = [x @ x.T for x in by_noise]
     cross = [seen_noise @ x.T for x in by_noise]
     moved = [power @ modes[:nx] for power in powers[:-1]]
     joined = map(np.hstack, (powers, P, cross, moved))
-    problem = (start, seen_force, S0, *joined, system.s.R)
+    problem = (start, seen_force, S0, *joined, R)
 
-    factor = scipy.linalg.cho_factor(S0, lower=True)
-    both = np.hstack([start, seen_force])
-    Z = scipy.linalg.cho_solve(factor, both)
-    gram = both.T @ Z
-    gains, effects, variances = [Z.T], [gram], []
+    outputs = np.tile(np.arange(len(C)) < len(system.C), N + 1)
+    factor = scipy.linalg.cholesky(S0[np.ix_(outputs, outputs)], lower=True)
+    both = np.hstack([start, seen_force])[outputs]
+    white = scipy.linalg.solve_triangular(factor, both, lower=True)
+    halves, effects, variances = [white.T], [white.T @ white], []
     for at in (1, N - lag, N + 1):
-        gain = scipy.linalg.cho_solve(factor, cross[at]).T
-        gains.append(gain)
-        effects.append(gain @ both - np.hstack([powers[at], by_force[at]]))
-        variances.append(P[at] - gain @ cross[at])
-    full = tuple(map(np.vstack, (gains, effects, variances)))
-    modal = np.einsum("pf,fwa->pwa", onto, shapes).reshape(-1, shapes.shape[2], order="F")
-    atoms = (modal, modal.T, shapes.reshape(len(shapes), -1, order="F"))
-    return Tables(problem, full, atoms, p, steps)
+        half = scipy.linalg.solve_triangular(factor, cross[at][outputs], lower=True).T
+        halves.append(half)
+        effects.append(half @ white - np.hstack([powers[at], by_force[at]]))
+        variances.append(P[at] - half @ half.T)
+    np.fill_diagonal(factor, 1 / np.diag(factor))
+    full = (*map(np.vstack, (halves, effects, variances)), factor)
+    return Tables(problem, full, atoms_of(shapes, onto), p, steps)
 
 
-def _modal(forced: Forced) -> tuple[Array, Array]:
-    """Effects of the modal forces on next state and output (nx + ny, p), and forces onto them."""
-    both = np.vstack([forced.E, forced.F])
+def atoms_of(shapes: Array, onto: Array) -> tuple[Array, ...]:
+    """The atoms of a dictionary as modal forces, those transposed, and as forces."""
+    found = np.einsum("pf,fwa->pwa", onto, shapes).reshape(-1, shapes.shape[2], order="F")
+    return found, found.T, shapes.reshape(len(shapes), -1, order="F")
+
+
+def modal_forces(both: Array) -> tuple[Array, Array]:
+    """Effects of modal forces (n, p), and forces onto them (p, nf), of the effects (n, nf)."""
     size = np.linalg.norm(both, axis=1, keepdims=True)
     weights = np.where(size > 0, size, 1.0)
     left, values, right = np.linalg.svd(both / weights, full_matrices=False)
@@ -119,6 +127,17 @@ def _responses(A: Array, C: Array, effects: Array, *, N: int, steps: int) -> tup
     return states, outputs.reshape(-1, steps * k)
 
 
+def shapes_within(dictionary: AbstractDictionary, forces: int, N: int) -> Array:
+    """Atoms of a dictionary, (forces, steps, atoms); raise `TuningError` if N is too short."""
+    shapes = dictionary.shapes(forces)
+    if shapes.shape[1] > N:
+        raise TuningError(
+            f"the dictionary has atoms of {shapes.shape[1]} steps; the window of N = {N} is too "
+            "short for them"
+        )
+    return shapes
+
+
 def check_forces(forced: Forced, N: int) -> None:
     """Raise `TuningError` if a force moves nothing, or no sensor sees it within the window."""
     both = np.vstack([forced.E, forced.F])
@@ -138,14 +157,4 @@ def check_forces(forced: Forced, N: int) -> None:
         raise TuningError(
             f"no sensor sees the force {', '.join(unseen)} within a window of N = {N}; add a "
             "sensor that moves with it"
-        )
-
-
-def check_unbounded(model: Model) -> None:
-    """Raise `TuningError` if a state has bounds: windows with forces know none."""
-    bounded = [s.name for s in model.states if math.isfinite(s.lower) or math.isfinite(s.upper)]
-    if bounded:
-        raise TuningError(
-            f"the model has bounds of {', '.join(bounded)}, which this estimator would not keep: "
-            "take a model without them, or LinearMHE, whose limits are kept"
         )

@@ -1,25 +1,33 @@
 """One window of the compressive-sensing estimator as functions of CasADi."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
 
 from backsight.engine import foreign
+from backsight.engine.dense import UNROLL, applied, few_entries
 from backsight.engine.loops import scan
 from backsight.estimators.cs_mhe._arrival import LinearArrival, counted
+from backsight.estimators.cs_mhe._limits import NO_LIMIT, limited_sample
 from backsight.estimators.cs_mhe._tables import Tables
 from backsight.estimators.force_estimator import Forced
+from backsight.estimators.parts.covariance import Term
+from backsight.estimators.parts.limits import Limits
 from backsight.types import Array
 
 KERNEL = "cs_window"
 """Finds the optimum."""
 
-NO_LIMIT = 1e30
-"""A weight of the l1 norm with which no force is found."""
-
 ROUNDING = 1e-9
 """Violation of an optimality condition, as a share of lam, that is no violation."""
+
+INFO = 10
+"""Numbers that the kernel says of a window, and one more for every limited sum."""
+
+STEPS_PER_ATOM = 4
+"""The active set may take so many steps for every atom that can be active, and some more."""
 
 MARGIN = 16
 """Atoms that may be active beyond those that can be independent."""
@@ -41,7 +49,12 @@ class WindowSolution:
         Over the step of the output: above the threshold, as found, their variance, (nf, 3).
     info : list of MX
         Status, violation of the optimality conditions, steps, active atoms, weight from which
-        nothing is found, 1 if the window does not determine its first state.
+        nothing is found, 1 if the window does not determine its first state, cost, its duality
+        gap as a share of it, 1 if a limit is active, 1 if limits contradict each other.
+    infeasible : MX
+        1 for the limited sums that contradict each other or others.
+    motion : MX
+        Of a window with tables of its own: weighted residuals, modal forces, first state.
     """
 
     alpha: ca.MX
@@ -51,6 +64,8 @@ class WindowSolution:
     P: list[ca.MX]
     forces: ca.MX
     info: list[ca.MX]
+    infeasible: ca.MX
+    motion: ca.MX
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,10 +88,16 @@ class Solver:
     carries : bool
         Whether the next window expects what was found: then variances are needed, and extra states,
         or priors, may keep atoms active beyond the independent ones.
-    limit : int
-        Steps of the active set.
     refits : bool
         Whether the forces found are then fitted without the l1 norm.
+    limits : Limits
+        Of states, residuals and noise.
+    caps : (2, atoms) array
+        Largest factors, and largest changes of those that are expected.
+    most_steps : int, optional
+        Steps of the active set, fewer than always suffice.
+    most_active : int, optional
+        Atoms that may be active, fewer than can be.
     """
 
     forced: Forced
@@ -90,8 +111,11 @@ class Solver:
     arrival: LinearArrival
     correction: int
     carries: bool
-    limit: int
     refits: bool
+    limits: Limits
+    caps: Array
+    most_steps: int | None = None
+    most_active: int | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -102,11 +126,16 @@ class Solver:
     def sizes(self) -> tuple[int, ...]:
         """What the kernel is told of its problem."""
         nf, width, atoms = self.shapes.shape
-        t, system = self.tables, self.forced.system
-        nx, ny = len(system.A), len(system.C)
-        most = (2 if self.carries else 1) * min(atoms, t.modal) * t.steps + MARGIN
-        options = self.limit, counted(self.arrival), self.correction, int(self.carries)
-        return nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
+        t, system, limits = self.tables, self.forced.system, len(self.limits.names)
+        nx, ny = len(system.A), len(system.C) + limits
+        parts = 2 if self.carries else 1
+        most = min(parts * min(atoms, t.modal) * t.steps + MARGIN, parts * atoms * t.steps)
+        most = min(most, self.most_active or most)
+        limit = self.most_steps or STEPS_PER_ATOM * t.modal * t.steps + 100
+        options = limit, counted(self.arrival), self.correction, int(self.carries)
+        bounded = bool(limits or self.caps.min() < NO_LIMIT)
+        known = nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
+        return *known, limits, int(bounded), int(not t.full), int(self.side.any())
 
     def solve(
         self,
@@ -114,30 +143,40 @@ class Solver:
         P: ca.MX,
         weights: list[ca.MX],
         warm: ca.MX,
+        problem: Sequence[ca.MX] = (),
     ) -> WindowSolution:
         """Solve a window.
 
         Parameters
         ----------
         window : list of MX
-            Residuals and masks (ny, N + 1), and the number of samples that are absent.
+            Residuals and masks (ny, N + 1), ends of the limits (n, N + 1), see `ends`, and the
+            number of samples that are absent.
         P : MX
             Covariance of the first state, (nx, nx).
         weights : list of MX
             See `Carryover.weights`.
         warm : MX
             Factors to start from, (atoms, steps).
+        problem : sequence of MX
+            Tables of this window, if they are not always the same.
         """
         nx, nf = len(self.forced.system.A), len(self.forced.names)
         options = [self.threshold, ROUNDING * self.lam, float(self.lag), float(self.refits)]
-        constants = [*self.tables.problem, *self.tables.full, *self.tables.atoms]
+        full = self.tables.full or [np.zeros((1, 1))] * 4
         side = np.tile(self.side, self.tables.steps)
-        given = [ca.MX(ca.DM(a)) for a in (*constants, side, np.array(options))]
-        alpha, extra, variance, x, P_all, forces, info = foreign.call(
+        constants = [*full, *self.tables.atoms, side, self.caps.T, np.array(options)]
+        given = [ca.MX(ca.DM(a)) for a in constants]
+        told = [*(ca.MX(ca.DM(a)) for a in self.tables.problem), *problem]
+        rows = (len(self.limits.names) + len(self.forced.system.C)) * (self.N + 1)
+        motion = rows + self.tables.modal * self.tables.steps + nx if problem else 1
+        said = INFO + len(self.limits.names)
+        shapes = [self.shape] * 3 + [(nx, 3), (nx, 3 * nx), (nf, 3), (said, 1), (motion, 1)]
+        alpha, extra, variance, x, P_all, forces, info, found = foreign.call(
             KERNEL,
             self.sizes,
-            inputs=[*given, *window, P, *weights, warm],
-            outputs=[self.shape] * 3 + [(nx, 3), (nx, 3 * nx), (nf, 3), (6, 1)],
+            inputs=[*told, *given, *window, P, *weights, warm],
+            outputs=shapes,
         )
         return WindowSolution(
             alpha,
@@ -146,8 +185,25 @@ class Solver:
             ca.horzsplit(x),
             ca.horzsplit(P_all, nx),
             forces,
-            ca.vertsplit(info),
+            ca.vertsplit(info[:INFO]),
+            info[INFO:],
+            found,
         )
+
+    def ends(self, states: ca.MX, residuals: ca.MX, M: ca.MX) -> list[ca.MX]:
+        """Ends of the limits of all samples, (n, samples) each, less what the motion is.
+
+        Parameters
+        ----------
+        states, residuals, M : MX
+            Motion without forces, residuals of it times the weights of the samples, weights.
+        """
+        if not self.limits.names:
+            return [ca.MX(0), ca.MX(0)]
+        samples = self.N + 1
+        last = ca.MX(ca.DM(np.eye(samples)[-1:]))
+        body = limited_sample(self.limits)
+        return scan(body, samples, carry=[ca.MX(0)], xs=[states, residuals, M, last])[1]
 
 
 def motion(forced: Forced, samples: int, known: int) -> ca.Function:
@@ -160,7 +216,8 @@ def motion(forced: Forced, samples: int, known: int) -> ca.Function:
     system = forced.system
     (ny, nx), nu = system.C.shape, forced.nu
     sizes = {"x": nx, "absent": 1, "i": 1, "tail": known, "u": nu, "v": nu, "y": ny, "m": ny}
-    s = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    kind = ca.MX if nx > UNROLL else ca.SX
+    s = {name: kind.sym(name, size) for name, size in sizes.items()}
     here = s["i"] >= s["absent"]
     y = s["y"] - _times(system.C, s["x"]) - _times(system.D[:, :nu], s["u"])
     x = _times(system.A, s["x"]) + _times(system.B[:, :nu], s["u"])
@@ -192,5 +249,7 @@ def begun_before(solver: Solver, alpha: ca.MX) -> ca.MX:
     return shape(alpha)
 
 
-def _times(matrix: Array, vector: ca.SX) -> ca.SX:
+def _times(matrix: Array, vector: Term) -> Term:
+    if isinstance(vector, ca.MX):
+        return applied(few_entries(matrix), vector)
     return ca.densify(ca.mtimes(ca.sparsify(ca.DM(matrix)), vector))

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 import casadi as ca
 import numpy as np
 
-from backsight.description import Count, Description, Positive
+from backsight.description import Count, Description, Positive, PositiveOrInfinite
 from backsight.engine.loops import scan
 from backsight.types import Array
 
@@ -32,6 +32,9 @@ class Carryover(Description):
         same and leaves the l1 norm out.
     age : int
         A force is carried over once it was seen in so many samples.
+    change : float
+        Largest difference between an expected force and what it then is,
+        :math:`\nu_{\alpha^*} \in N_{\alpha^*}` of eq. 14 [unit of the force].
 
     Examples
     --------
@@ -42,6 +45,7 @@ class Carryover(Description):
     drift: tuple[Positive, Positive]
     reading: Reading = "separate"
     age: Count = 1
+    change: PositiveOrInfinite = np.inf
 
     def weights(self, mean: ca.MX, variance: ca.MX, lam: float) -> list[ca.MX]:
         """Priors of the next window: weights of l1, information and mean of alpha, of extras.

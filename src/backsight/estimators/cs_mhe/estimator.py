@@ -1,13 +1,13 @@
 """Compressive-sensing moving horizon estimation: states and sparse unknown forces."""
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar, Literal, TypeAlias, get_args
 
-import numpy as np
-
 from backsight.description import (
     Called,
+    Count,
     Distinct,
     Horizon,
     Lag,
@@ -18,49 +18,58 @@ from backsight.description import (
 )
 from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
-from backsight.errors import ModelError, TuningError, nearest
+from backsight.errors import ModelError, TuningError
 from backsight.estimators.arrival import SmoothedArrival, arrival_name
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.cs_mhe._along import Along, directions, varying_tables
 from backsight.estimators.cs_mhe._arrival import LinearArrival, arrival_faults
+from backsight.estimators.cs_mhe._limits import (
+    NO_LIMIT,
+    by_force,
+    caps,
+    check_unlimited,
+    sides,
+    sign_faults,
+)
 from backsight.estimators.cs_mhe._step import cs_recursion
-from backsight.estimators.cs_mhe._tables import check_forces, check_unbounded, tables
-from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
+from backsight.estimators.cs_mhe._tables import check_forces, shapes_within, tables
+from backsight.estimators.cs_mhe._window import KERNEL, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.dictionaries import Dictionary, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.kalman.square_root import refuse_too_wide
-from backsight.estimators.parts.linear import Linear, at_mean, linear
+from backsight.estimators.parts.limits import Limit, limits_of, names_used_twice
+from backsight.estimators.parts.linear import at_mean, linear
 from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import VariedNoise
 from backsight.models.forces.unknown_forces import forces_as_inputs
+from backsight.models.lti import is_linear
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
-from backsight.models.signals import vector
 from backsight.schema import Innovations
 from backsight.types import Array, ByName
 
 Correction: TypeAlias = Literal["none", "amplitude", "energy"]
 CORRECTIONS = get_args(Correction)
 
-STEPS_PER_ATOM = 4
-"""The active set may take so many steps for every atom that can be active, and some more."""
-
 
 @dataclasses.dataclass(frozen=True)
 class CompressiveSensingMHE(AbstractForceEstimator):
     r"""Compressive-sensing moving horizon estimator.
 
-    For linear models with forces d at more places than there are sensors, of which few act at a
-    time. In the window k - N ... k it finds the states, and the factors :math:`\alpha` of the atoms
-    of which the forces consist, :math:`d_i = \sum_s \Psi_s \alpha_{i-s}`, that minimise (eq. 8-14)
+    For models with forces d at more places than there are sensors, of which few act at a time. In
+    the window k - N ... k it finds the states, and the factors :math:`\alpha` of the atoms of which
+    the forces consist, :math:`d_i = \sum_s \Psi_s \alpha_{i-s}`, that minimise (eq. 8-14)
 
     .. math:: (x_{k-N} - \bar x)' \bar P^{-1} (x_{k-N} - \bar x) + \sum_i w_i' Q^{-1} w_i
         + \sum_i v_i' R^{-1} v_i + \lambda \sum_i \|\alpha_i\|_1,
 
         x_{i+1} = A x_i + B u_i + E d_i + w_i, \qquad y_i = C x_i + D u_i + F d_i + v_i .
 
-    There is no factor 1/2: :math:`\lambda` is that of the paper, twice that of a cost with it.
+    There is no factor 1/2: :math:`\lambda` is that of the paper, twice that of a cost with it. Of a
+    nonlinear model windows are linearised along the motion that was found (Gauss-Newton, eq. 9-10);
+    parameters that are its states, as of `augment`, are estimated together with the forces.
 
     Parameters
     ----------
@@ -81,6 +90,11 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         Of which pulses the forces are made.
     nonnegative, nonpositive : tuple of str
         Forces with a known sign.
+    largest : dict or number
+        Largest size of a force's factors, :math:`\alpha_i \in \Gamma_i`.
+    limits : tuple of Limit
+        Bounds on sums of states, residuals or process noise at every sample of the window
+        (:math:`X, V, W` of eq. 14), beside the bounds of the states in the model.
     arrival : SmoothedArrival, ConstantArrival or NoArrival
         What :math:`\bar x, \bar P` are once the window is full, as for `MHE`: the Kalman filter's
         prediction from the sample that leaves, which takes from the whole window only the forces
@@ -106,16 +120,26 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         The estimate of a sample is made when `lag` more have been measured, as for `MHE`; with "N"
         from the start of the window. The newest forces cannot be told apart yet.
     hold : {"zoh", "foh"}
-        Known inputs between the samples of a continuous model: held, or interpolated. The unknown
-        forces are held.
+        Known inputs between the samples of a continuous model: held, or, of a linear one,
+        interpolated. The unknown forces are held.
+    passes : int
+        Of a nonlinear model: how often a window is linearised. One is enough where the motion of
+        the window before is near, since every sample is in N + 1 windows.
+    max_steps : int, optional
+        Largest number of steps of the active set in one window, for hard real time; by default so
+        many as always suffice. Where it is reached, the status says *iteration limit*.
+    max_active : int, optional
+        Most factors that are not zero at a time, of which the work space is the square; by default
+        all that can be told apart. A window that needs more has the same status.
 
     Notes
     -----
     Results have the variables ``d_hat`` (time, force), the force from this sample to the next;
     ``d_raw``, the same without threshold and correction; ``d_std``, its standard deviation, 0
     where no force was found; ``nonzeros`` and ``steps`` of the active set; ``kkt``, the largest
-    violation of the optimality conditions as a share of lam, 1e-9 or more; and ``lam_max``, the
-    weight from which on nothing would have been found in this window.
+    violation of the optimality conditions as a share of lam, 1e-9 or more; ``gap``, the duality gap
+    as a share of the cost, 1e-10 or more: the optimum is not lower by more (above 1e-9 the status
+    says *not optimal*); and ``lam_max``, the weight from which on nothing would have been found.
 
     The solution is exact: a warm-started active set. Covariances of the states are those of the
     least-squares problem in which the forces that are zero stay zero and the others are free. With
@@ -123,7 +147,9 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     count several times; with ``bias="removed"`` they count them once.
 
     A window that is not full yet, or has gaps, is one with samples that were not measured. Samples
-    may have a noise of their own (eq. 8).
+    may have a noise of their own (eq. 8). If limits contradict each other, the estimate is the one
+    without them, the status says *infeasible*, and ``infeasible`` names them; covariances do not
+    count on an active limit.
 
     Raises
     ------
@@ -162,6 +188,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     dictionary: Dictionary = dataclasses.field(default_factory=Impulses)
     nonnegative: Annotated[tuple[str, ...], Distinct()] = ()
     nonpositive: Annotated[tuple[str, ...], Distinct()] = ()
+    largest: Annotated[ByName, Range("be positive", 0.0, above=True, infinite=True)] = math.inf
+    limits: tuple[Limit, ...] = ()
     arrival: Annotated[LinearArrival, Called("the arrival cost")] = dataclasses.field(
         default_factory=SmoothedArrival
     )
@@ -171,6 +199,9 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     bias: Literal["removed", "kept"] = "removed"
     lag: Lag = "N"
     hold: Hold = "zoh"
+    passes: Count = 1
+    max_steps: Count | None = None
+    max_active: Count | None = None
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -178,15 +209,10 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             yield from lag_faults(self.lag, self.N)
         if sound("arrival"):
             yield from arrival_faults(self.arrival)
-        if not sound("forces", "nonnegative", "nonpositive"):
-            return
-        if not self.forces:
-            yield "forces: no unknown force is named"
-        for name in dict.fromkeys((*self.nonnegative, *self.nonpositive)):
-            if name not in self.forces:
-                yield f"'{name}' is none of the forces: {nearest(name, self.forces)}"
-            elif name in self.nonnegative and name in self.nonpositive:
-                yield f"the force '{name}' is nonnegative and nonpositive: it is zero"
+        if sound("limits"):
+            yield from names_used_twice(self.limits)
+        if sound("forces", "nonnegative", "nonpositive"):
+            yield from sign_faults(self.forces, self.nonnegative, self.nonpositive)
 
     @property
     def innovations(self) -> Innovations:
@@ -199,26 +225,37 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        forced = self.forced(model, dt)
+        bent = not is_linear(self._joined(model))
+        forced = self._linearised(model, dt) if bent else self._forced(model, dt)
         refuse_too_wide(forced.system.s, "CompressiveSensingMHE")
-        return cs_recursion(self.key, self._solver(forced), self.carryover)
+        onto = directions(forced) if bent else None
+        solver = self._solver(forced, onto)
+        along = None if onto is None else Along(solver, onto, self.passes)
+        return cs_recursion(self.key, solver, self.carryover, along)
 
     def forced(self, model: Model, dt: float) -> Forced:
-        """See `AbstractForceEstimator.forced`."""
+        """See `AbstractForceEstimator.forced`; there is nothing that would keep limits."""
+        check_unlimited(model, self.limits, self.largest)
+        return self._forced(model, dt)
+
+    def _forced(self, model: Model, dt: float) -> Forced:
         joined = self._joined(model)
         system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
         check_sampling(joined, dt)
-        forced = self._with_forces(system, model)
+        forced = Forced.of(system, self.background(model), self.forces)
         check_forces(forced, self.N)
         return forced
 
     def linearised(self, model: Model, dt: float) -> Forced:
         """See `AbstractForceEstimator.linearised`."""
+        check_unlimited(model, self.limits, self.largest)
+        return self._linearised(model, dt)
+
+    def _linearised(self, model: Model, dt: float) -> Forced:
         if self.hold != "zoh":
             raise TuningError("hold 'foh' needs a linear model; use 'zoh'")
-        joined = self._joined(model)
-        system = at_mean(joined, dt, noise=self.noise, prior=self.prior)
-        return self._with_forces(system, model)
+        system = at_mean(self._joined(model), dt, noise=self.noise, prior=self.prior)
+        return Forced.of(system, self.background(model), self.forces)
 
     def _joined(self, model: Model) -> Model:
         """The model with its unknown forces as the last inputs."""
@@ -226,36 +263,25 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             joined = forces_as_inputs(model, self.forces)
         except ModelError as error:
             raise TuningError(f"forces: {error}") from None
-        check_unbounded(joined)
         if (rule := self.outliers) is not None:
             raise TuningError(self._refusal(rule))
         if isinstance(self.noise, VariedNoise) or self.noise.beyond_additive:
             raise TuningError(f"{self.title} takes additive noise of constant size only")
         return joined
 
-    def _with_forces(self, system: Linear, model: Model) -> Forced:
-        m, sigma = len(self.forces), self.background(model)
-        E, F = (system.B + system.B_next)[:, -m:], system.D[:, -m:]
-        unit = system.s.su[-m:]
-        return Forced(system, E / unit, F / unit, sigma, self.forces)
-
     def background(self, model: Model) -> Array:
         """See `AbstractEstimator.background`: `sigma_force`."""
         known = {s.name: s for s in model.parameters}
-        forces, none = [known[name] for name in self.forces], np.zeros(len(self.forces))
-        try:
-            return vector(self.sigma_force, forces, what="sigma_force", default=none)
-        except ModelError as error:
-            raise TuningError(str(error)) from None
+        forces = [known[name] for name in self.forces]
+        return by_force("sigma_force", self.sigma_force, forces, otherwise=0.0)
 
-    def _solver(self, forced: Forced) -> Solver:
-        shapes = self.dictionary.shapes(len(self.forces))
-        if shapes.shape[1] > self.N:
-            raise TuningError(
-                f"the dictionary has atoms of {shapes.shape[1]} steps; the window of N = {self.N} "
-                "is too short for them"
-            )
-        found = tables(forced, shapes, N=self.N, lag=self.delay)
+    def _solver(self, forced: Forced, onto: Array | None) -> Solver:
+        shapes = shapes_within(self.dictionary, len(self.forces), self.N)
+        limits = limits_of(forced.system.s, forced.noise, self.limits, {})
+        if onto is None:
+            found = tables(forced, shapes, limits, N=self.N, lag=self.delay)
+        else:
+            found = varying_tables(forced, shapes, onto, N=self.N)
         return Solver(
             forced=forced,
             tables=found,
@@ -268,8 +294,11 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             arrival=self.arrival,
             correction=CORRECTIONS.index(self.correction),
             carries=self.carryover is not None,
-            limit=STEPS_PER_ATOM * found.modal * found.steps + 100,
             refits=self.bias == "removed",
+            limits=limits,
+            caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
+            most_steps=self.max_steps,
+            most_active=self.max_active,
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":
@@ -278,13 +307,4 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     def sides(self) -> Array:
         """See `AbstractForceEstimator.sides`."""
-        side = np.zeros(len(self.forces))
-        for names, sign in ((self.nonnegative, 1.0), (self.nonpositive, -1.0)):
-            for name in names:
-                side[self.forces.index(name)] += sign
-        belongs = self.dictionary.force_of(len(side))
-        if side.any() and min(belongs) < 0:
-            raise TuningError(
-                "forces of a known sign need a dictionary whose atoms are of one force"
-            )
-        return side[belongs]
+        return sides(self.forces, self.nonnegative, self.nonpositive, self.dictionary)

@@ -12,8 +12,8 @@ from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
-from backsight.estimators.kalman._exact_sensors import with_exact_sensors
 from backsight.estimators.kalman._linearised import linear_looks
+from backsight.estimators.kalman.exact_sensors import with_exact_sensors
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves, wide
 from backsight.estimators.parts.covariance import Covariance, Term, congruence, matrix_product

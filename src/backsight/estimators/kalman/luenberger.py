@@ -112,6 +112,7 @@ class Luenberger(AbstractEstimator):
     key: ClassVar[str] = "luenberger"
     title: ClassVar[str] = "Luenberger observer"
     weighs: ClassVar[bool] = True
+    multiplied_settings: ClassVar[tuple[str, ...]] = ("poles",)
 
     noise: Noise
     prior: Prior

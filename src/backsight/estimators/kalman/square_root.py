@@ -26,7 +26,7 @@ from backsight.discrete.steps import over_sample
 from backsight.engine.loops import scan
 from backsight.errors import TuningError
 from backsight.estimators.base import Setting
-from backsight.estimators.kalman._exact_sensors import exact_sensors
+from backsight.estimators.kalman.exact_sensors import exact_sensors
 from backsight.estimators.kalman.prediction import moved_by, substep_noise
 from backsight.estimators.parts.covariance import (
     Covariance,
@@ -72,6 +72,8 @@ def width_of_prior(s: Setting, linearised: tuple[Array, Array] | None = None) ->
     F, H = linearised or _linearised(s)
     spread = cholesky_factor(s.P0)
     sigma, largest = np.sqrt(np.diag(s.R)), 0.0
+    # What has no noise is no width: after it the state is known exactly, or not at all.
+    H, sigma = H[sigma > 0], sigma[sigma > 0]
     for _ in range(min(s.model.nx, 10)):
         with np.errstate(over="ignore", invalid="ignore"):
             seen, spread = np.linalg.norm(H @ spread, axis=1), F @ spread

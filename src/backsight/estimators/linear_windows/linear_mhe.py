@@ -13,6 +13,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
 from backsight.estimators.kalman import ekf
+from backsight.estimators.kalman.exact_sensors import correcting_exactly
 from backsight.estimators.kalman.kf import predict_linear
 from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.linear_windows._least_squares import Window, least_squares, start_of
@@ -118,6 +119,11 @@ class LinearMHE(AbstractEstimator):
         """See `AbstractEstimator.innovations`."""
         return "white" if self.arrival_weight == 1 else "coloured"
 
+    @property
+    def forgets(self) -> bool:
+        """See `AbstractEstimator.forgets`."""
+        return self.arrival_weight == 0
+
     def gains(self, model: Model, dt: float) -> Gains:
         """Gains of a full window without arrival cost, physical units, see `Gains`."""
         system = linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
@@ -153,7 +159,8 @@ class LinearMHE(AbstractEstimator):
         prior = choose(m.present[N], time_update.call([*last, m.U[:, N], u]), last)
         e, S = ekf.innovation(s)(*prior, u, y, mask)
         leaving = [m.U[:, 0], m.Y[:, 0], m.M[:, 0]]
-        corrected = ekf.correct(free)(m.x_start, m.P_start, *leaving)[:2]
+        update = correcting_exactly(s, innovation=ekf.innovation(s), correct=ekf.correct(free))
+        corrected = update(m.x_start, m.P_start, *leaving)[:2]
         moved = time_update.call([*corrected, m.U[:, 0], m.U[:, 1]])
         x_start, P_start = choose(m.present[0], moved, [m.x_start, m.P_start])
         window = [*moved_on((m.U, m.Y, m.M, m.present), (u, y, mask, 1))]
@@ -199,7 +206,14 @@ class LinearMHE(AbstractEstimator):
         }
 
     def _system(self, model: Model, dt: float) -> Linear | Varying:
-        return in_time(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+        return in_time(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            hold=self.hold,
+            noiseless=self.arrival_weight > 0,
+        )
 
 
 Estimate = dict[str, ca.MX]
@@ -240,7 +254,8 @@ def _with_limits(
         free = start
     found = by_name(limited(system, limits, e.N), [*start, wide, *window, tried])
     course = [found[k] for k in ("x", "P", "side", "held", "conflict", "open")]
-    x, P, conflict, raised = _verdict(system.s, *tried.shape)(*free, wide, *course)
+    bounds = [r for r in range(len(limits.names)) if r not in limits.exact]
+    x, P, conflict, raised = _verdict(system.s, bounds, *tried.shape)(*free, wide, *course)
     flags = dataclasses.replace(Flags.of(raised), unobserved=lacking).vector()
     return {"x": x, "P": P, "side": found["side"], "conflict": conflict, "flags": flags}
 
@@ -253,8 +268,8 @@ def _wide() -> ca.Function:
     return leaf("wide", {"full": 1, "lacking": 1}, formula)
 
 
-def _verdict(s: Setting, n: int, m: int) -> ca.Function:
-    """The estimate, limits that contradict each other, and flags.
+def _verdict(s: Setting, bounds: list[int], n: int, m: int) -> ca.Function:
+    """The estimate, limits that contradict each other, and flags; `bounds` are no sensors.
 
     ``(x_free, P_free, wide, x, P, side, held, conflict, open) -> (x, P, conflict, flags)``. Where
     the prior is wide and no limit is active, the estimate is the one without limits, exactly; where
@@ -269,7 +284,7 @@ def _verdict(s: Setting, n: int, m: int) -> ca.Function:
         infeasible = ca.mmax(names)
         unmoved = ca.logic_and(wide, ca.mmax(ca.vec(ca.fabs(side))) == 0)
         flags = Flags(
-            clipped=ca.mmax(ca.fabs(side[:, m - 1])),
+            clipped=ca.mmax(ca.fabs(side[bounds, m - 1])) if bounds else 0,
             infeasible=infeasible,
             iteration_limit=unfinished,
         )

@@ -107,6 +107,11 @@ class RecursiveMHE(AbstractEstimator):
                 f"{below + self.every}"
             )
 
+    @property
+    def forgets(self) -> bool:
+        """See `AbstractEstimator.forgets`."""
+        return True
+
     def gains(self, model: Model, dt: float) -> tuple[Array, Array]:
         """Gains L and L tilde, (nx, ny) each, physical units, without the factor alpha.
 

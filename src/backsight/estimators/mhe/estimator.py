@@ -144,6 +144,11 @@ class MHE(AbstractEstimator):
         """See `AbstractEstimator.innovations`; a walk that the window neglects colours them."""
         return "coloured" if self._neglects_walks() else self.arrival.innovations
 
+    @property
+    def forgets(self) -> bool:
+        """See `AbstractEstimator.forgets`."""
+        return isinstance(self.arrival, NoArrival | ConstantArrival)
+
     def _neglects_walks(self) -> bool:
         """Whether a state that is constant in the window may walk by the noise."""
         walk = self.noise.sigma_w
@@ -173,7 +178,12 @@ class MHE(AbstractEstimator):
 
     def _parts(self, model: Model, dt: float) -> Parts:
         whole = setting(
-            model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            integrator=self.integrator,
+            noiseless=True,
         ).sampled()
         refuse_too_wide(whole, "MHE")
         s = hard_bounds(whole, self.soft)

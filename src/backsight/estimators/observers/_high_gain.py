@@ -1,6 +1,7 @@
 """What the high-gain observers share: their own modes count for the integration step."""
 
 import functools
+from collections.abc import Mapping
 from typing import ClassVar
 
 from backsight.discrete.modes import Modes
@@ -25,6 +26,9 @@ class AbstractHighGain(AbstractEstimator):
     """
 
     varied_settings: ClassVar[tuple[str, ...]] = ("gain",)
+    fixed_settings: ClassVar[Mapping[str, str]] = {
+        "poles": "poles times a number are another gain; free gain"
+    }
 
     gain: float
     poles: complex | tuple[complex, ...]

@@ -89,6 +89,7 @@ class AHG(AbstractHighGain, AbstractAdaptiveObserver):
 
     key: ClassVar[str] = "ahg"
     title: ClassVar[str] = "Adaptive high-gain observer"
+    multiplied_settings: ClassVar[tuple[str, ...]] = ("Gamma",)
 
     noise: Noise
     prior: Prior

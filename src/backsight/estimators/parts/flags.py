@@ -34,8 +34,10 @@ class Flags:
     coarse_step: Raised = 0
     not_solved: Raised = 0
     redundant: Raised = 0
+    not_optimal: Raised = 0
     gate_open: Raised = 0  # raised around the method, see `backsight.estimators.around.robust`
     turn_guessed: Raised = 0  # the same, see `backsight.estimators.around.turns`
+    misled: Raised = 0  # the same, see `backsight.estimators.around.misled`
 
     @classmethod
     def of(cls, vector: Raised) -> Flags:

@@ -4,8 +4,10 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, TypeAlias
 
+import casadi as ca
 import numpy as np
 
+from backsight.algebra.factor import cholesky_semidefinite
 from backsight.description import Description, Sound, Unlimited
 from backsight.errors import ModelError, TuningError, nearest
 from backsight.estimators._sizes import LARGEST, SMALLEST
@@ -83,6 +85,8 @@ class Limits:
     unit : (n,) array
         Physical size of 1.
     names : tuple of str
+    exact : dict
+        Row of a sensor without noise, whose residual is zero, to its output.
     """
 
     state: Array
@@ -95,10 +99,13 @@ class Limits:
     slack: Array
     unit: Array
     names: tuple[str, ...]
+    exact: Mapping[int, int]
 
 
 def limits_of(s: Setting, Q: Array, limits: Sequence[Limit], soft: Mapping[str, float]) -> Limits:
-    """Bounds of the states in the model, then the limits given, in scaled variables.
+    """Bounds of the states in the model, then the limits given, then sensors without noise.
+
+    In scaled variables.
 
     Parameters
     ----------
@@ -124,6 +131,9 @@ def limits_of(s: Setting, Q: Array, limits: Sequence[Limit], soft: Mapping[str, 
     names = tuple(limit.name for limit in every)
     _check(names, soft)
     rows = [_row(s, Q, limit, float(soft.get(limit.name, np.inf))) for limit in every]
+    of_sensors = {len(every) + k: j for k, j in enumerate(exact_outputs(s.R))}
+    rows += [_exact_row(s, j) for j in of_sensors.values()]
+    names += tuple(f"{model.outputs[j].name} (without noise)" for j in of_sensors.values())
     constant = ~np.isin(np.arange(model.nx), moving_states(model)) & ~Q.any(axis=0)
     state = _stack([r.state for r in rows], model.nx)
     return Limits(
@@ -137,7 +147,17 @@ def limits_of(s: Setting, Q: Array, limits: Sequence[Limit], soft: Mapping[str, 
         slack=np.array([r.slack for r in rows]),
         unit=np.array([r.unit for r in rows]),
         names=names,
+        exact=of_sensors,
     )
+
+
+def exact_outputs(R: Array) -> tuple[int, ...]:
+    """Outputs that have no noise of their own, beside that of the outputs before them."""
+    if not np.count_nonzero(R - np.diag(np.diag(R))):
+        return tuple(np.flatnonzero(np.diag(R) == 0).tolist())
+    factor = ca.Function("factor", [], [ca.densify(cholesky_semidefinite(ca.SX(ca.DM(R))))])
+    pivots = np.diag(np.array(factor.call([])[0]))
+    return tuple(np.flatnonzero(pivots == 0).tolist())
 
 
 def hard_bounds(s: Setting, soft: Mapping[str, float]) -> Setting:
@@ -200,6 +220,28 @@ def _row(s: Setting, Q: Array, limit: Limit, weight: float) -> _Row:
         softness=1 / (weight * unit**2),
         slack=TOLERANCE * max([1.0, *finite]),
         unit=unit,
+    )
+
+
+def _exact_row(s: Setting, output: int) -> _Row:
+    """The residual of a sensor without noise, in units of what the states are to it."""
+    x, u = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
+    slope = ca.densify(ca.jacobian(s.model.output(x, u)[output], x))
+    at_start = ca.Function("slope", [x, u], [slope])(s.x0, np.zeros(s.model.nu))
+    size = float(np.abs(np.array(at_start)).sum())
+    unit = size if SMALLEST < size < LARGEST else 1.0
+    residual = np.zeros(s.model.ny)
+    residual[output] = 1 / unit
+    nothing = np.zeros(s.model.nx)
+    return _Row(
+        state=nothing,
+        noise=nothing,
+        residual=residual,
+        lower=0.0,
+        upper=0.0,
+        softness=0.0,
+        slack=TOLERANCE,
+        unit=unit * float(s.sy[output]),
     )
 
 

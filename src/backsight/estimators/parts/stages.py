@@ -1,29 +1,52 @@
 """The samples of a window as the trajectory solver wants them: outputs and limits."""
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 
 from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.update import masked
+from backsight.algebra.update import masked, measured
+from backsight.engine.dense import (
+    applied,
+    cholesky_of,
+    diagonal,
+    few_entries,
+    product_of,
+    scaled_rows,
+    solve_triangular,
+)
 from backsight.engine.loops import iterate, scan
 from backsight.estimators.base import Setting
-from backsight.estimators.parts.limits import Limits
+from backsight.estimators.parts.covariance import Covariance
+from backsight.estimators.parts.leaf import leaf, notation
+from backsight.estimators.parts.limits import Limits, exact_outputs
+from backsight.models.lti import output_equation
 from backsight.solvers.trajectory import Chain, end_covariance
 from backsight.types import Array
 
 
 def chain_of(s: Setting, limits: Limits, F: ca.Sparsity, *, Q: Array, N: int) -> Chain:
     """Sizes and constants of a window; F is where its transition matrices can differ from zero."""
-    x, u, y, mask = _symbols(s)
+    seen = _linear_outputs(s)
+    if seen is None:
+        x, u, y, mask = _symbols(s)
+        rows = sensed(s, x, u, y, mask)
+        H, A = rows.H.sparsity(), limited_rows(s, limits, rows, x, u, y)[0].sparsity()
+    else:
+        C = few_entries(seen[0])
+        H = C.sparsity() if _independent(s) else ca.Sparsity.dense(*C.shape)
+        A = ca.sparsify(ca.DM(limits.state - limits.residual @ seen[0])).sparsity()
     return Chain(
         N=N,
         Q=Q,
         F=F,
-        H=measured_rows(s, x, u, y, mask)[0].sparsity(),
+        H=H,
         noise=limits.noise,
-        A=limited_rows(s, limits, x, u, y)[0].sparsity(),
+        A=A,
         softness=limits.softness,
         slack=limits.slack,
+        exact=tuple(limits.exact),
     )
 
 
@@ -37,9 +60,9 @@ def outputs_and_limits(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
     X, U, Y, M, present = given = [ca.MX.sym(k, size, N + 1) for k, size in sizes.items()]
     before = ca.horzcat(0, present[:, :-1])
     last = ca.MX(ca.DM([[0.0] * N + [1.0]]))
-    _, seen = scan(
-        _sample(s, limits, chain), N + 1, carry=[ca.MX(0)], xs=[X, U, Y, M, before, present, last]
-    )
+    found = _linear_outputs(s)
+    one = _sample(s, limits, chain) if found is None else _of_many(s, limits, chain, *found)
+    _, seen = scan(one, N + 1, carry=[ca.MX(0)], xs=[X, U, Y, M, before, present, last])
     return ca.Function("outputs_and_limits", given, [before, *seen])
 
 
@@ -81,34 +104,93 @@ def covariance_of(chain: Chain) -> ca.Function:
     )
 
 
+def _linear_outputs(s: Setting) -> tuple[Array, Array, Array] | None:
+    """Matrices of the outputs of a model of many states, if they are linear: constants then.
+
+    None also if a sensor has no noise.
+    """
+    if not Covariance(s.model.nx).whole or exact_outputs(s.R):
+        return None
+    return output_equation(s.model)
+
+
+def _independent(s: Setting) -> bool:
+    """Whether the noise of every sensor is its own."""
+    return not np.count_nonzero(s.R - np.diag(np.diag(s.R)))
+
+
 def _symbols(s: Setting) -> list[ca.SX]:
     m = s.model
     return [ca.SX.sym(k, size) for k, size in (("x", m.nx), ("u", m.nu), ("y", m.ny), ("m", m.ny))]
 
 
+@dataclasses.dataclass(frozen=True)
+class Sensed:
+    """Rows of a sample.
+
+    Parameters
+    ----------
+    H, e : (ny, nx), (ny,)
+        Derivatives of the outputs and residuals, both with unit noise; zero where there is none.
+    H_exact, e_exact : (ny, nx), (ny,)
+        Those of combinations of outputs that are measured without noise.
+    exact : (ny,)
+        1 for those that are.
+    """
+
+    H: ca.SX
+    e: ca.SX
+    H_exact: ca.SX
+    e_exact: ca.SX
+    exact: ca.SX
+
+
 def measured_rows(s: Setting, x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Derivative of the outputs (ny, nx) and residuals (ny,), both with unit noise."""
-    output = s.model.output(x, u)
-    H, e = ca.jacobian(output, x), y - output
-    if np.count_nonzero(s.R - np.diag(np.diag(s.R))) == 0:
-        weights = mask / np.sqrt(np.diag(s.R))
-        return ca.sparsify(ca.diag(weights) @ H), weights * e
+    rows = sensed(s, x, u, y, mask)
+    return rows.H, rows.e
+
+
+def sensed(s: Setting, x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Sensed:
+    """Rows of a sample, with those that have no noise apart."""
+    output, variances = s.model.output(x, u), np.diag(s.R)
+    H, e, never = ca.jacobian(output, x), y - output, exact_outputs(s.R)
+    if _independent(s):
+        weights = [0 if v == 0 else mask[i] / np.sqrt(v) for i, v in enumerate(variances)]
+        of_noise, none = ca.sparsify(ca.vertcat(ca.SX(0, 1), *weights)), variances == 0
+        seen = ca.SX(none.astype(float)) * (mask > 0)
+        return Sensed(ca.sparsify(ca.diag(of_noise) @ H), of_noise * e, H, e, seen)
     H, e, R = masked(H, e, ca.SX(s.R), mask)
     L = cholesky_semidefinite(R)
     rows: list[ca.SX] = []
+    left: list[ca.SX] = []
+    seen = ca.SX.zeros(s.model.ny)
     for j, row in enumerate(ca.vertsplit(ca.horzcat(e, H))):
         known = sum((L[j, k] * done for k, done in enumerate(rows)), ca.SX(*row.shape))
-        rows.append((row - known) / L[j, j])
-    white = ca.vertcat(*rows)
-    return ca.sparsify(white[:, 1:]), white[:, 0]
+        left.append(row - known)
+        # What the outputs before it do not tell of its noise, if anything.
+        noisy = L[j, j] > 0
+        if j in never:
+            seen[j] = ca.logic_and(mask[j] > 0, ca.logic_not(noisy))
+            rows.append(ca.if_else(noisy, left[j] / ca.if_else(noisy, L[j, j], 1), 0))
+        else:
+            rows.append(left[j] / L[j, j])
+    white, rest = ca.vertcat(*rows), ca.vertcat(*left)
+    return Sensed(ca.sparsify(white[:, 1:]), white[:, 0], rest[:, 1:], rest[:, 0], seen)
 
 
-def limited_rows(s: Setting, limits: Limits, x: ca.SX, u: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
+def limited_rows(
+    s: Setting, limits: Limits, rows: Sensed, x: ca.SX, u: ca.SX, y: ca.SX
+) -> tuple[ca.SX, ca.SX]:
     """Derivatives of the limited quantities by the state (n, nx), and their values (n,)."""
     of_state, of_residual = (_sparse(w) for w in (limits.state, limits.residual))
     output = s.model.output(x, u)
-    rows = of_state - of_residual @ ca.jacobian(output, x)
-    return ca.sparsify(rows), ca.densify(of_state @ x + of_residual @ (y - output))
+    A = ca.SX(of_state - of_residual @ ca.jacobian(output, x))
+    value = ca.densify(of_state @ x + of_residual @ (y - output))
+    for r, j in limits.exact.items():
+        A[r, :] = -limits.residual[r, j] * rows.H_exact[j, :]
+        value[r] = limits.residual[r, j] * rows.e_exact[j]
+    return ca.sparsify(A), value
 
 
 def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
@@ -119,8 +201,18 @@ def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
     """
     x, u, y, mask = _symbols(s)
     count, before, here, last = (ca.SX.sym(k) for k in ("k", "before", "here", "last"))
-    H, e = measured_rows(s, x, u, y, here * mask)
-    A, value = limited_rows(s, limits, x, u, y)
+    rows = sensed(s, x, u, y, here * mask)
+    A, value = limited_rows(s, limits, rows, x, u, y)
+    low, high = _ends(limits, chain)(value, mask, before, here, last, rows.exact)
+    columns = [entries(rows.H, chain.H), ca.densify(rows.e), entries(A, chain.A), low, high]
+    return ca.Function("sample", [count, x, u, y, mask, before, here, last], [count + 1, *columns])
+
+
+def _ends(limits: Limits, chain: Chain) -> ca.Function:
+    """How far a limited quantity is from its ends: ``(value, m, before, here, last, exact)``."""
+    value, mask = ca.SX.sym("value", chain.n), ca.SX.sym("m", chain.ny)
+    before, here, last = (ca.SX.sym(k) for k in ("before", "here", "last"))
+    exact = ca.SX.sym("exact", chain.ny)
     low, high = ca.SX(limits.lower) - value, ca.SX(limits.upper) - value
     for r in range(chain.n):
         needed = [mask[int(j)] for j in np.flatnonzero(limits.residual[r])]
@@ -128,10 +220,51 @@ def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
         if limits.once[r]:
             exists = last
         counts = ca.mmin(ca.vertcat(exists, *needed)) > 0
+        if r in limits.exact:
+            counts = exact[limits.exact[r]]
         low[r] = ca.if_else(counts, low[r], -np.inf)
         high[r] = ca.if_else(counts, high[r], np.inf)
-    columns = [entries(H, chain.H), ca.densify(e), entries(A, chain.A), low, high]
-    return ca.Function("sample", [count, x, u, y, mask, before, here, last], [count + 1, *columns])
+    return ca.Function("ends", [value, mask, before, here, last, exact], [low, high])
+
+
+def _of_many(s: Setting, limits: Limits, chain: Chain, C: Array, D: Array, d: Array) -> ca.Function:
+    """`_sample` of a model of many states with the outputs C x + D u + d, as matrices."""
+    nx, nu, ny, n = s.model.nx, s.model.nu, s.model.ny, chain.n
+    sizes = {"k": 1, "x": nx, "u": nu, "y": ny, "m": ny, "before": 1, "here": 1, "last": 1}
+    given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+    count, x, u, y, mask, before, here, last = given
+    e = y - applied(few_entries(C), x) - applied(few_entries(D), u) - ca.DM(d)
+    value = ca.MX.zeros(n, 1)
+    if n:
+        value = applied(few_entries(limits.state), x) + applied(few_entries(limits.residual), e)
+    low, high = _ends(limits, chain)(value, mask, before, here, last, ca.MX.zeros(ny))
+    H, e = _whitened(s, chain, C)(e, here * mask)
+    A = ca.project(ca.DM(limits.state - limits.residual @ C), chain.A)
+    columns = [H, e, ca.MX(ca.DM(A.nonzeros())) if A.nnz() else ca.MX(0, 1), low, high]
+    return ca.Function("sample_of_many", given, [count + 1, *columns])
+
+
+def _whitened(s: Setting, chain: Chain, C: Array) -> ca.Function:
+    """``(e, weights) -> (H, e)``: entries of C and residuals, both with unit noise."""
+    ny = s.model.ny
+    e, weights = ca.MX.sym("e", ny), ca.MX.sym("weights", ny)
+    if _independent(s):
+        by = weights / ca.DM(np.sqrt(np.diag(s.R)))
+        # Every entry times the weight of its row, as the product with a matrix.
+        rows, values = chain.H.row(), ca.project(ca.DM(C), chain.H).nonzeros()
+        spread = ca.DM.triplet(list(range(len(rows))), rows, ca.DM(values), len(rows), ny)
+        return ca.Function("whitened", [e, weights], [applied(spread, by), by * e])
+    rows = scaled_rows(ca.horzcat(ca.MX(ca.DM(C)), e), weights)
+    white = solve_triangular(cholesky_of(noise_seen(s)(weights)), rows)
+    return ca.Function("whitened", [e, weights], [ca.vec(white[:, :-1]), white[:, -1]])
+
+
+def noise_seen(s: Setting) -> ca.Function:
+    """``mask -> R`` of `backsight.algebra.update.masked`, for many states."""
+    mask = ca.MX.sym("mask", s.model.ny)
+    seen = leaf("measured", notation(s), lambda mask: {"seen": measured(mask)})(mask)
+    both = product_of(seen, seen, turned=(False, True))
+    return ca.Function("noise_seen", [mask], [ca.MX(ca.DM(s.R)) * both + diagonal(1 - seen)])
 
 
 def entries(matrix: ca.SX, pattern: ca.Sparsity) -> ca.SX:

@@ -98,7 +98,8 @@ def _variable(listed: ET.Element, v: Variable) -> None:
     if v.causality == "independent":
         about |= {"variability": "continuous", "unit": v.unit}
     elif v.causality == "parameter":
-        about |= {"variability": "tunable", "initial": "exact", "start": repr(v.start)}
+        about |= {"variability": "fixed" if v.fixed else "tunable"}
+        about |= {"initial": "exact", "start": repr(v.start)}
     elif v.causality == "input":
         about |= {"variability": "discrete", "start": repr(v.start)}
     else:

@@ -1,12 +1,12 @@
 """``model.h``: what of an FMU depends on the estimator, in C."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from backsight.engine.c99 import Precision
 from backsight.estimators.outliers import DOUBTED
-from backsight.export._opened import PARAMETERS, SIGMA, WALK
+from backsight.export._followed import MEAN, PRIOR, SPREAD
 from backsight.export._written import Written
-from backsight.export.fmi._variables import Variable
+from backsight.export.fmi._variables import Z95, Variable, structured
 
 DOUBLE = Precision("double")
 
@@ -16,10 +16,10 @@ def model_header(code: Written, found: Sequence[Variable], token: str) -> str:
     at = {v.name: v.reference for v in found}
     first_output = next(v.reference for v in found if v.causality == "output")
     counts = {field: len(signals) for field, signals in code.open.signals.items()}
+    # The order of the fields: the mean of the prior, standard deviations (its own first), others.
+    sigmas = sum(n for field, n in counts.items() if field.startswith("sigma_"))
     model, channels = code.model, [c.name for c in code.recursion.channels]
-    sigmas = counts.get(SIGMA, 0) + counts.get(WALK, 0)
-    parameters = counts.get(PARAMETERS, 0)
-    u = 1 + sigmas + parameters
+    u = 1 + sum(counts.values())
     e = next(v.reference for v in found if v.source == "e[0]")
     weight = next((v.reference for v in found if v.source == "weight[0]"), 0)
     sizes = {
@@ -28,10 +28,9 @@ def model_header(code: Written, found: Sequence[Variable], token: str) -> str:
         "NY": model.ny,
         "LAG": code.recursion.lag,
         "SIGMAS": sigmas,
-        "PARAMETERS": parameters,
+        "FIXED": sum(counts.get(field, 0) for field in PRIOR),
         "FIRST_SET": 1,
-        "SIGMA": 1,
-        "PARAMETER": 1 + sigmas,
+        "SIGMA": 1 + counts.get(MEAN, 0),
         "U": u,
         "Y": u + model.nu,
         "MASK": u + model.nu + model.ny,
@@ -70,9 +69,9 @@ def model_header(code: Written, found: Sequence[Variable], token: str) -> str:
             "/* Values before the first sample. */",
             f"static const double model_start[{len(found)}] = {{\n    {start}}};",
             "",
-            "static void model_init(model_memory *memory)",
+            "static void model_init(model_memory *memory, double *values)",
             "{",
-            f"    {name}_init(memory);",
+            *_beginning(code, at),
             "}",
             "",
             "/* Standard deviation of a variance, which rounding may have made negative. */",
@@ -100,6 +99,24 @@ def model_header(code: Written, found: Sequence[Variable], token: str) -> str:
             "",
         ]
     )
+
+
+def _beginning(code: Written, at: Mapping[str, int]) -> list[str]:
+    """Set the memory, and the outputs before the first sample, by the prior."""
+    if not code.open.start:
+        return [f"    {code.name}_init(memory);", "    (void)values;"]
+    lines = [f"    {code.name}_settings settings;", *_settings(code)]
+    lines.append(f"    {code.name}_init(memory, &settings);")
+    for field, output in ((MEAN, "x_hat"), (SPREAD, "x_std")):
+        for s in code.open.signals.get(field, ()):
+            given, shown = at[structured(field, s.name)], at[structured(output, s.name)]
+            lines.append(f"    values[{shown}] = values[{given}];")
+    for s in code.model.states:
+        x, sd = at[structured("x_hat", s.name)], at[structured("x_std", s.name)]
+        for end, sign in (("x_lower", "-"), ("x_upper", "+")):
+            shown = at[structured(end, s.name)]
+            lines.append(f"    values[{shown}] = values[{x}] {sign} {Z95!r} * values[{sd}];")
+    return lines
 
 
 def _locals(code: Written) -> list[str]:

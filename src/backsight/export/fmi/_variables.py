@@ -11,7 +11,8 @@ from backsight.algebra.symmetric import side
 from backsight.engine.recursion import Channel
 from backsight.errors import BacksightError, EngineError
 from backsight.estimators.base import ESTIMATE_CHANNELS
-from backsight.export._opened import PARAMETERS, SIGMA, WALK
+from backsight.export._followed import LOWER, MEAN, PRIOR, SIGMA, SPREAD, UPPER, WALK
+from backsight.export._opened import PARAMETERS
 from backsight.export._written import Written, one_line
 from backsight.models.signals import Signal
 from backsight.types import Array
@@ -44,6 +45,8 @@ class Variable:
         Expression in C of an output; empty if it is computed beside the estimator.
     whole : bool
         It is an integer.
+    fixed : bool
+        A parameter that counts before the first sample only.
     """
 
     reference: int
@@ -54,6 +57,7 @@ class Variable:
     start: float = float("nan")
     source: str = ""
     whole: bool = False
+    fixed: bool = False
 
 
 def variables(code: Written) -> tuple[Variable, ...]:
@@ -92,13 +96,19 @@ def _parameters(code: Written) -> Iterator[Variable]:
     about = {
         SIGMA: "standard deviation of the measurement",
         WALK: "standard deviation of the random walk in a sample",
+        MEAN: "state before the first sample",
+        SPREAD: "standard deviation of the state before the first sample",
+        LOWER: "lower bound of the state",
+        UPPER: "upper bound of the state",
         PARAMETERS: "parameter of the model",
     }
-    group = {SIGMA: SIGMA, WALK: WALK, PARAMETERS: "parameter"}
     for field, signals in code.open.signals.items():
+        group = "parameter" if field == PARAMETERS else field
         for s in signals:
-            name = structured(group[field], s.name)
-            yield Variable(0, name, "parameter", about[field], s.unit, s.value)
+            # A number of the estimator has no group.
+            name = structured(group, s.name) if field in about else field
+            told = about.get(field, "setting of the estimator")
+            yield Variable(0, name, "parameter", told, s.unit, s.value, fixed=field in PRIOR)
 
 
 def _inputs(code: Written) -> Iterator[Variable]:

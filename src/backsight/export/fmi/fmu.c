@@ -70,7 +70,7 @@ static void restart(State *state)
     for (k = 0; k <= MODEL_LAG; ++k)
         for (i = 0; i < MODEL_NY; ++i)
             state->masks[k][i] = 0.0;
-    model_init(&state->memory);
+    model_init(&state->memory, state->values);
 }
 
 #include "innovation.h"
@@ -89,10 +89,9 @@ static fmi3Status measured(const Instance *it, double *y, double *mask)
         if (!(values[MODEL_SIGMA + i] > 0.0) || !isfinite(values[MODEL_SIGMA + i]))
             return wrong(it, "a standard deviation is not larger than 0",
                          (fmi3ValueReference)(MODEL_SIGMA + i));
-    for (i = 0; i < MODEL_PARAMETERS; ++i)
-        if (!isfinite(values[MODEL_PARAMETER + i]))
-            return wrong(it, "a parameter is not finite",
-                         (fmi3ValueReference)(MODEL_PARAMETER + i));
+    for (i = MODEL_FIRST_SET; i < MODEL_U; ++i)
+        if (!isfinite(values[i]))
+            return wrong(it, "a parameter is not finite", (fmi3ValueReference)i);
     for (i = 0; i < MODEL_NY; ++i) {
         const double weight = values[MODEL_MASK + i], value = values[MODEL_Y + i];
         if (!(weight >= 0.0) || !isfinite(weight))
@@ -216,6 +215,7 @@ FMI3_Export fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
     Instance *it = instance;
     if (it->state.mode != INITIALISING)
         return failed(it, "fmi3ExitInitializationMode: not in initialisation mode");
+    model_init(&it->state.memory, it->state.values); /* by the prior that was set meanwhile */
     it->state.mode = STEPPING;
     return fmi3OK;
 }

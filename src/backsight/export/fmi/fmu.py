@@ -17,8 +17,9 @@ import xarray as xr
 from backsight.description import checked
 from backsight.errors import EngineError, OutputError
 from backsight.estimators.base import AbstractEstimator
+from backsight.export._compiler import TARGETS, Platform, this_machine
 from backsight.export._written import Written, code_of
-from backsight.export.fmi._build import TARGETS, Platform, build, library_name, this_machine
+from backsight.export.fmi._build import build, library_name
 from backsight.export.fmi._description import build_description, model_description, terminals
 from backsight.export.fmi._model_header import model_header
 from backsight.export.fmi._page import icon, page
@@ -64,8 +65,8 @@ def export_fmu(
     name : str
         Model identifier: names of libraries and of functions in C.
     tunable : sequence of str, optional
-        As in `export_c`: ``"sigma_y"``, ``"sigma_w"`` and parameters of the model, which become
-        tunable parameters ``sigma_y.*``, ``sigma_w.*`` and ``parameter.*`` of the FMU.
+        As in `export_c`: they become tunable parameters of the FMU, ``sigma_y.*``, ``alpha``,
+        ``parameter.*``; ``x0.*`` and ``sigma_x0.*`` fixed ones, which count before the first step.
     platforms : sequence of str, optional
         ``"x86_64-linux"``, ``"aarch64-linux"``, ``"x86_64-windows"``, ``"x86_64-darwin"``,
         ``"aarch64-darwin"``; by default the one of this machine. Others than that need

@@ -40,9 +40,13 @@ FMI3_Export fmi3Status fmi3SetFloat64(
     size_t i;
     if (nValues != nValueReferences)
         return failed(it, "fmi3SetFloat64: every variable is one number");
-    for (i = 0; i < nValueReferences; ++i) /* all or nothing */
-        if (valueReferences[i] < MODEL_FIRST_SET || valueReferences[i] >= MODEL_FIRST_OUTPUT)
-            return wrong(it, "fmi3SetFloat64: no input or parameter", valueReferences[i]);
+    for (i = 0; i < nValueReferences; ++i) { /* all or nothing */
+        const fmi3ValueReference r = valueReferences[i];
+        if (r < MODEL_FIRST_SET || r >= MODEL_FIRST_OUTPUT)
+            return wrong(it, "fmi3SetFloat64: no input or parameter", r);
+        if (r < MODEL_FIRST_SET + MODEL_FIXED && it->state.mode == STEPPING)
+            return wrong(it, "fmi3SetFloat64: the prior is set before the first step", r);
+    }
     for (i = 0; i < nValueReferences; ++i)
         it->state.values[valueReferences[i]] = values[i];
     return fmi3OK;

@@ -1,12 +1,14 @@
-"""Where alarms go beside the log: a program, an address on the web."""
+"""Where alarms go beside the log: a program, an address on the web, a broker."""
 
 import concurrent.futures
+import contextlib
 import json
 import subprocess
 import urllib.request
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from backsight.live._publishing import Publisher
 from backsight.problem.reading.tables import AlarmTable
 
 PATIENCE = 10.0
@@ -21,12 +23,20 @@ class Outlets:
 
     Parameters
     ----------
+    tables : dict
+        Alarms by name.
     tell : callable
         Told what could not be sent.
+
+    Raises
+    ------
+    PluginError
+        If a package is not installed.
     """
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, tables: Mapping[str, AlarmTable], tell: Callable[[str], None]) -> None:
         self._tell = tell
+        self._brokers = {n: Publisher(t.mqtt) for n, t in tables.items() if t.mqtt is not None}
         self._pool = concurrent.futures.ThreadPoolExecutor(2, "alarm")
         self._sending: list[concurrent.futures.Future[None]] = []
 
@@ -39,6 +49,9 @@ class Outlets:
         content = json.dumps(event).encode()
         if table.command:
             self._sending.append(self._pool.submit(self._run, name, table.command, content))
+        if name in self._brokers:
+            sent = self._brokers[name].publish(content, qos=1)
+            self._sending.append(self._pool.submit(self._confirm, name, sent))
         if table.webhook:
             self._sending.append(self._pool.submit(self._post, name, table.webhook, content))
 
@@ -50,6 +63,15 @@ class Outlets:
             return
         if done.returncode:
             self._tell(f"alarm {name}: {command[0]} ended with {done.returncode}")
+
+    def _confirm(self, name: str, sent: Any) -> None:
+        """See whether the broker has it; else the connection keeps it until it has."""
+        there = False
+        with contextlib.suppress(RuntimeError, ValueError):  # there was no connection
+            sent.wait_for_publish(PATIENCE)
+            there = sent.is_published()
+        if not there:
+            self._tell(f"alarm {name}: the broker does not answer; it is sent when it does")
 
     def _post(self, name: str, address: str, content: bytes) -> None:
         request = urllib.request.Request(
@@ -65,3 +87,5 @@ class Outlets:
         """Wait a moment for what is being sent, and give up the rest."""
         concurrent.futures.wait(self._sending, timeout=PATIENCE)
         self._pool.shutdown(wait=False, cancel_futures=True)
+        for broker in self._brokers.values():
+            broker.stop()

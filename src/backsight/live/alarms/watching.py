@@ -84,7 +84,7 @@ class Alarms:
     def __init__(self, alarms: Mapping[str, Alarm], *, tell: Callable[[str], None]) -> None:
         self.alarms, self._tell = alarms, tell
         self.events: collections.deque[dict[str, Any]] = collections.deque(maxlen=MOST_EVENTS)
-        self._outlets = Outlets(tell)
+        self._outlets = Outlets({name: a.table for name, a in alarms.items()}, tell)
         self._lock = threading.Lock()
 
     def see(self, rows: LiveRows, time_of: Callable[[int], float]) -> None:

@@ -1,5 +1,7 @@
 """Rows of an even grid of which the oldest are dropped and newer ones are added all the time."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from backsight.types import Array
@@ -43,6 +45,34 @@ class RowBuffer:
         """Rows of the slots from `start` up to `stop`; what is written to them is kept."""
         shift = self._first - self.base
         return self._rows[start + shift : stop + shift]
+
+    def put(
+        self, columns: Sequence[int], slots: np.ndarray, values: Array
+    ) -> tuple[int, np.ndarray]:
+        """Put values (n, m) into columns of the rows at slots (n,); the first one counts.
+
+        Returns
+        -------
+        duplicates : int
+            Values of which there was one already.
+        changed : (n,) array of bool
+            Samples of which a value was put.
+        """
+        self.extend(int(slots.max()) + 1)
+        rows = self.view(self.base, self.stop)
+        duplicates, changed = 0, np.zeros(len(slots), bool)
+        rest = np.arange(len(slots))
+        while len(rest):  # once, unless a slot comes several times
+            _, first = np.unique(slots[rest], return_index=True)
+            chosen = rest[first]
+            where = np.ix_(slots[chosen] - self.base, columns)
+            there, given = rows[where], values[chosen]
+            free = np.isnan(there) & np.isfinite(given)
+            rows[where] = np.where(free, given, there)
+            duplicates += int((np.isfinite(given) & ~free).sum())
+            changed[chosen] = free.any(axis=1)
+            rest = np.delete(rest, first)
+        return duplicates, changed
 
     def drop(self, base: int) -> None:
         """Forget the rows before a slot."""

@@ -31,7 +31,7 @@ MOST_ASKED = 10_000
 """Bytes of a request."""
 
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
-_LOOK = 0.05
+_LOOK = 0.025
 """Seconds between two looks for a new frame."""
 
 

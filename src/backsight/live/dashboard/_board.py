@@ -3,6 +3,7 @@
 import collections
 import json
 import threading
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,13 @@ from backsight.live.dashboard._history import History
 from backsight.live.dashboard._saving import Recent
 from backsight.live.dashboard._verdict import verdict
 from backsight.live.engine import LiveRows
+from backsight.models.model import Model
 from backsight.types import Array
 
 FRAMES = 64
 """Frames that are kept for browsers that are slow."""
 
-_EVERY = 0.1
+_EVERY = 0.05
 """Seconds of the clock between two frames."""
 
 
@@ -39,9 +41,12 @@ class Board:
         self._inputs = [k for k, s in enumerate(model.inputs) if not s.name.startswith(SEEN)]
         self._outputs = [k for k, s in enumerate(model.outputs) if s.dummy is None]
         virtual = () if model.virtual is None else model.virtual.signals
+        self._forces = list(session.labels.get("d_hat", ()))
+        self.map = force_map(model, self._forces)
         self._keys = [
             *(("state", s.name, s.unit) for s in model.states),
             *(("virtual", s.name, s.unit) for s in virtual),
+            *(("force", name, "") for name in self._forces),
             *(("input", model.inputs[k].name, model.inputs[k].unit) for k in self._inputs),
             *(("measured", model.outputs[k].name, model.outputs[k].unit) for k in self._outputs),
             *(("predicted", model.outputs[k].name, model.outputs[k].unit) for k in self._outputs),
@@ -61,8 +66,22 @@ class Board:
             "estimator": live.estimator.title,
             "dt": self.session.grid.dt,
             "unknown": list(live.model.resting),
+            "map": self.map,
             "series": [{"kind": k, "name": n, "unit": u} for k, n, u in self._keys],
         }
+
+    def columns(self) -> list[tuple[str, str | None]]:
+        """Column of every quantity in the store, and that of its standard deviation."""
+        places = {
+            "state": ("x_hat.", "x_std."), "virtual": ("z_hat.", "z_std."),
+            "force": ("d_hat.", "d_std."), "input": ("u.", None), "measured": ("y.", None),
+            "predicted": ("y_hat.", None),
+        }  # fmt: skip
+        found: list[tuple[str, str | None]] = []
+        for kind, name, _ in self._keys:
+            hat, std = places.get(kind, ("", None))
+            found.append((hat + name if hat else "nis", std and std + name))
+        return found
 
     def _take(self, rows: LiveRows) -> None:
         """Take in the newest samples; called by the thread of the run."""
@@ -76,9 +95,10 @@ class Board:
         values, n = rows.values, len(rows)
         hat = [values["x_hat"]]
         std = [values["x_std"]]
-        if "z_hat" in values:
-            hat.append(values["z_hat"])
-            std.append(values.get("z_std", np.full_like(values["z_hat"], np.nan)))
+        for name in ("z", "d"):
+            if f"{name}_hat" in values:
+                hat.append(values[f"{name}_hat"])
+                std.append(values.get(f"{name}_std", np.full_like(hat[-1], np.nan)))
         hat += [
             rows.u[:, self._inputs],
             rows.y[:, self._outputs],
@@ -130,6 +150,24 @@ class Board:
     def newest(self) -> int:
         """Number of the newest frame."""
         return self._number
+
+
+def force_map(model: Model, forces: Sequence[str]) -> dict[str, Any] | None:
+    """Forces along a structure, in the order of their places; None if there are not several."""
+    places = {s.name: s.position for s in model.parameters}
+    walks = [n for n in model.resting if places.get(n) is not None]
+    names = list(forces) or walks
+    if len(names) < 2:
+        return None
+    if all(places.get(n) is not None for n in names):
+        names.sort(key=lambda n: float(places[n] or 0.0))
+    units = {s.name: s.unit for s in (*model.parameters, *model.states)}
+    return {
+        "kind": "force" if forces else "state",
+        "names": names,
+        "places": [places.get(n) for n in names],
+        "unit": units.get(names[0], ""),
+    }
 
 
 def _known(value: float) -> float | None:

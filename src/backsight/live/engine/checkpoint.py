@@ -62,11 +62,11 @@ class Checkpoint:
             first_estimate=0,
         )
 
-    def packed(self, **others: float | str) -> bytes:
+    def packed(self, **others: float | str | Array) -> bytes:
         """As bytes, with other things to be kept."""
         file = io.BytesIO()
         arrays: dict[str, Any] = {n: np.asarray(v) for n, v in (vars(self) | others).items()}
-        np.savez_compressed(file, **arrays)
+        np.savez(file, **arrays)  # measured numbers hardly become shorter
         return file.getvalue()
 
     @classmethod

@@ -102,35 +102,17 @@ class LiveEstimation:
         """First slot that may still change."""
         return self._kept[0][0]
 
-    def put(self, columns: Sequence[int], slots: np.ndarray, values: Array) -> tuple[int, int]:
-        """Put values (n, m) into columns of the rows at slots (n,); the first one counts.
-
-        Returns
-        -------
-        duplicates : int
-            Values of which there was one already.
-        late : int
-            Samples whose row had been estimated.
-        """
+    def put(
+        self, columns: Sequence[int], slots: np.ndarray, values: Array
+    ) -> tuple[int, np.ndarray]:
+        """Put values (n, m) into columns of the rows at slots (n,), see `RowBuffer.put`."""
         if not len(slots):
-            return 0, 0
-        self.measured.extend(int(slots.max()) + 1)
-        low = int(slots.min())
-        rows = self.measured.view(self.measured.base, self.measured.stop)
-        where = slots - self.measured.base
-        duplicates, changed = 0, np.zeros(len(slots), bool)
-        for j, column in enumerate(columns):
-            given = np.isfinite(values[:, j])
-            at, first = np.unique(where[given], return_index=True)
-            free = np.isnan(rows[at, column])
-            duplicates += int(given.sum() - free.sum())
-            chosen = np.flatnonzero(given)[first[free]]
-            rows[at[free], column] = values[chosen, j]
-            changed[chosen] = True
+            return 0, np.zeros(0, bool)
+        duplicates, changed = self.measured.put(columns, slots, values)
         past = changed & (slots < self.done)
-        if low < self.done and past.any():
+        if past.any():
             self._dirty = min(self._dirty, int(slots[past].min()))
-        return duplicates, int(past.sum())
+        return duplicates, changed
 
     def advance(self, stop: int, *, at_once: bool = False) -> None:
         """Estimate the rows up to a slot, and again those from which a late sample changed on.
@@ -151,10 +133,15 @@ class LiveEstimation:
         self._dirty = self.done
 
     def _begin(self, stop: int, *, at_once: bool) -> bool:
-        """Pass over the rows before all inputs are known; whether the first row is found."""
+        """Pass over the rows before all inputs are known; whether the first row is found.
+
+        Without inputs, it is the first one in which anything was measured.
+        """
         nu, base = self.model.nu, self.measured.base
-        known = filled_forward(self.measured.view(base, stop)[:, :nu], self._before)
-        ready = np.flatnonzero(np.isfinite(known).all(axis=1))
+        rows = self.measured.view(base, stop)
+        known = filled_forward(rows[:, :nu], self._before)
+        begun = np.logical_or.accumulate(np.isfinite(rows).any(axis=1))
+        ready = np.flatnonzero(np.isfinite(known).all(axis=1) & begun)
         first = base + int(ready[0]) if len(ready) else max(stop - self.lag, base)
         if len(ready) and first > base and stop - first <= self.lag and not at_once:
             return False

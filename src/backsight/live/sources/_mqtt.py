@@ -2,15 +2,14 @@
 
 import collections
 import os
+import threading
 from typing import Any
 
 from backsight.errors import PluginError
+from backsight.live._publishing import PASSWORD
 from backsight.live.sources._decoding import payload_decoder
 from backsight.live.sources.base import ReceivingSource
 from backsight.problem.reading.tables import MqttFeed
-
-PASSWORD = "BACKSIGHT_MQTT_PASSWORD"
-"""Environment variable with the password at the broker."""
 
 _LOOK_UP = 0.2
 _KEEPALIVE = 20
@@ -29,9 +28,10 @@ class MqttSource(ReceivingSource):
         self.durable = feed.qos == 1
         self._unacknowledged: collections.deque[int] = collections.deque()
         self._taken = self._acknowledged = 0
+        self._lock = threading.Lock()
 
     def open(self) -> None:
-        """See `ReceivingSource.open`."""
+        """See `LiveSource.open`."""
         try:
             from paho.mqtt import client as mqtt
         except ModuleNotFoundError:
@@ -50,7 +50,11 @@ class MqttSource(ReceivingSource):
         client.on_connect = self._connected
         client.on_message = self._arrived
         self._client, self._fine = client, mqtt.MQTT_ERR_SUCCESS
-        self._taken = 0  # what was taken before came from a journal
+
+    def start(self) -> None:
+        """See `LiveSource.start`."""
+        self._acknowledged = self._taken  # what was taken before came from a journal
+        super().start()
 
     def receive(self) -> None:
         """See `ReceivingSource.receive`."""
@@ -85,6 +89,7 @@ class MqttSource(ReceivingSource):
 
     def acknowledge(self, mark: int) -> None:
         """See `LiveSource.acknowledge`."""
-        while self.durable and self._acknowledged < mark and self._unacknowledged:
-            self._client.ack(self._unacknowledged.popleft(), 1)
-            self._acknowledged += 1
+        with self._lock:  # the thread of the store and that of the run
+            while self.durable and self._acknowledged < mark and self._unacknowledged:
+                self._client.ack(self._unacknowledged.popleft(), 1)
+                self._acknowledged += 1

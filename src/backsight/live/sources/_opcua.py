@@ -32,7 +32,7 @@ class OpcuaSource(ReceivingSource):
         self._lock = threading.Lock()
 
     def open(self) -> None:
-        """See `ReceivingSource.open`."""
+        """See `LiveSource.open`."""
         try:
             import asyncua
         except ModuleNotFoundError:

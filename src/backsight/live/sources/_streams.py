@@ -61,7 +61,7 @@ class SerialSource(StreamSource):
     """A serial line."""
 
     def open(self) -> None:
-        """See `ReceivingSource.open`."""
+        """See `LiveSource.open`."""
         try:
             import serial
         except ModuleNotFoundError:
@@ -98,7 +98,7 @@ class TcpSource(StreamSource):
         """Port that is listened on."""
 
     def open(self) -> None:
-        """See `ReceivingSource.open`."""
+        """See `LiveSource.open`."""
         if not self._listens:
             if not self.port:
                 raise ProblemError(f"source.{self.name}.port: a server has a port, not 0")

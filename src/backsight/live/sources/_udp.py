@@ -21,7 +21,7 @@ class UdpSource(ReceivingSource):
         """Port that is listened on."""
 
     def open(self) -> None:
-        """See `ReceivingSource.open`."""
+        """See `LiveSource.open`."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _ROOM)
         bound(self._socket, self._place, self.name)

@@ -112,15 +112,18 @@ class LiveSource(abc.ABC):
         self.malformed = 0
         self.lost = 0
 
-    @abc.abstractmethod
-    def start(self) -> None:
-        """Begin to receive.
+    def open(self) -> None:  # noqa: B027 - some need nothing
+        """Do what must work before anything else, once.
 
         Raises
         ------
         BacksightError
             If that cannot work: a port is taken, a file is missing, a package is not installed.
         """
+
+    @abc.abstractmethod
+    def start(self) -> None:
+        """Begin to receive; it has been opened."""
 
     @abc.abstractmethod
     def take(self) -> Batch | None:
@@ -164,11 +167,7 @@ class ReceivingSource(LiveSource):
 
     def start(self) -> None:
         """See `LiveSource.start`."""
-        self.open()
         self._thread.start()
-
-    def open(self) -> None:
-        """Do what must work before anything else."""
 
     @abc.abstractmethod
     def receive(self) -> None:

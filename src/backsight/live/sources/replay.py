@@ -30,14 +30,17 @@ class ReplaySource(LiveSource):
         self.signals: list[str] = []
         self._read, self._speed, self._next = read, feed.speed, 0
 
-    def start(self) -> None:
-        """See `LiveSource.start`."""
+    def open(self) -> None:
+        """See `LiveSource.open`."""
         recording = self._read()
         self._time = recording["time"].values
         self._values = np.hstack(
             [self._time[:, None], recording["u"].values, recording["y"].values]
         )
         self.signals = [*map(str, recording["input"].values), *map(str, recording["output"].values)]
+
+    def start(self) -> None:
+        """See `LiveSource.start`."""
         self._began = time.time()
         self.state = "plays"
 

@@ -8,4 +8,5 @@ from backsight.live.store.keeping import column_units as column_units
 from backsight.live.store.keeping import columns_of as columns_of
 from backsight.live.store.keeping import joined_rows as joined_rows
 from backsight.live.store.writing import LiveStore as LiveStore
+from backsight.live.store.writing import arrow as arrow
 from backsight.live.store.writing import opened_live_store as opened_live_store

@@ -58,6 +58,14 @@ class LiveStore:
                 "on from the part before"
             ) from None
 
+    def columns(self, part: Path) -> dict[str, np.ndarray]:
+        """Columns of a part by name; none if it was removed meanwhile or cannot be read."""
+        try:
+            table = self._parquet.read_table(part)
+        except (OSError, self._arrow.ArrowException):
+            return {}
+        return {name: table[name].to_numpy() for name in table.column_names}
+
     def add(
         self, start: int, columns: Mapping[str, np.ndarray], units: Mapping[str, str], memory: bytes
     ) -> None:
@@ -119,6 +127,22 @@ def _unit(unit: str | None) -> dict[str, str] | None:
     return {"unit": unit} if unit else None
 
 
+def arrow() -> Any:
+    """The library that writes Parquet.
+
+    Raises
+    ------
+    PluginError
+        If it is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ModuleNotFoundError:
+        raise PluginError("a store needs pyarrow: pip install 'backsight[live]'") from None
+    return pyarrow
+
+
 @contextlib.contextmanager
 def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
     """Open a folder for appending, alone.
@@ -137,11 +161,7 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
     PluginError
         If Arrow is not installed.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ModuleNotFoundError:
-        raise PluginError("a store needs pyarrow: pip install 'backsight[live]'") from None
+    library = arrow()
     with writing(folder):
         make_folder(folder)
     with holding(folder):
@@ -159,7 +179,7 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
             write_whole(about, json.dumps(content, indent=1).encode())
         with writing(folder):
             tidy(folder)
-        yield LiveStore(folder, pyarrow, pyarrow.parquet)
+        yield LiveStore(folder, library, library.parquet)
 
 
 def _check_about(about: Path, said: str) -> None:

@@ -60,6 +60,28 @@ def built(kind: type[T], given: Mapping[str, Any], *, where: str, fixed: Mapping
         return kind(**fixed, **values)
 
 
+def option_of(description: Any, path: str, given: object, *, where: str) -> object:
+    """Read a value that a field of a description could have; as in `built`.
+
+    Parameters
+    ----------
+    description : dataclass
+    path : str
+        Names of fields with dots between them.
+    given : object
+        As it stands in the file.
+    where : str
+        For messages.
+    """
+    *above, name = path.split(".")
+    for part_name in above:
+        description = getattr(description, part_name, None)
+    fields = {f.name: f for f in fields_of(description)} if description is not None else {}
+    if name not in fields:
+        raise ProblemError(f"{where}: there is no setting '{path}', {nearest(name, fields)}")
+    return _value(fields[name].type, given, where)
+
+
 def fields_of(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
     """Return the fields of a dataclass."""
     return dataclasses.fields(kind)

@@ -24,7 +24,7 @@ from backsight.models.lti import state_equation
 from backsight.models.model import Model
 from backsight.schema import SIGMA_FACTOR
 
-LEAST, MOST = 500, 4000
+LEAST, MOST = 600, 4000
 """Measured samples that say something, and those that suffice: the last ones are taken."""
 
 LONGEST = 1_000_000
@@ -32,6 +32,9 @@ LONGEST = 1_000_000
 
 MOST_STATES = 20
 """A model with more states takes too long for a question that is asked after every run."""
+
+WIDER = 1.1
+"""By how much the variance of an innovation may exceed the usual one where all is settled."""
 
 SAME = 0.05
 """Deviation from the update of a Kalman filter, per innovation, that linearisation may cause."""
@@ -41,7 +44,7 @@ def with_factors(result: xr.Dataset, found: NoiseFactors | None) -> xr.Dataset:
     """Result with the `NoiseFactors` as an attribute, if there are any."""
     if found is None:
         return result
-    return result.assign_attrs({NOISE_FACTORS: list(dataclasses.astuple(found))})
+    return result.assign_attrs({NOISE_FACTORS: [float(v) for v in dataclasses.astuple(found)]})
 
 
 def factors_of(
@@ -60,8 +63,8 @@ def factors_of(
     -------
     NoiseFactors or None
         None if that cannot be said: too few samples (the start, in which the estimates settle, does
-        not count), too many states, samples with a noise of their own, or an estimator that does
-        not correct like a Kalman filter, so that the theory does not hold.
+        not count, see `_settled`), too many states, samples with a noise of their own, or an
+        estimator that does not correct like a Kalman filter, so that the theory does not hold.
     """
     try:
         noise, _ = estimator.assumed
@@ -72,7 +75,7 @@ def factors_of(
     if weighed(result) or noise.beyond_additive:
         return None
     measured = np.flatnonzero(taken(result).any("output").values)
-    earliest = max(result.sizes["time"] // 2, result.sizes["time"] - LONGEST // model.nx**2)
+    earliest = max(_settled(result), result.sizes["time"] - LONGEST // model.nx**2)
     measured = measured[measured >= earliest][-MOST:]
     if len(measured) < LEAST:
         return None
@@ -83,6 +86,19 @@ def factors_of(
     if not usable or (variance <= 0).any() or not np.isfinite(path.e).any(axis=0).all():
         return None
     return noise_factors(path) if _kalman(path, last) else None
+
+
+def _settled(result: xr.Dataset) -> int:
+    """The sample from which on innovations are known as well as in the second half, about.
+
+    What is learned at the start, parameters above all, then adds nothing any more to what is
+    expected of a measurement. A tenth is left out in any case, and half at most.
+    """
+    n = result.sizes["time"]
+    variance = np.einsum("kii->ki", result["S"].values)
+    usual = np.median(variance[n // 2 :], axis=0)
+    unsettled = np.flatnonzero((variance > WIDER * usual).any(axis=1))
+    return min(max(int(unsettled.max(initial=-1)) + 1, n // 10), n // 2)
 
 
 def _path(

@@ -5,6 +5,7 @@ import xarray as xr
 
 from backsight.estimators.base import AbstractEstimator
 from backsight.rounding import significant
+from backsight.schema import Status
 from backsight.types import Array
 
 FAR = 12.0
@@ -42,6 +43,18 @@ def lone_readings(estimator: AbstractEstimator, result: xr.Dataset) -> list[str]
                 'give the noise a rule for outliers, Gate() (outliers.kind = "gate")'
             )
     return lines
+
+
+def misled_constants(result: xr.Dataset) -> list[str]:
+    """Say from when on constants are worthless, see `backsight.estimators.around.misled`."""
+    told = np.flatnonzero(result["status"].values.astype(int) & int(Status.MISLED))
+    if not len(told):
+        return []
+    moment = float(result["time"][told[0]])
+    return [
+        f"from t = {moment:g} s on its constants are worthless: they have learned from a reading "
+        "that cannot be; give the noise a rule for outliers, or let it start anew (restart)"
+    ]
 
 
 def _alone(y: Array) -> Array:

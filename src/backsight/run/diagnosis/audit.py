@@ -1,12 +1,13 @@
 """Put beside results what speaks for or against them: times, units, and the noise assumed."""
 
+import dataclasses
 from collections.abc import Mapping
 
 import xarray as xr
 
 from backsight.analysis.alignment import Alignment
 from backsight.analysis.comparison import ALIGNED, ALIGNMENT, DOUBTS, failed
-from backsight.analysis.consistency import NoiseFactors
+from backsight.analysis.consistency import NoiseFactors, check_consistency
 from backsight.analysis.observability import Identifiability
 from backsight.errors import BacksightError, ModelError, TuningError
 from backsight.estimators import yardstick
@@ -15,7 +16,7 @@ from backsight.models.model import Model
 from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.diagnosis._judges import Judges
-from backsight.run.diagnosis._lone_readings import lone_readings
+from backsight.run.diagnosis._lone_readings import lone_readings, misled_constants
 from backsight.run.diagnosis._readings import clipped_readings, coarse_readings, turned_readings
 from backsight.run.diagnosis._walks import Walks
 from backsight.run.diagnosis.parameters.flat import behind_kinks
@@ -70,6 +71,7 @@ def doubts_found(
             if estimator.innovations == "forced" or failed(results[name])
             else lone_readings(estimator, results[name])
         )
+        + misled_constants(results[name])
         + (
             []
             if large or estimator.innovations == "forced" or failed(results[name])
@@ -107,13 +109,21 @@ def noise_found(
 
 
 def _by_yardstick(estimator: AbstractEstimator, judges: Judges) -> NoiseFactors | None:
-    """Factors by the Kalman filter with the same noise and prior."""
+    """Factors by the Kalman filter with the same noise and prior.
+
+    Of it size and colour of the innovations are known if the noise is right. That they are not
+    what they should be is asked here, since those of the estimator itself cannot tell.
+    """
     try:
         judge = yardstick(estimator, judges.model)
     except BacksightError:
         return None
     result = judges.result(judge)
-    return None if result is None else factors_of(result, judge, judges.model)
+    found = None if result is None else factors_of(result, judge, judges.model)
+    if result is None or found is None:
+        return None
+    seen = check_consistency(result)
+    return dataclasses.replace(found, doubted=not seen.sized or seen.coloured is not None)
 
 
 def aligned(

@@ -4,23 +4,21 @@ Tracing, differentiating and looking for the integration step take many times as
 recording. All of it follows from estimator, model and sampling period alone.
 """
 
-import collections
 import dataclasses
-import threading
-from collections.abc import Hashable
 
 import xarray as xr
 
-from backsight.description import content
+from backsight.description import Kept, content
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
+from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation.results.outputs import JUDGED, Outputs, putting_out
 from backsight.run.estimation.results.result import coordinates
 
 KEPT = 32
-"""Number of recursions that are kept; the one not used for the longest time goes first."""
+"""Number of recursions that are kept."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,25 +60,18 @@ def compile_once(
     """
     # With the method itself: reloading in a notebook changes it inside the same class.
     key = content(estimator, model, dt, outputs.variables, restart, needed, type(estimator).build)
-    with _lock:
-        if key is not None and key in _made:
-            _made.move_to_end(key)
-            return _made[key]
-    recursion = estimator.compile(model, dt)
-    visible = putting_out(recursion.restarting() if restart else recursion, outputs, needed)
-    kept = [c for c in visible.channels if outputs.keeps(c.name)]
-    made = Prepared(
-        recursion=visible,
-        integrator=estimator.chosen(model, dt),
-        coordinates=coordinates(model, kept),
-    )
-    if key is not None:
-        with _lock:
-            _made[key] = made
-            while len(_made) > KEPT:
-                _made.popitem(last=False)
-    return made
+
+    def make() -> Prepared:
+        recursion = watched(estimator.compile(model, dt), estimator, model)
+        visible = putting_out(recursion.restarting() if restart else recursion, outputs, needed)
+        kept = [c for c in visible.channels if outputs.keeps(c.name)]
+        return Prepared(
+            recursion=visible,
+            integrator=estimator.chosen(model, dt),
+            coordinates=coordinates(model, kept),
+        )
+
+    return _made.of(key, make)
 
 
-_made: collections.OrderedDict[Hashable, Prepared] = collections.OrderedDict()
-_lock = threading.Lock()
+_made: Kept[Prepared] = Kept(KEPT)

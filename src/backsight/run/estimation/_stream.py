@@ -8,6 +8,7 @@ import numpy as np
 from backsight.description import Positive, checked
 from backsight.engine.execute import Engine, stepper
 from backsight.errors import DataError, nearest
+from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.models.signals import Signal, vector
@@ -42,7 +43,7 @@ class Stream:
     ) -> None:
         self._estimator, self._model = estimator, model
         self._made_of = (estimator, model, dt, engine, restart)
-        recursion = estimator.compile(model, dt)
+        recursion = watched(estimator.compile(model, dt), estimator, model)
         recursion = recursion.restarting() if restart else recursion
         self._channels = recursion.channels
         self._stepper = stepper(recursion, engine)

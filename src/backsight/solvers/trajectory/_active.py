@@ -24,14 +24,15 @@ RESULTS = ("x", "eta", "nu", "side", "P_end", "conflict", "residual", "passes", 
 """Results of `solve`."""
 
 
-def solve(chain: Chain) -> ca.Function:
+def solve(chain: Chain, *, most: int | None = None) -> ca.Function:
     """Build the solver of the linear problem with its limits.
 
     ``(delta, P, *stages, side) -> (x, eta, nu, side, P_end, conflict, residual, passes, open)``.
     Given is a guess of the active limits. Results are the trajectory, the adjoints of the noise,
     the multipliers of the limits, the active limits, the covariance of the last sample; 1 for
     limits that contradict each other, and then no limit is active; `adjoint`'s residual; the number
-    of passes; and 1 if they did not suffice.
+    of passes; and 1 if they did not suffice. With `most` there are at most so many passes and no
+    dual method: limits that contradict each other are then limits that are not held.
     """
     n, m = chain.n, chain.N + 1
     given = chain.window()
@@ -43,10 +44,14 @@ def solve(chain: Chain) -> ca.Function:
 
     # 1. All limits on the wrong side change sides, until there are none.
     body, start = _pivot(chain)
-    ends = iterate(body, BLOCK_PASSES, carry=[*start[:2], side0, *start[3:]], constants=given)
+    block = BLOCK_PASSES if most is None else most
+    ends = iterate(body, block, carry=[*start[:2], side0, *start[3:]], constants=given)
     _, passes, _, *swept = ends
     found = dict(zip(_sweep(chain).name_out(), swept, strict=True))
     failed = _any(chain)(found["conflict"], found["broken"], found["wrong"])
+    if most is not None:
+        none = ca.MX.zeros(n, m)
+        return _solution(inputs, found | {"conflict": none, "passes": passes, "open": failed})
 
     # 2. Where that did not end well: one after the other, from the guess, from none, or without.
     body, before = _attempt(chain)
@@ -111,7 +116,7 @@ def _attempt(chain: Chain) -> tuple[ca.Function, list[str]]:
     found = by_name(_sweep(chain), [*given, search["side"]])
     judged = _judge(chain)(
         before["attempt"], before["conflict"], search["conflict"],
-        search["side"], found["broken"], search["unfinished"],
+        search["side"], found["broken"], search["unfinished"], found["conflict"],
     )  # fmt: skip
     go, start, conflict = judged
     old = [ca.MX.sym(k, *found[k].shape) for k in KEPT]
@@ -128,10 +133,18 @@ LAST = 2
 
 
 def _judge(chain: Chain) -> ca.Function:
-    """Whether another attempt is needed, from what active limits, and the limits in conflict."""
+    """Whether another attempt is needed, from what active limits, and the limits in conflict.
+
+    Sensors without noise that contradict what is known are left out, whatever the limits are.
+    """
     n, m = chain.n, chain.N + 1
     attempt, unfinished = ca.SX.sym("attempt"), ca.SX.sym("unfinished")
-    known, conflict, side, broken = (ca.SX.sym(k, n, m) for k in ("k", "c", "side", "broken"))
+    names = ("known", "conflict", "side", "broken", "unmet")
+    known, conflict, side, broken, unmet = given = [ca.SX.sym(k, n, m) for k in names]
+    side, broken, sensors = ca.SX(side), ca.SX(broken), ca.SX.zeros(n, m)
+    for r in chain.exact:
+        sensors[r, :] = unmet[r, :]
+        side[r, :] = broken[r, :] = ca.SX.zeros(1, m)
     some = [ca.mmax(ca.vec(ca.fabs(k))) for k in (conflict, side, broken)]
     contradicts, held, violated = some
     violated = ca.logic_and(ca.logic_and(violated, held), ca.logic_not(unfinished))
@@ -139,11 +152,11 @@ def _judge(chain: Chain) -> ca.Function:
     named = ca.if_else(violated, ca.fmax(broken, ca.fabs(side)), conflict)
     return ca.Function(
         "judge_attempt",
-        [attempt, known, conflict, side, broken, unfinished],
+        [attempt, *given[:4], unfinished, given[4]],
         [
             ca.logic_and(again, attempt < LAST),
             ca.SX.zeros(n, m),
-            ca.if_else(attempt == LAST, known, named),
+            ca.fmax(ca.if_else(attempt == LAST, known, named), sensors),
         ],
     )
 

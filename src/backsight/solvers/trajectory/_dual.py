@@ -141,7 +141,8 @@ def _ratios(chain: Chain) -> ca.Function:
         curvature += ca.if_else(enters, enter[r] * response[r] + chain.softness[r], 0)
         gap += ca.if_else(enters, enter[r] * (target - value[r]), 0)
         spread += ca.if_else(enters, size[r] + chain.softness[r], 0)
-        ratio = ca.fmin(ratio, _ratio(side[r], nu[r], rate[r], tau))
+        if r not in chain.exact:
+            ratio = ca.fmin(ratio, _ratio(side[r], nu[r], rate[r], tau))
     return ca.Function("dual_ratios", [*sums, *rows, tau], [some, curvature, gap, spread, ratio])
 
 
@@ -176,7 +177,7 @@ def _change(chain: Chain) -> ca.Function:
     ]
     sides, outside, bad = (ca.SX.zeros(chain.n) for _ in range(3))
     for r in range(chain.n):
-        ratio = _ratio(side[r], nu[r], rate[r], tau)
+        ratio = NEVER if r in chain.exact else _ratio(side[r], nu[r], rate[r], tau)
         leaves = ca.logic_and(drops, ca.logic_and(ratio <= length, ca.logic_not(found)))
         found = ca.fmax(found, leaves)
         moved = ca.if_else(leaves, 0, side[r]) + ca.if_else(adds, enter[r], 0)
@@ -185,7 +186,7 @@ def _change(chain: Chain) -> ca.Function:
         low_by, high_by = low[r] - at, at - high[r]
         violation = ca.fmax(low_by, high_by) / float(chain.slack[r])
         signed = ca.if_else(low_by > high_by, violation, -violation)
-        free = ca.logic_and(sides[r] == 0, violation > 1)
+        free = ca.logic_and(sides[r] == 0, violation > 1) if r not in chain.exact else ca.SX(0)
         outside[r] = ca.if_else(free, signed, 0)
         worst = ca.fmax(worst, ca.fabs(outside[r]))
         held = ca.logic_or(enter[r] != 0, ca.logic_and(side[r] != 0, ca.fabs(rate[r]) > HOLDS))

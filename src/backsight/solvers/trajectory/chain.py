@@ -39,6 +39,9 @@ class Chain:
         Variance of the limits; 0 for hard ones.
     slack : (n,) array
         Violations below this are rounding errors.
+    exact : tuple of int
+        Limits that are equations wherever they have an end, whatever their sides: readings of
+        sensors without noise.
     """
 
     N: int
@@ -49,6 +52,7 @@ class Chain:
     A: ca.Sparsity
     softness: Array
     slack: Array
+    exact: tuple[int, ...] = ()
 
     @property
     def nx(self) -> int:
@@ -84,7 +88,8 @@ class Chain:
         nx, ny, n = self.nx, self.ny, self.n
         return {
             "delta": nx, "P": self.size_P, "K": nx * n, "nu": n, "g": n,
-            "K_y": nx * ny, "nu_y": ny, "g_y": ny, "conflict": n, "size": n,
+            "K_y": nx * ny, "nu_y": ny, "g_y": ny * ny if self.dense else ny, "conflict": n,
+            "size": n,
         }  # fmt: skip
 
     @property
@@ -104,6 +109,12 @@ class Chain:
     def matrix(self, stored: ca.SX) -> ca.SX:
         """A stored covariance as a matrix."""
         return ca.reshape(stored, self.nx, self.nx) if self.dense else unvech(stored)
+
+    def variances(self, stored: ca.MX) -> ca.MX:
+        """Diagonal (nx,) of a stored covariance."""
+        if self.dense:
+            return stored[:: self.nx + 1]
+        return stored[np.cumsum([0, *range(self.nx, 1, -1)]).tolist()]
 
     def triangle(self) -> ca.Function:
         """From a stored covariance to its lower triangle."""
@@ -131,7 +142,7 @@ class Chain:
 
 @dataclasses.dataclass(frozen=True)
 class Stage:
-    """Symbols of one sample, in SX."""
+    """Symbols of one sample, in SX, and which limits are equations."""
 
     F: ca.SX
     c: ca.SX
@@ -143,25 +154,30 @@ class Stage:
     high: ca.SX
     side: ca.SX
     force: ca.SX
+    exact: tuple[int, ...]
 
     @classmethod
     def of(cls, chain: Chain) -> "Stage":
         """Symbols for a window's samples."""
-        return cls(**{name: ca.SX.sym(name, size) for name, size in chain.inputs.items()})
+        symbols = {name: ca.SX.sym(name, size) for name, size in chain.inputs.items()}
+        return cls(**symbols, exact=chain.exact)
 
     @property
     def symbols(self) -> list[ca.SX]:
         """All of them, in the order of `Chain.inputs`."""
-        return [getattr(self, f.name) for f in dataclasses.fields(self)]
+        return [getattr(self, f.name) for f in dataclasses.fields(self)[:-1]]
 
     def active(self, r: int) -> ca.SX:
         """Whether row r is at a limit; a side where there is no limit does not count."""
+        if r in self.exact:
+            return self.low[r] > -np.inf
         at_low = ca.logic_and(self.side[r] > 0, self.low[r] > -np.inf)
         return ca.logic_or(at_low, ca.logic_and(self.side[r] < 0, self.high[r] < np.inf))
 
     def target(self, r: int) -> ca.SX:
         """Value that row r is set to, 0 if it is free."""
-        limit = ca.if_else(self.side[r] > 0, self.low[r], self.high[r])
+        at_low = ca.SX(1) if r in self.exact else self.side[r] > 0
+        limit = ca.if_else(at_low, self.low[r], self.high[r])
         return ca.if_else(self.active(r), limit, 0)
 
 

@@ -88,20 +88,27 @@ class _FoundError(Exception):
 def descend(objective: Objective, start: Array, search: Search, *, near: float) -> Optimum:
     """Fisher scoring from one start, in a trust region (Moré and Sorensen, `scipy`).
 
-    It ends when the next step is shorter than `near`, or the passes are used up.
+    It ends when the next step is shorter than `near`, or one as short has brought nothing: of a
+    delay the criterion has an edge at every whole sample. Or the passes are used up.
     """
     best: list[tuple[float, Array, Evaluation]] = []
+    converged = False
 
     def at(given: Array) -> Evaluation:
+        nonlocal converged
         place = np.array(given, float)
-        if best and search.exhausted and not search.has(objective, place):
+        new = not search.has(objective, place)
+        if best and search.exhausted and new:
             raise _FoundError
         found = search.evaluate(objective, place)
         if not best or found.cost < best[0][0]:
             best[:] = [(found.cost, place, found)]
+        elif new:
+            step = place - best[0][1]
+            if float(step @ best[0][2].curvature @ step) < near**2:
+                converged = True
+                raise _FoundError
         return found
-
-    converged = False
 
     def judged(place: Array) -> None:
         nonlocal converged

@@ -14,7 +14,7 @@ from backsight.models.model import Model
 from backsight.run.estimation import check_window, match
 from backsight.tune.fitting._descent import Search
 from backsight.tune.fitting._tuning import Tuning
-from backsight.tune.fitting._weight import tuned_weight
+from backsight.tune.fitting._weight import tuned_threshold, tuned_weight
 from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood, MultiStep
 from backsight.tune.fitting.runners import Data
 from backsight.tune.fitting.tuned import Tuned
@@ -91,7 +91,8 @@ def fit(
     models, delays, and the settings that methods name in `varied_settings` run in lanes. Anything
     else is built anew for every value, which takes as long as it takes to build an estimator. The
     weight `lam` of sparse forces is found by itself, by `lambda_from_sensors`, or
-    `lambda_from_whiteness` if there is one sensor. Of a linear model with free parameters the
+    `lambda_from_whiteness` if there is one sensor, and so is their threshold, by
+    `threshold_from_noise`. Of a linear model with free parameters the
     filter is the extended one with a Runge-Kutta method.
 
     References
@@ -113,8 +114,10 @@ def fit(
     if not given:
         raise DataError("there is no recording")
     wanted = [Free(f) if isinstance(f, str) else f for f in free]
-    if isinstance(estimator, AbstractForceEstimator) and [f.name for f in wanted] == ["lam"]:
-        return tuned_weight(estimator, model, given)
+    if isinstance(estimator, AbstractForceEstimator) and len(wanted) == 1:
+        alone = {"lam": tuned_weight, "threshold": tuned_threshold}
+        if wanted[0].name in alone and isinstance(wanted[0], Free):
+            return alone[wanted[0].name](estimator, model, given)
     choices = [f for f in wanted if isinstance(f, Choice)]
     unknowns: tuple[Unknown, ...] = ()
     if len(choices) < len(wanted) or not wanted:
@@ -128,12 +131,14 @@ def fit(
     search = Search(passes, lambda done: progress(min(done / passes, 1.0)), samples)
     tuning = Tuning(estimator, model, tuple(data), tuple(periods), criterion, search)
     objective = tuning.objective(unknowns)
-    before = objective.cost_at([np.zeros(len(objective.coordinates))])[0]
-    place: Array = np.zeros(0)
-    worse: list[float] = []
+    start: Array = np.zeros(len(objective.coordinates))
+    place, worse = start, []
     if unknowns:
         best, worse = tuning.search(objective, restarts=restarts, seed=seed)
         place = best.place
+        before = search.evaluate(objective, start).data.cost  # where the search began
+    else:
+        before = objective.cost_at([start])[0]
     options: dict[str, object] = {}
     table = None
     if choices:

@@ -113,10 +113,11 @@ class Tuning:
     ) -> Tuned:
         """What was found, judged."""
         coordinates = objective.coordinates
-        best = Optimum(place, objective.at(place), True)
         if unknowns:
             near = NEAR if objective.fast else ROUGHLY
             best = descend(objective, place, self.searching, near=near)
+        else:
+            best = Optimum(place, objective.at(place), True)
         names = [c.name for c in coordinates]
         covariance, ratio = spread_of(best.evaluation)
         slopes = np.array(

@@ -1,4 +1,7 @@
-"""The weight of sparse forces as a value of a fit: what other sensors say, or what is left over."""
+"""Weight and threshold of sparse forces as values of a fit.
+
+The weight is what other sensors say, or what is left over; the threshold what noise does not reach.
+"""
 
 import dataclasses
 from collections.abc import Sequence
@@ -10,7 +13,11 @@ from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.tune.fitting.tuned import Tuned, correlation_of
 from backsight.tune.fitting.values import with_setting
+from backsight.tune.force_threshold import threshold_from_noise
 from backsight.tune.lambda_choice import LambdaChoice, lambda_from_sensors, lambda_from_whiteness
+
+ALARM = 0.05
+"""Share of recordings of noise in which a force may be shown."""
 
 AS_GOOD = 4.0
 """By how much the price of a weight may be above the lowest one to be as good."""
@@ -51,37 +58,88 @@ def tuned_weight(
     if n > 1:
         size = max(size, float(logs.std(ddof=1)) / np.sqrt(n))
     lam = float(np.exp(logs.mean()))
-    start = float(getattr(estimator, "lam", np.nan))
-    after: AbstractForceEstimator = with_setting(estimator, "lam", lam)
     doubts = [
         f"the weight of recording {i + 1} is the best of those tried, but no good one: the model "
         "is wrong, or the noise is not as stated"
         for i, f in enumerate(found)
         if not f.choice.reached
     ]
+    return _tuned(
+        ("lam", lam, lam * size, ""),
+        estimator,
+        model,
+        recordings,
+        costs=(sum(f.before for f in found), sum(f.cost for f in found)),
+        doubts=doubts,
+    )
+
+
+def tuned_threshold(
+    estimator: AbstractForceEstimator, model: Model, recordings: Sequence[xr.Dataset]
+) -> Tuned:
+    """Threshold above which noise alone shows a force in one of twenty recordings.
+
+    Of several recordings the largest. The criterion is the share of recordings of noise in which a
+    force is shown; the standard deviation is what follows from the number of those that are drawn.
+    """
+    found = [threshold_from_noise(estimator, model, r, false_alarm=ALARM) for r in recordings]
+    choice = max(found, key=lambda f: f.threshold)
+    doubt = np.sqrt(ALARM * (1 - ALARM) / len(choice.largest))
+    ends = np.quantile(choice.largest, np.clip([1 - ALARM - doubt, 1 - ALARM + doubt], 0, 1))
+    doubts = []
+    if choice.threshold == 0:
+        doubts = [
+            "threshold is not needed: the weight lam alone lets no noise through; a smaller lam "
+            "finds smaller forces"
+        ]
+    unit = next(s.unit for s in model.parameters if s.name == estimator.forces[0])
+    return _tuned(
+        ("threshold", choice.threshold, float(np.ptp(ends)) / 2, unit),
+        estimator,
+        model,
+        recordings,
+        costs=(choice.false_alarm(estimator.threshold), choice.false_alarm(choice.threshold)),
+        doubts=doubts,
+    )
+
+
+def _tuned(
+    what: tuple[str, float, float, str],
+    estimator: AbstractForceEstimator,
+    model: Model,
+    recordings: Sequence[xr.Dataset],
+    *,
+    costs: tuple[float, float],
+    doubts: Sequence[str],
+) -> Tuned:
+    """What was found of one setting: its name, value, standard deviation and unit."""
+    name, value, std, unit = what
+    n, (before, cost) = len(recordings), costs
+    after: AbstractForceEstimator = with_setting(estimator, name, value)
+    counted = name == "lam"
     return Tuned(
         estimators=(after,) * n,
         models=(model,) * n,
         late=({},) * n,
-        values={"lam": lam},
-        start={"lam": start},
-        std={"lam": lam * size},
-        units={"lam": ""},
-        correlation=correlation_of(["lam"], np.array([[max(size, 1e-12) ** 2]])),
+        values={name: value},
+        start={name: float(getattr(estimator, name))},
+        std={name: std},
+        units={name: unit},
+        correlation=correlation_of([name], np.ones((1, 1))),
         chosen={},
-        cost=sum(f.cost for f in found),
-        before=sum(f.before for f in found),
-        measured=int(sum(np.isfinite(r["y"].values).sum() for r in recordings)),
+        cost=cost,
+        before=before,
+        measured=int(sum(np.isfinite(r["y"].values).sum() for r in recordings)) * counted,
         doubts=tuple(doubts),
         held_out=None,
         profiles=None,
         history=xr.Dataset(
             {
-                "cost": ("evaluation", [sum(f.cost for f in found)]),
+                "cost": ("evaluation", [cost]),
                 "passes": ("evaluation", [float(n)]),
-                "value": (("evaluation", "name"), [[lam]]),
+                "value": (("evaluation", "name"), [[value]]),
             },
-            coords={"name": ["lam"]},
+            coords={"name": [name]},
         ),
         choices=None,
         passes=float(n),

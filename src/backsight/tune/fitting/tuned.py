@@ -55,7 +55,7 @@ class Tuned(Printed):
     cost, before : float
         The criterion with the values found, and before. Of `Likelihood`, minus the logarithm.
     measured : int
-        Measurements that count in it.
+        Measurements that count in it; 0 if it is no sum over them.
     doubts : tuple of str
         What could not be found and why, a sentence each.
     held_out : HeldOut or None
@@ -155,11 +155,10 @@ class Tuned(Printed):
         return [f"{name} = {value}" for name, value in self.chosen.items()]
 
     def _gain(self) -> str:
-        each = (self.before - self.cost) / max(self.measured, 1)
-        line = (
-            f"criterion {significant(self.before, 6)} -> {significant(self.cost, 6)}, "
-            f"{significant(each, 3)} better for each of {self.measured} measurements"
-        )
+        line = f"criterion {significant(self.before, 6)} -> {significant(self.cost, 6)}"
+        if self.measured:
+            each = significant((self.before - self.cost) / self.measured, 3)
+            line += f", {each} better for each of {self.measured} measurements"
         if self.held_out is not None:
             gain = self.held_out.before - self.held_out.first_half
             line += f"; second half, from the first: {significant(gain, 4)} better than before"

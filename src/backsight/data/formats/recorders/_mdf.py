@@ -114,7 +114,7 @@ def _channels(file: Any) -> dict[str, _Channel]:
             if not int(group.channel_group.cycles_nr):
                 continue
             fault = "a channel of words" if words & {_conversion(channel)} else ""
-            own = _Channel(g, k, (channel.unit or "").strip(), _dtype(channel), fault)
+            own = _Channel(g, k, _unit(channel), _dtype(channel), fault)
             found.setdefault(channel.name, []).append(own)
             full.setdefault(f"{labels[g]}/{channel.name}", []).append(own)
     twice = {
@@ -124,6 +124,13 @@ def _channels(file: Any) -> dict[str, _Channel]:
     }
     bare = {name: own[0] for name, own in found.items() if len(own) == 1}
     return bare | {name: own[0] for name, own in full.items()} | twice
+
+
+def _unit(channel: Any) -> str:
+    """Of a channel; version 3 keeps it with the conversion."""
+    found = getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or ""
+    found = found.decode("latin-1") if isinstance(found, bytes) else str(found)
+    return found.strip(" \0")
 
 
 def _labels(groups: Sequence[Any]) -> list[str]:

@@ -6,6 +6,7 @@ const style = (name) => getComputedStyle(document.documentElement).getPropertyVa
 const GROUPS = [
   ["Unknowns", (s, known) => s.kind === "state" && known.unknown.includes(s.name)],
   ["Outputs: measured and predicted", (s) => s.kind === "measured"],
+  ["Forces", (s) => s.kind === "force"],
   ["Virtual sensors", (s) => s.kind === "virtual"],
   ["Other states", (s, known) => s.kind === "state" && !known.unknown.includes(s.name)],
   ["Inputs", (s) => s.kind === "input"],
@@ -41,7 +42,7 @@ function columns(kind, name) {
   const series = history.series;
   const of = (k) => series[`${k}:${name}`];
   const own = of(kind);
-  if (kind === "state" || kind === "virtual") {
+  if (kind === "state" || kind === "virtual" || kind === "force") {
     const end = (sign) => own.last.map((v, i) => (v === null || own.std[i] === null ? null : v + sign * SIGMAS * own.std[i]));
     return [history.t, end(1), end(-1), own.last, own.last.map(() => null)];
   }
@@ -77,9 +78,19 @@ function options(c) {
   };
 }
 
+// A chart that nobody sees costs nothing until it is seen.
+const seen = new IntersectionObserver((changes) => {
+  for (const change of changes) {
+    const c = charts.find((one) => one.figure === change.target);
+    if (c) c.visible = change.isIntersecting;
+  }
+  draw();
+}, { rootMargin: "200px" });
+
 function draw() {
   if (!history) return;
-  for (const c of charts) {
+  drawMap();
+  for (const c of charts.filter((one) => one.visible)) {
     if (!c.plot) c.plot = new uPlot(options(c), columns(c.kind, c.name), c.place);
     else c.plot.setData(columns(c.kind, c.name));
   }
@@ -97,6 +108,53 @@ async function load() {
   history = await ask(`history?span=${span}`);
   reload = performance.now() + 1000 * Math.max(1, history.period / 2);
   redraw();
+}
+
+// The force map: a row for each place, a column for each bucket, colour by the largest value in it.
+function mapColours() {
+  const parse = (name) => style(name).match(/\w\w/g).map((part) => parseInt(part, 16));
+  const [low, middle, high] = ["--map-low", "--map-zero", "--map-high"].map(parse);
+  return (share) => {
+    const end = share < 0 ? low : high;
+    const weight = Math.min(1, Math.abs(share));
+    return end.map((v, i) => Math.round(middle[i] + weight * (v - middle[i])));
+  };
+}
+
+function drawMap() {
+  if (!known.map) return;
+  const rows = known.map.names.map((name) => history.series[`${known.map.kind}:${name}`]);
+  const count = history.t.length;
+  const extreme = (s, i) => {
+    const [low, high] = [s.low[i], s.high[i]];
+    return low === null ? 0 : Math.abs(low) > Math.abs(high) ? low : high;
+  };
+  let largest = 0;
+  for (const s of rows) for (let i = 0; i < count; i++) largest = Math.max(largest, Math.abs(extreme(s, i)));
+  const canvas = by("map").querySelector("canvas");
+  canvas.width = Math.max(1, count);
+  canvas.height = rows.length;
+  const context = canvas.getContext("2d");
+  const image = context.createImageData(canvas.width, canvas.height);
+  const colour = mapColours();
+  rows.forEach((s, row) => {
+    for (let i = 0; i < count; i++) {
+      const at = 4 * ((rows.length - 1 - row) * canvas.width + i);
+      image.data.set([...colour(largest ? extreme(s, i) / largest : 0), 255], at);
+    }
+  });
+  context.putImageData(image, 0, 0);
+  const end = `${digits(largest, 3)} ${known.map.unit}`.trim();
+  by("map").querySelector(".value").textContent = `largest ${end}`;
+  canvas.setAttribute("aria-label", `Forces over time by place, the largest is ${end}`);
+}
+
+function beginMap() {
+  by("map").hidden = !known.map;
+  if (!known.map) return;
+  const { names, places } = known.map;
+  const labelled = names.map((name, i) => (places[i] === null ? name : `${name}, ${digits(places[i], 4)} m`));
+  by("map").querySelector("ol").replaceChildren(...labelled.reverse().map((text) => element("li", text)));
 }
 
 function append(fresh) {
@@ -157,7 +215,7 @@ function sources(frame) {
     const clock = [near ? `${digits(1e3 * s.offset, 3)} ms` : "", s.drift === null ? "" : `${digits(1e6 * s.drift, 3)} ppm`].filter(Boolean).join(", ");
     const lost = s.too_late + s.malformed + s.implausible + s.lost;
     row.append(element("td", s.name), element("td", s.silent ? "silent" : s.state, s.silent ? "wrong" : ""), element("td", `${digits(s.rate, 4)}/s`),
-      element("td", String(s.late)), element("td", String(lost), lost ? "wrong" : ""), element("td", clock));
+      element("td", s.late ? `${s.late}, up to ${digits(1e3 * s.lateness, 3)} ms` : "0"), element("td", String(s.gaps), s.gaps ? "wrong" : ""), element("td", String(lost), lost ? "wrong" : ""), element("td", clock));
     row.title = `${s.too_late} too late, ${s.malformed} malformed, ${s.implausible} with impossible times, ${s.lost} without room, ${s.duplicates} duplicates`;
     return row;
   }));
@@ -210,8 +268,10 @@ async function begin() {
     by("curves").append(element("h2", title), group);
     charts.push(...chosen);
   }
-  await load();
+  beginMap();
+  for (const c of charts) seen.observe(c.figure);
   const frames = new EventSource("frames");
+  frames.onopen = () => load().catch((e) => told(e.message)); // also what came while nobody listened
   frames.onmessage = (event) => { told(""); show(JSON.parse(event.data)); };
   frames.addEventListener("missed", () => load().catch((e) => told(e.message)));
   frames.onerror = () => told("The run does not answer; the page connects again by itself.");

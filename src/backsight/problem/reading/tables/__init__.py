@@ -33,6 +33,7 @@ from backsight.problem.reading.tables._sinks import StdoutSink as StdoutSink
 from backsight.problem.reading.tables._sinks import UdpSink as UdpSink
 from backsight.problem.reading.tables._strict import ShortTable as ShortTable
 from backsight.problem.reading.tables._strict import StrictTable as StrictTable
+from backsight.problem.reading.tables._topic import TopicTable as TopicTable
 from backsight.problem.reading.tables._unknowns import DisturbanceTable as DisturbanceTable
 from backsight.problem.reading.tables._unknowns import DummyTable as DummyTable
 from backsight.problem.reading.tables._unknowns import EstimateTable as EstimateTable

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import pydantic
 
 from backsight.problem.reading.tables._strict import StrictTable
+from backsight.problem.reading.tables._topic import TopicTable
 
 
 class AlarmTable(StrictTable):
@@ -18,12 +19,15 @@ class AlarmTable(StrictTable):
         Program with its arguments that is started for every alarm; it gets the alarm as JSON.
     webhook : str
         Address to which every alarm is sent as JSON.
+    mqtt : table
+        Broker and topic to which every alarm is published as JSON.
     """
 
     kind: str
     hold: float = pydantic.Field(default=0.0, ge=0)
     command: list[str] = pydantic.Field(default_factory=list)
     webhook: str = pydantic.Field(default="", pattern=r"^(https?://.+)?$")
+    mqtt: TopicTable | None = None
 
 
 class RangeAlarm(AlarmTable):

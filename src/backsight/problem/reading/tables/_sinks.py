@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import pydantic
 
 from backsight.problem.reading.tables._strict import StrictTable
+from backsight.problem.reading.tables._topic import TopicTable
 
 
 class SinkTable(StrictTable):
@@ -42,28 +43,8 @@ class UdpSink(SinkTable):
     port: int = pydantic.Field(ge=1, le=65535)
 
 
-class MqttSink(SinkTable):
-    """Messages to a broker.
-
-    Parameters
-    ----------
-    topic : str
-        Under which they are published.
-    host : str
-        Address of the broker.
-    port : int
-        Port of the broker.
-    user : str
-        Name at the broker; the password is in the environment variable BACKSIGHT_MQTT_PASSWORD.
-    tls : bool
-        Whether the connection is encrypted.
-    """
-
-    topic: str = pydantic.Field(min_length=1, pattern=r"^[^#+]*$")
-    host: str = "127.0.0.1"
-    port: int = pydantic.Field(default=1883, ge=1, le=65535)
-    user: str = ""
-    tls: bool = False
+class MqttSink(TopicTable, SinkTable):
+    """Messages to a broker."""
 
 
 SINKS: Mapping[str, type[SinkTable]] = {"stdout": StdoutSink, "udp": UdpSink, "mqtt": MqttSink}

@@ -97,7 +97,7 @@ class FreeTable(ShortTable):
     structure : scale, diagonal, full or list
         What of Q, Qc or R is free: one factor, the diagonal, everything, or blocks by name.
     options : list
-        Values of which one is chosen.
+        Values of which one is chosen; parts such as an arrival cost are tables with their `kind`.
     """
 
     alone = "name"
@@ -107,7 +107,7 @@ class FreeTable(ShortTable):
     sigma: float | None = None
     per: Literal["all", "recording"] | list[str] = "all"
     structure: Literal["scale", "diagonal", "full"] | list[str] = "scale"
-    options: list[int | float | str] = pydantic.Field(default_factory=list)
+    options: list[int | float | str | dict[str, Any]] = pydantic.Field(default_factory=list)
 
 
 class TuneTable(StrictTable):

@@ -19,6 +19,7 @@ import numpy as np
 from backsight.algebra.factor import ldl
 from backsight.algebra.symmetric import unvech, vech
 from backsight.algebra.triangular import forward
+from backsight.description import Kept, content
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
@@ -35,6 +36,9 @@ Data = tuple[Array, Array, Array, Array, Array]
 
 CHUNK = 100_000
 """Samples of which the innovations of all lanes are kept at a time."""
+
+KEPT = 16
+"""Number of programs that are kept from fit to fit."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,8 +122,26 @@ def lanes_of(
     """Make the recursion; None if the estimator cannot take these values as inputs.
 
     With `ahead` samples it is not innovations that come out but what the model by itself makes of
-    every estimate so many samples later, see `foresight`; the variances are then 1.
+    every estimate so many samples later, see `foresight`; the variances are then 1. What was made
+    is kept: to make it takes as long as to search for the values in a short recording.
     """
+    found = tuple(unknowns)
+    key = content(estimator, model, dt, found, ahead, type(estimator).build)
+    kept = _made.of(key, lambda: _lanes(estimator, model, dt, found, ahead))
+    # Those given, whose arrays nobody has changed since.
+    return kept and dataclasses.replace(kept, estimator=estimator, model=model)
+
+
+_made: Kept[LaneRunner | None] = Kept(KEPT)
+
+
+def _lanes(
+    estimator: AbstractEstimator,
+    model: Model,
+    dt: float,
+    unknowns: tuple[Unknown, ...],
+    ahead: int,
+) -> LaneRunner | None:
     if not _able(estimator, unknowns):
         return None
     try:
@@ -129,10 +151,9 @@ def lanes_of(
         return None
     if inner.lag or not {"e", "S", "y_hat"} <= {c.name for c in inner.channels}:
         return None
-    found = tuple(unknowns)
-    recursion = _judging(inner, wide, model, found, ahead)
+    recursion = _judging(inner, wide, model, unknowns, ahead)
     own = len(inner.carry0)
-    return LaneRunner(recursion, estimator, model, wide, inner.start, found, dt, own)
+    return LaneRunner(recursion, estimator, model, wide, inner.start, unknowns, dt, own)
 
 
 def _able(estimator: AbstractEstimator, unknowns: Sequence[Unknown]) -> bool:

@@ -22,7 +22,9 @@ class Free(Description):
         behind a dot (``sigma_y.q``) one of them. ``R``, ``Q``, ``Qc``, ``P0``: a factor of the
         whole covariance; ``Q.v``, ``Qc.v``: one variance or density on its diagonal. The name of a
         parameter of the model. The name of a setting of the estimator that is a number, such as
-        ``alpha``. ``delay.y``: by how much the samples of an input or output come late [s];
+        ``alpha``; or several by name, ``sigma_force``; or an array, ``Gamma``, of which a factor is
+        found, as of the ``poles`` of a `Luenberger` observer how much faster errors fade.
+        ``delay.y``: by how much the samples of an input or output come late [s];
         `sigma` must say how much that may be.
     spread : float, optional
         Factor by which the value given may be wrong, one standard deviation: the prior of its
@@ -71,7 +73,7 @@ class Choice(Description):
     Parameters
     ----------
     name : str
-        Path of the field: ``N``, ``arrival``.
+        Path of the field: ``N``, ``arrival``, ``adaptive.window``.
     options : tuple
         Values of the field.
 

@@ -11,7 +11,7 @@ from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.tune.fitting.values._matrix import matrices_of
-from backsight.tune.fitting.values._settings import number_at, with_setting
+from backsight.tune.fitting.values._settings import with_number
 from backsight.tune.fitting.values._unknown import Unknown
 from backsight.types import Array
 
@@ -36,9 +36,7 @@ def placed(
         estimator = dataclasses.replace(estimator, **changes)
     for u in unknowns:
         if u.kind == "setting":
-            whole = isinstance(number_at(estimator, u.entry), int)
-            value = values[u.name]
-            estimator = with_setting(estimator, u.entry, round(value) if whole else value)
+            estimator = with_number(estimator, u.entry, values[u.name])
     given = {u.entry: values[u.name] for u in unknowns if u.kind == "parameter"}
     return estimator, _with_parameters(model, given) if given else model
 

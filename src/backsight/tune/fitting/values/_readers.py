@@ -18,7 +18,12 @@ from backsight.tune.fitting.values._scale import (
     LogScale,
     scale_of,
 )
-from backsight.tune.fitting.values._settings import number_at, range_at
+from backsight.tune.fitting.values._settings import (
+    number_at,
+    range_at,
+    several,
+    with_number,
+)
 from backsight.tune.fitting.values._unknown import Kind, Unknown
 
 LOOSE, PHYSICAL, SETTING = 30.0, 3.0, 10.0
@@ -200,7 +205,12 @@ def _positive(
 
 
 def estimator_setting(free: Free, estimator: AbstractEstimator) -> Unknown:
-    """A number among the settings, within the range of its field."""
+    """A number among the settings, within the range of its field, or a factor of several."""
+    if free.name in estimator.fixed_settings:
+        raise TuningError(f"'{free.name}' cannot be free: {estimator.fixed_settings[free.name]}")
+    if several(estimator, free.name):
+        with_number(estimator, free.name, 1.0)  # raises if they cannot be changed so
+        return _positive(free, "setting", free.name, free.name, 1.0, SETTING)
     start, (lower, upper) = number_at(estimator, free.name), range_at(estimator, free.name)
     if isinstance(start, int):
         raise TuningError(

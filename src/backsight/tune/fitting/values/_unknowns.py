@@ -1,5 +1,6 @@
 """The values that a fit may change: found in estimator and model by their names."""
 
+import dataclasses
 from collections.abc import Sequence
 
 from backsight.errors import TuningError, nearest
@@ -68,7 +69,7 @@ def _resolved(free: Free, estimator: AbstractEstimator, model: Model) -> list[Un
         estimator.assumed  # noqa: B018 - raises if it has none
         return readers[group](free, entry, estimator, model)
     parameters = [s.name for s in model.parameters]
-    settings = numeric_settings(estimator)
+    settings = [*numeric_settings(estimator), *estimator.multiplied_settings]
     if free.name in parameters and free.name in settings:
         raise TuningError(
             f"'{free.name}' is a parameter of the model and a setting of the estimator; rename it"
@@ -78,10 +79,14 @@ def _resolved(free: Free, estimator: AbstractEstimator, model: Model) -> list[Un
     if isinstance(estimator, AbstractForceEstimator) and free.name in ("lam", "threshold"):
         raise TuningError(
             f"'{free.name}' decides how many forces there are, which no likelihood can say: free "
-            "lam alone, or take one of the ways in bs.tune that begin with lambda_from"
+            "lam alone, then threshold alone, or take one of the ways in bs.tune that begin with "
+            "lambda_from"
         )
     if free.name in settings:
         return [read.estimator_setting(free, estimator)]
+    if by_name := [s for s in settings if s.startswith(f"{free.name}.") and s.count(".") == 1]:
+        named = [dataclasses.replace(free, name=s) for s in by_name]
+        return [read.estimator_setting(f, estimator) for f in named]
     if group == "delay":
         return [read.channel_delay(free, entry, model)]
     known = [*readers, "delay", *parameters, *settings]

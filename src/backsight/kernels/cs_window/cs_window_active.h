@@ -5,7 +5,7 @@
 #include "cs_window_tables.h"
 
 typedef struct {
-    const real *atoms, *across, *lam, *q, *c, *extra_q, *extra_c, *side;
+    const real *atoms, *across, *lam, *q, *c, *extra_q, *extra_c, *side, *caps;
 } cs_window_prior;
 
 /* The least squares in the first state and the active atoms: with dx = X' xi, X'X = (Pa^-1 + I)^-1,

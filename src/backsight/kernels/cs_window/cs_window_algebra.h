@@ -99,6 +99,15 @@ static void cs_window_backward(const real *L, int stride, real *b, int first, in
     }
 }
 
+/* L'^-1 b in place; of L the lower triangle is used. */
+static void cs_window_back(const real *L, real *b, int n)
+{
+    for (int j = n - 1; j >= 0; --j) {
+        const real *column = L + (long)j * n;
+        b[j] = (b[j] - cs_window_dot(column + j + 1, b + j + 1, n - 1 - j)) * column[j];
+    }
+}
+
 /* X with X'X = (Pa^-1 + I)^-1 for Pa of any rank: C^-1 L', Pa = L L', C C' = 1 + L' I L; w takes
    3 n^2 numbers. */
 static void cs_window_posterior(const real *Pa, const real *I, int stride, real *X, int n, real *w)

@@ -68,20 +68,24 @@ static real cs_window_strongest(const cs_window_sizes *z, const cs_window_prior 
     return most;
 }
 
-/* Start from what is certainly active, and from the atoms of the last window; 0 if there is no room
-   for all that is certain. */
+/* Start from what is certainly active, and from the atoms of the last window, but not from those that
+   are held at a limit; 0 if there is no room for all that is certain. */
 static int cs_window_start(const cs_window_sizes *z, const cs_window_tables *tab,
                            const cs_window_prior *prior, const real *v, const real *warm,
-                           cs_window_active *A, int *shut)
+                           const int *held, cs_window_active *A, int *shut)
 {
     int complete = 1;
     for (int i = 0; i < z->n; ++i) {
         shut[i] = 0;
-        if (prior->extra_q[i] > 0)
+        if (prior->extra_q[i] > 0 && !held[z->n + i])
             complete &= cs_window_append(z, tab, prior, A, v, z->n + i, prior->extra_c[i], 0);
     }
     for (int i = 0; i < z->n; ++i) {
         const real a = warm[i], side = prior->side[i];
+        if (held[i]) {
+            shut[i] = 1;
+            continue;
+        }
         const int kinked = prior->lam[i] > 0 || side != 0;
         const int use = kinked ? a != 0 && side * a >= 0 : prior->q[i] > 0;
         if (use) shut[i] = cs_window_append(z, tab, prior, A, v, i, a, a > 0 ? 1 : -1);
@@ -160,7 +164,7 @@ static void cs_window_refit(const cs_window_sizes *z, const cs_window_tables *ta
         real first = 1;
         cs_window_minimise(A);
         at = -1;
-        for (int k = 0; k < A->count; ++k) {
+        for (int k = 0; k < A->count && z->sided; ++k) {
             const int column = A->column[k];
             const real side = column < z->n ? prior->side[column] : 0, goal = A->goal[nx + k];
             if (!(side * goal < 0)) continue;
@@ -186,12 +190,14 @@ static void cs_window_alternatives(const cs_window_sizes *z, const cs_window_tab
     }
 }
 
-/* Largest violation of the optimality conditions; w takes n numbers. */
+/* Largest violation of the optimality conditions beside the atoms that are held at a limit; w takes n
+   numbers. */
 static real cs_window_kkt(const cs_window_sizes *z, const cs_window_prior *prior,
-                          const cs_window_active *A, const real *g, int *shut, real *w)
+                          const cs_window_active *A, const real *g, const int *held, int *shut,
+                          real *w)
 {
     real worst = 0, sign;
-    for (int i = 0; i < z->n; ++i) shut[i] = 0;
+    for (int i = 0; i < z->n; ++i) shut[i] = held[i] != 0;
     for (int i = 0; i < A->count; ++i)
         if (A->column[i] < z->n) shut[A->column[i]] = 1;
     cs_window_violated(z, prior, g, shut, w, &worst, &sign);

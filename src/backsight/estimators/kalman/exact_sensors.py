@@ -34,18 +34,24 @@ def exact_sensors(s: Setting) -> bool:
 
 def with_exact_sensors(s: Setting, halves: Halves) -> Halves:
     """The same filter, which leaves out what is known exactly before it is measured."""
+    correct = correcting_exactly(s, innovation=halves.innovation, correct=halves.correct)
+    return dataclasses.replace(halves, correct=correct)
+
+
+def correcting_exactly(s: Setting, *, innovation: ca.Function, correct: ca.Function) -> ca.Function:
+    """The same measurement update, which leaves out what is known exactly before.
+
+    Both are as in `Halves`.
+    """
     if not exact_sensors(s):
-        return halves
-    given = [
-        ca.MX.sym(halves.correct.name_in(i), *halves.correct.size_in(i))
-        for i in range(halves.correct.n_in())
-    ]
+        return correct
+    given = [ca.MX.sym(correct.name_in(i), *correct.size_in(i)) for i in range(correct.n_in())]
     x, spread, u, y, mask = given
-    _, S = halves.innovation(*given)
+    _, S = innovation(*given)
     kept, left_out = _telling(s)(x, S, u, mask)
-    x_post, spread_post, flags = halves.correct(x, spread, u, y, kept)
+    x_post, spread_post, flags = correct(x, spread, u, y, kept)
     results = [x_post, spread_post, _redundant(flags, left_out)]
-    return dataclasses.replace(halves, correct=ca.Function("correct_exactly", given, results))
+    return ca.Function("correct_exactly", given, results)
 
 
 def _telling(s: Setting) -> ca.Function:

@@ -1,0 +1,203 @@
+/* A window as it stands, its solution, and how near to the optimum that is. */
+#ifndef CS_WINDOW_PROBLEM_H
+#define CS_WINDOW_PROBLEM_H
+
+#include "cs_window_search.h"
+
+enum { OPTION_THRESHOLD, OPTION_TOLERANCE, OPTION_LAG, OPTION_REFIT };
+
+#define NO_LIMIT ((real)1e30) /* a limit that is none */
+
+/* Limits are active where `row` and `held` are -1 (lower end) or 1 (upper end); held atoms and extra
+   states stay at their limits, whose values are in `at_limit`. */
+typedef struct {
+    const cs_window_sizes *z;
+    const real *const *arg;
+    cs_window_prior prior;
+    cs_window_rows counting;
+    cs_window_tables tab;
+    cs_window_active A;
+    int at[PLACES];
+    int absent, complete, unobserved, room, *shut, *row, *held;
+    real least; /* violation of an optimality condition that is rounding */
+    real *X, *r, *v, *g; /* of all rows: measured, or the end of the active limit */
+    real *x0, *f, *fit; /* first state, modal forces, and what both explain of all rows */
+    real *whitened, *white, *e; /* of the rows that count: L^-1 r, and L^-1, S0^-1 times residuals */
+    real *at_limit, *rest, *tables; /* the last two: work space */
+} cs_window_problem;
+
+/* Take the effect of a held atom out of what is to be explained. */
+static void cs_window_hold(const cs_window_problem *k, int column, real value, real *v)
+{
+    const cs_window_sizes *z = k->z;
+    const int place = column % z->n, start = place / z->atoms * z->p, whole = z->width * z->p;
+    const int length = z->d - start < whole ? z->d - start : whole, rows = k->tab.rows;
+    cs_window_product(v, -value, k->tab.J + (long)(z->nx + start) * rows, rows,
+                      k->prior.atoms + place % z->atoms * whole, 1, rows, length);
+}
+
+/* Make the problem of the rows that count, without active atoms. */
+static void cs_window_look(cs_window_problem *k)
+{
+    const cs_window_sizes *z = k->z;
+    const real *const *arg = k->arg;
+    const int nx = z->nx, rows = nx + z->d + PLACES * nx;
+    real *rest = k->rest;
+    int limited = 0;
+    for (int i = 0; i < z->m && z->limits; ++i) limited |= k->row[i] != 0;
+    cs_window_number(&k->counting, z->m);
+    if (k->complete && !limited) {
+        const cs_window_tables all = {nx, z->d, k->counting.count, rows, arg[ARG_W], arg[ARG_J],
+                                      arg[ARG_V], arg[ARG_L]};
+        k->tab = all;
+    } else
+        k->tab = cs_window_prepare(z, arg, &k->counting, z->d, k->at, PLACES, k->tables);
+    const int free = z->arrival == ARRIVAL_NONE && !k->absent;
+    const int unknown = free && !cs_window_unknown(k->tab.J, rows, k->X, nx, rest);
+    if (!free || unknown) cs_window_posterior(arg[ARG_PA], k->tab.J, rows, k->X, nx, rest);
+    k->unobserved = unknown;
+    const int count = k->counting.count;
+    for (int i = 0; i < count; ++i) k->whitened[i] = k->r[k->counting.used[i]];
+    cs_window_forward(k->tab.L, count, k->whitened, 0, count);
+    for (int i = 0; i < rows; ++i) k->v[i] = 0;
+    cs_window_product(k->v, 1, k->tab.W, rows, k->whitened, 1, rows, count);
+    for (int i = 0; i < z->columns && z->bounded; ++i)
+        if (k->held[i]) cs_window_hold(k, i, k->at_limit[i], k->v);
+    k->A.X = k->X;
+    k->A.count = 0;
+    for (int i = 0; i < nx; ++i) k->A.right[i] = 0;
+    cs_window_product(k->A.right, 1, k->X, nx, k->v, 1, nx, nx);
+}
+
+/* Gradients where no atom is active. */
+static void cs_window_quiet(cs_window_problem *k)
+{
+    real *rest = k->rest;
+    cs_window_first(&k->A, k->x0, rest);
+    cs_window_explain(&k->tab, &k->A, k->v, k->x0, k->z->nx, k->z->d, rest);
+    cs_window_gradients(k->z, &k->prior, rest, k->g);
+}
+
+/* Factors of all atoms, and of their extra states; held ones, too. */
+static void cs_window_factors(const cs_window_problem *k, real *alpha, real *extra)
+{
+    const int n = k->z->n;
+    for (int i = 0; i < n; ++i) alpha[i] = extra[i] = 0;
+    for (int i = 0; i < k->A.count; ++i) {
+        const int column = k->A.column[i];
+        (column < n ? alpha : extra)[column % n] = k->A.a[i];
+    }
+    for (int i = 0; i < k->z->columns; ++i)
+        if (k->held[i]) (i < n ? alpha : extra)[i % n] = k->at_limit[i];
+}
+
+/* First state and modal forces of the solution, what they explain, and what is left. */
+static void cs_window_residuals(cs_window_problem *k, const real *alpha, const real *extra)
+{
+    const cs_window_sizes *z = k->z;
+    const int whole = z->width * z->p, count = k->counting.count;
+    cs_window_first(&k->A, k->x0, k->rest);
+    for (int i = 0; i < z->d; ++i) k->f[i] = 0;
+    for (int i = 0; i < z->n; ++i) {
+        const real a = alpha[i] + extra[i];
+        if (a == 0) continue;
+        const int start = i / z->atoms * z->p;
+        cs_window_add(k->f + start, a, k->prior.atoms + i % z->atoms * whole,
+                      z->d - start < whole ? z->d - start : whole);
+    }
+    for (int i = 0; i < count; ++i) {
+        const real *by = k->tab.W + (long)i * k->tab.rows;
+        k->white[i] = k->whitened[i] - cs_window_dot(by, k->x0, z->nx)
+                      - cs_window_dot(by + z->nx, k->f, z->d);
+    }
+    if (!z->bounded && !z->varying) return;
+    for (int i = 0; i < count; ++i) k->e[i] = k->white[i];
+    cs_window_back(k->tab.L, k->e, count);
+    for (int i = 0; i < z->m; ++i) k->fit[i] = 0;
+    cs_window_product(k->fit, 1, k->arg[ARG_O], z->m, k->x0, 1, z->m, z->nx);
+    for (int j = 0; j < z->d; ++j)
+        if (k->f[j] != 0) cs_window_add(k->fit, k->f[j], k->arg[ARG_G] + (long)j * z->m, z->m);
+}
+
+/* Half the slope of the cost by a column, downwards, without its l1 norm; g are the gradients. */
+static real cs_window_slope(const cs_window_problem *k, int column, real a)
+{
+    return k->g[column % k->z->n] + cs_window_pull(k->z, &k->prior, column, a);
+}
+
+/* Between which values a column may be. */
+static void cs_window_box(const cs_window_problem *k, int column, real *low, real *high)
+{
+    const cs_window_sizes *z = k->z;
+    const int place = column % z->n, extra = column >= z->n, atom = place % z->atoms;
+    const real cap = extra ? NO_LIMIT : k->prior.caps[atom];
+    const real change = k->prior.caps[z->atoms + atom];
+    const real *known = extra ? k->prior.extra_q : k->prior.q;
+    const real *mean = extra ? k->prior.extra_c : k->prior.c;
+    *low = -cap;
+    *high = cap;
+    if (known[place] > 0 && change < NO_LIMIT) { /* where both contradict each other the cap counts */
+        *low = real_fmin(real_fmax(mean[place] - change, -cap), cap);
+        *high = real_fmax(real_fmin(mean[place] + change, cap), -cap);
+    }
+}
+
+static int cs_window_boxed(const cs_window_problem *k, int column)
+{
+    real low, high;
+    cs_window_box(k, column, &low, &high);
+    return high - low < NO_LIMIT;
+}
+
+/* Most that y b - lam |b| can be for b in a box. */
+static real cs_window_support(real y, real lam, real low, real high)
+{
+    const real below = y * low - lam * real_fabs(low), above = y * high - lam * real_fabs(high);
+    const real most = below > above ? below : above;
+    return low <= 0 && high >= 0 && most < 0 ? 0 : most;
+}
+
+/* Cost, and its duality gap as a share of it. With the residual r of all that is least squares and
+   the slope c of it by an atom, s r belongs to a point of the dual problem if s |c| <= lam:
+
+       gap = (1 - s)^2 r'r + sum (lam |a| - s c a + sup {s c b - lam |b|, b in its box}). */
+static void cs_window_gap(const cs_window_problem *k, const real *alpha, const real *extra,
+                          real *cost, real *gap)
+{
+    const cs_window_sizes *z = k->z;
+    const int nx = z->nx;
+    real square = cs_window_dot(k->white, k->white, k->counting.count);
+    real s = 1, sum, norm = 0, slope = 0;
+    real *pull = k->rest; /* of the first state: its gradient is what its prior pulls with */
+    cs_window_explain(&k->tab, &k->A, k->v, k->x0, 0, nx, pull);
+    if (z->arrival != ARRIVAL_NONE || k->absent || k->unobserved)
+        square += real_fmax(cs_window_dot(k->x0, pull, nx), 0);
+    for (int i = 0; i < z->n; ++i) {
+        const real off = alpha[i] - k->prior.c[i], off_extra = extra[i] - k->prior.extra_c[i];
+        square += k->prior.q[i] * off * off + k->prior.extra_q[i] * off_extra * off_extra;
+        norm += k->prior.lam[i] * real_fabs(alpha[i]);
+    }
+    for (int i = 0; i < z->n; ++i) {
+        const real c = 2 * (k->g[i] + k->prior.q[i] * (k->prior.c[i] - alpha[i]));
+        const real side = k->prior.side[i], size = side == 0 ? real_fabs(c) : side * c;
+        if (size * s > k->prior.lam[i] && k->prior.lam[i] > 0 && !(z->bounded && cs_window_boxed(k, i)))
+            s = k->prior.lam[i] / size;
+        if (alpha[i] != 0) slope += c * alpha[i];
+    }
+    sum = norm - s * slope;
+    for (int i = 0; i < z->columns && z->bounded; ++i) {
+        const int extra_state = i >= z->n, place = i % z->n;
+        const real lam = extra_state ? 0 : k->prior.lam[i], a = (extra_state ? extra : alpha)[place];
+        const real y = 2 * s * cs_window_slope(k, i, a);
+        real low, high;
+        if (!cs_window_boxed(k, i) || (extra_state && !(k->prior.extra_q[place] > 0))) continue;
+        cs_window_box(k, i, &low, &high);
+        if (!extra_state && k->prior.side[i] > 0) low = 0;
+        if (!extra_state && k->prior.side[i] < 0) high = 0;
+        sum += cs_window_support(y, lam, low, high) - (extra_state ? y * a : 0);
+    }
+    *cost = square + norm;
+    *gap = *cost > 0 ? real_fabs((1 - s) * (1 - s) * square + sum) / *cost : 0;
+}
+
+#endif
