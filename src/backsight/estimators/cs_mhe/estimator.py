@@ -123,14 +123,11 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         Known inputs between the samples of a continuous model: held, or, of a linear one,
         interpolated. The unknown forces are held.
     passes : int
-        Of a nonlinear model: how often a window is linearised. One is enough where the motion of
-        the window before is near, since every sample is in N + 1 windows.
-    max_steps : int, optional
-        Largest number of steps of the active set in one window, for hard real time; by default so
-        many as always suffice. Where it is reached, the status says *iteration limit*.
-    max_active : int, optional
-        Most factors that are not zero at a time, of which the work space is the square; by default
-        all that can be told apart. A window that needs more has the same status.
+        Of a nonlinear model: how often a window is linearised; every sample is in N + 1 of them.
+    max_steps, max_active : int, optional
+        Most steps of the active set in a window, and most factors in it that are not zero (the work
+        space is the square), for hard real time; by default so many as always suffice. A window
+        that needs more has the status *iteration limit*.
 
     Notes
     -----
@@ -149,14 +146,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     A window that is not full yet, or has gaps, is one with samples that were not measured. Samples
     may have a noise of their own (eq. 8). If limits contradict each other, the estimate is the one
     without them, the status says *infeasible*, and ``infeasible`` names them; covariances do not
-    count on an active limit.
-
-    Raises
-    ------
-    EngineError
-        If the C kernels of the package are not compiled.
-    TuningError
-        If a setting is wrong.
+    count on an active limit. Without the C kernels of the package it raises `EngineError`.
 
     References
     ----------
@@ -297,8 +287,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             refits=self.bias == "removed",
             limits=limits,
             caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
-            most_steps=self.max_steps,
-            most_active=self.max_active,
+            at_most=(self.max_steps, self.max_active),
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":
