@@ -87,10 +87,12 @@ class LiveStore:
         part = self.folder / f".{target.name}.part"
         with writing(self.folder):
             try:
-                with part.open("wb") as file:
-                    with self._parquet.ParquetWriter(file, schema, **_FORM) as writer:
-                        writer.write_table(table)
-                        writer.add_key_value_metadata({_KEY: base64.b64encode(memory)})
+                with (
+                    part.open("wb") as file,
+                    self._parquet.ParquetWriter(file, schema, **_FORM) as writer,
+                ):
+                    writer.write_table(table)
+                    writer.add_key_value_metadata({_KEY: base64.b64encode(memory)})
                 put_in_place(part, target)
             finally:
                 part.unlink(missing_ok=True)
@@ -178,3 +180,15 @@ def opened_live_store(folder: Path, *, said: str) -> Iterator[LiveStore]:
         with writing(folder):
             tidy(folder)
         yield LiveStore(folder, library, library.parquet)
+
+
+def _check_about(about: Path, said: str) -> None:
+    try:
+        found = json.loads(about.read_text(encoding="utf-8"))["of"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise OutputError(f"'{about}' is not from here; choose another folder") from None
+    if found != said:
+        raise OutputError(
+            f"'{about.parent}' holds results of another estimator, model or sampling period; "
+            "choose another folder, or move it away"
+        )
