@@ -23,10 +23,17 @@ from backsight.estimators.arrival import SmoothedArrival, arrival_name
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.cs_mhe._along import Along, directions, varying_tables
 from backsight.estimators.cs_mhe._arrival import LinearArrival, arrival_faults
-from backsight.estimators.cs_mhe._limits import by_force, caps, check_unlimited, sides, sign_faults
+from backsight.estimators.cs_mhe._limits import (
+    NO_LIMIT,
+    by_force,
+    caps,
+    check_unlimited,
+    sides,
+    sign_faults,
+)
 from backsight.estimators.cs_mhe._step import cs_recursion
 from backsight.estimators.cs_mhe._tables import check_forces, shapes_within, tables
-from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
+from backsight.estimators.cs_mhe._window import KERNEL, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.dictionaries import Dictionary, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
@@ -118,6 +125,12 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     passes : int
         Of a nonlinear model: how often a window is linearised. One is enough where the motion of
         the window before is near, since every sample is in N + 1 windows.
+    max_steps : int, optional
+        Largest number of steps of the active set in one window, for hard real time; by default so
+        many as always suffice. Where it is reached, the status says *iteration limit*.
+    max_active : int, optional
+        Most factors that are not zero at a time, of which the work space is the square; by default
+        all that can be told apart. A window that needs more has the same status.
 
     Notes
     -----
@@ -187,6 +200,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     lag: Lag = "N"
     hold: Hold = "zoh"
     passes: Count = 1
+    max_steps: Count | None = None
+    max_active: Count | None = None
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -239,8 +254,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     def _linearised(self, model: Model, dt: float) -> Forced:
         if self.hold != "zoh":
             raise TuningError("hold 'foh' needs a linear model; use 'zoh'")
-        joined = self._joined(model)
-        system = at_mean(joined, dt, noise=self.noise, prior=self.prior)
+        system = at_mean(self._joined(model), dt, noise=self.noise, prior=self.prior)
         return Forced.of(system, self.background(model), self.forces)
 
     def _joined(self, model: Model) -> Model:
@@ -282,11 +296,9 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             carries=self.carryover is not None,
             refits=self.bias == "removed",
             limits=limits,
-            caps=caps(
-                by_force("largest", self.largest, forced.signals, otherwise=math.inf),
-                self.dictionary,
-                math.inf if self.carryover is None else self.carryover.change,
-            ),
+            caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
+            most_steps=self.max_steps,
+            most_active=self.max_active,
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":

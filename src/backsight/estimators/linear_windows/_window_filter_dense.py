@@ -9,6 +9,7 @@ import numpy as np
 
 from backsight.algebra.update import measured
 from backsight.engine import dense
+from backsight.engine.dense import few_entries
 from backsight.estimators.kalman.prediction import per_sample
 from backsight.estimators.parts.covariance import (
     Covariance,
@@ -19,7 +20,6 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.factors import cholesky, solve_lower
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.linear import Linear, Varying
-from backsight.estimators.parts.substeps import few_entries
 from backsight.models.lti import coefficients
 
 NEGLIGIBLE = 1e-9
