@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.errors import ModelError, TuningError, nearest
+from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.force_estimator import AbstractDictionary
 from backsight.estimators.parts.leaf import Results, leaf
 from backsight.estimators.parts.limits import Limit, Limits
@@ -38,27 +39,27 @@ def limited_sample(limits: Limits) -> ca.Function:
     return leaf("limited_sample", {"count": 1, "x": nx, "e": ny, "m": ny, "last": 1}, formula)
 
 
-def caps(sizes: Array, dictionary: AbstractDictionary, change: float) -> Array:
+def caps(
+    largest: ByName,
+    forces: Sequence[Signal],
+    dictionary: AbstractDictionary,
+    carryover: Carryover | None,
+) -> Array:
     """Largest factors of the atoms, and their largest changes where one is expected, (2, atoms).
-
-    Parameters
-    ----------
-    sizes : (nf,) array
-        Largest factors of the atoms of every force.
-    dictionary : AbstractDictionary
-    change : float
 
     Raises
     ------
     TuningError
         If an atom moves several forces that have different ones.
     """
+    sizes = by_force("largest", largest, forces, otherwise=np.inf)
     belongs = dictionary.force_of(len(sizes))
     if min(belongs) < 0 and len(set(sizes)) > 1:
         raise TuningError(
             "largest differs from force to force, but the dictionary has atoms that move several: "
             "give one number"
         )
+    change = np.inf if carryover is None else carryover.change
     return np.minimum([[sizes[i] for i in belongs], [change] * len(belongs)], NO_LIMIT)
 
 

@@ -78,16 +78,15 @@ def tables(forced: Forced, shapes: Array, limits: Limits, *, N: int, lag: int) -
     outputs = np.tile(np.arange(len(C)) < len(system.C), N + 1)
     factor = scipy.linalg.cholesky(S0[np.ix_(outputs, outputs)], lower=True)
     both = np.hstack([start, seen_force])[outputs]
-    Z = scipy.linalg.cho_solve((factor, True), both)
-    gram = both.T @ Z
-    gains, effects, variances = [Z.T], [gram], []
+    white = scipy.linalg.solve_triangular(factor, both, lower=True)
+    halves, effects, variances = [white.T], [white.T @ white], []
     for at in (1, N - lag, N + 1):
-        gain = scipy.linalg.cho_solve((factor, True), cross[at][outputs]).T
-        gains.append(gain)
-        effects.append(gain @ both - np.hstack([powers[at], by_force[at]]))
-        variances.append(P[at] - gain @ cross[at][outputs])
+        half = scipy.linalg.solve_triangular(factor, cross[at][outputs], lower=True).T
+        halves.append(half)
+        effects.append(half @ white - np.hstack([powers[at], by_force[at]]))
+        variances.append(P[at] - half @ half.T)
     np.fill_diagonal(factor, 1 / np.diag(factor))
-    full = (*map(np.vstack, (gains, effects, variances)), factor)
+    full = (*map(np.vstack, (halves, effects, variances)), factor)
     return Tables(problem, full, atoms_of(shapes, onto), p, steps)
 
 

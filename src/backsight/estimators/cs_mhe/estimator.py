@@ -23,10 +23,17 @@ from backsight.estimators.arrival import SmoothedArrival, arrival_name
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.cs_mhe._along import Along, directions, varying_tables
 from backsight.estimators.cs_mhe._arrival import LinearArrival, arrival_faults
-from backsight.estimators.cs_mhe._limits import by_force, caps, check_unlimited, sides, sign_faults
+from backsight.estimators.cs_mhe._limits import (
+    NO_LIMIT,
+    by_force,
+    caps,
+    check_unlimited,
+    sides,
+    sign_faults,
+)
 from backsight.estimators.cs_mhe._step import cs_recursion
 from backsight.estimators.cs_mhe._tables import check_forces, shapes_within, tables
-from backsight.estimators.cs_mhe._window import KERNEL, NO_LIMIT, Solver
+from backsight.estimators.cs_mhe._window import KERNEL, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.dictionaries import Dictionary, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
@@ -116,8 +123,11 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         Known inputs between the samples of a continuous model: held, or, of a linear one,
         interpolated. The unknown forces are held.
     passes : int
-        Of a nonlinear model: how often a window is linearised. One is enough where the motion of
-        the window before is near, since every sample is in N + 1 windows.
+        Of a nonlinear model: how often a window is linearised; every sample is in N + 1 of them.
+    max_steps, max_active : int, optional
+        Most steps of the active set in a window, and most factors in it that are not zero (the work
+        space is the square), for hard real time; by default so many as always suffice. A window
+        that needs more has the status *iteration limit*.
 
     Notes
     -----
@@ -136,14 +146,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     A window that is not full yet, or has gaps, is one with samples that were not measured. Samples
     may have a noise of their own (eq. 8). If limits contradict each other, the estimate is the one
     without them, the status says *infeasible*, and ``infeasible`` names them; covariances do not
-    count on an active limit.
-
-    Raises
-    ------
-    EngineError
-        If the C kernels of the package are not compiled.
-    TuningError
-        If a setting is wrong.
+    count on an active limit. Without the C kernels of the package it raises `EngineError`.
 
     References
     ----------
@@ -187,6 +190,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     lag: Lag = "N"
     hold: Hold = "zoh"
     passes: Count = 1
+    max_steps: Count | None = None
+    max_active: Count | None = None
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -239,8 +244,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     def _linearised(self, model: Model, dt: float) -> Forced:
         if self.hold != "zoh":
             raise TuningError("hold 'foh' needs a linear model; use 'zoh'")
-        joined = self._joined(model)
-        system = at_mean(joined, dt, noise=self.noise, prior=self.prior)
+        system = at_mean(self._joined(model), dt, noise=self.noise, prior=self.prior)
         return Forced.of(system, self.background(model), self.forces)
 
     def _joined(self, model: Model) -> Model:
@@ -282,11 +286,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             carries=self.carryover is not None,
             refits=self.bias == "removed",
             limits=limits,
-            caps=caps(
-                by_force("largest", self.largest, forced.signals, otherwise=math.inf),
-                self.dictionary,
-                math.inf if self.carryover is None else self.carryover.change,
-            ),
+            caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
+            at_most=(self.max_steps, self.max_active),
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":

@@ -37,7 +37,7 @@ KERNEL void cs_window_work(const int *sizes, long *reals, long *ints)
     const long filtered = cs_window_tables_size(nx, z.p, z.outputs, 1) + nx * nx + 3 * nx + z.p
                           + (3 * nx + z.p) * most;
     const long covariances = PLACES * nx * (nx + most), inverse = most * most;
-    *reals = cs_window_active_size(&z) + nx * nx + rows + 6 * m + 5 * z.n + 2 * d + z.columns
+    *reals = cs_window_active_size(&z) + nx * nx + rows + 7 * m + 5 * z.n + 2 * d + z.columns
              + z.forces + 3 * nx + m + cs_window_limits_size(&z)
              + cs_window_tables_size(nx, d, m, PLACES) + filtered + covariances + inverse
              + 3 * nx * nx + nx;
@@ -68,7 +68,8 @@ static cs_window_problem cs_window_begin(const cs_window_sizes *z, const real *c
     k.counting.weight = k.r + m;
     k.counting.soft = k.counting.weight + m;
     k.fit = k.counting.soft + m;
-    k.white = k.fit + m;
+    k.whitened = k.fit + m;
+    k.white = k.whitened + m;
     k.e = k.white + m;
     k.g = k.e + m;
     k.x0 = k.g + z->n;

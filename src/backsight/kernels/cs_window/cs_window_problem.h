@@ -22,7 +22,7 @@ typedef struct {
     real least; /* violation of an optimality condition that is rounding */
     real *X, *r, *v, *g; /* of all rows: measured, or the end of the active limit */
     real *x0, *f, *fit; /* first state, modal forces, and what both explain of all rows */
-    real *white, *e; /* residuals of the rows that count: L^-1 and S0^-1 times them */
+    real *whitened, *white, *e; /* of the rows that count: L^-1 r, and L^-1, S0^-1 times residuals */
     real *at_limit, *rest, *tables; /* the last two: work space */
 } cs_window_problem;
 
@@ -56,11 +56,11 @@ static void cs_window_look(cs_window_problem *k)
     const int unknown = free && !cs_window_unknown(k->tab.J, rows, k->X, nx, rest);
     if (!free || unknown) cs_window_posterior(arg[ARG_PA], k->tab.J, rows, k->X, nx, rest);
     k->unobserved = unknown;
-    const int every = k->counting.count == z->m; /* then nothing has to be picked */
-    real *chosen = every ? k->r : rest;
-    for (int i = 0; i < k->counting.count && !every; ++i) chosen[i] = k->r[k->counting.used[i]];
+    const int count = k->counting.count;
+    for (int i = 0; i < count; ++i) k->whitened[i] = k->r[k->counting.used[i]];
+    cs_window_forward(k->tab.L, count, k->whitened, 0, count);
     for (int i = 0; i < rows; ++i) k->v[i] = 0;
-    cs_window_product(k->v, 1, k->tab.W, rows, chosen, 1, rows, k->counting.count);
+    cs_window_product(k->v, 1, k->tab.W, rows, k->whitened, 1, rows, count);
     for (int i = 0; i < z->columns && z->bounded; ++i)
         if (k->held[i]) cs_window_hold(k, i, k->at_limit[i], k->v);
     k->A.X = k->X;
@@ -105,20 +105,18 @@ static void cs_window_residuals(cs_window_problem *k, const real *alpha, const r
         cs_window_add(k->f + start, a, k->prior.atoms + i % z->atoms * whole,
                       z->d - start < whole ? z->d - start : whole);
     }
+    for (int i = 0; i < count; ++i) {
+        const real *by = k->tab.W + (long)i * k->tab.rows;
+        k->white[i] = k->whitened[i] - cs_window_dot(by, k->x0, z->nx)
+                      - cs_window_dot(by + z->nx, k->f, z->d);
+    }
+    if (!z->bounded && !z->varying) return;
+    for (int i = 0; i < count; ++i) k->e[i] = k->white[i];
+    cs_window_back(k->tab.L, k->e, count);
     for (int i = 0; i < z->m; ++i) k->fit[i] = 0;
     cs_window_product(k->fit, 1, k->arg[ARG_O], z->m, k->x0, 1, z->m, z->nx);
     for (int j = 0; j < z->d; ++j)
         if (k->f[j] != 0) cs_window_add(k->fit, k->f[j], k->arg[ARG_G] + (long)j * z->m, z->m);
-    for (int i = 0; i < count && count < z->m; ++i) {
-        const int of = k->counting.used[i];
-        k->white[i] = k->r[of] - k->counting.weight[of] * k->fit[of];
-    }
-    for (int i = 0; i < count && count == z->m; ++i)
-        k->white[i] = k->r[i] - k->counting.weight[i] * k->fit[i];
-    cs_window_forward(k->tab.L, count, k->white, 0, count);
-    if (!z->bounded && !z->varying) return;
-    for (int i = 0; i < count; ++i) k->e[i] = k->white[i];
-    cs_window_back(k->tab.L, k->e, count);
 }
 
 /* Half the slope of the cost by a column, downwards, without its l1 norm; g are the gradients. */

@@ -46,9 +46,10 @@ static void cs_window_filtered(cs_window_problem *k, real *x, real *P, real *w)
     const cs_window_tables tab = cs_window_prepare(z, arg, &k->counting, z->p, &at, 1, w);
     cs_window_posterior(arg[ARG_PA], tab.J, rows, X, nx, rest);
     for (int i = 0; i < rows; ++i) v[i] = 0;
-    for (int i = 0; i < k->counting.count; ++i)
-        cs_window_add(v, k->r[k->counting.used[i]], tab.W + i * rows, rows);
-    for (int i = 0; i < z->columns; ++i) /* what a held atom does in the first step */
+    for (int i = 0; i < tab.m; ++i) rest[i] = k->r[k->counting.used[i]];
+    cs_window_forward(tab.L, tab.m, rest, 0, tab.m);
+    cs_window_product(v, 1, tab.W, rows, rest, 1, rows, tab.m);
+    for (int i = 0; i < z->columns && z->bounded; ++i) /* what a held atom does in the first step */
         if (k->held[i] && i % z->n < z->atoms)
             cs_window_product(v, -k->at_limit[i], tab.J + nx * rows, rows,
                               k->prior.atoms + i % z->n * z->width * z->p, 1, rows, z->p);

@@ -107,9 +107,8 @@ KERNEL void cs_window_stages(const int *sizes, const real *const *arg, real *con
         for (int j = k * p; j < d && j < (k + 1) * p; ++j)
             cs_window_add(moved + ((long)(k + 1) * d + j) * nx, 1, E + (j - k * p) * nx, nx);
         for (int a = 0; a < nx; ++a)
-            for (int b = 0; b < nx; ++b)
-                cs_window_add(cross + ((long)(k + 1) * nx + a) * m, A[a + b * nx],
-                              cross + ((long)k * nx + b) * m, k * ny);
+            cs_window_product(cross + ((long)(k + 1) * nx + a) * m, 1, cross + (long)k * nx * m, m, A + a,
+                              nx, k * ny, nx);
         cs_window_stages_times(by_state, A, Pk, nx, nx, nx);
         for (int j = 0; j < ny; ++j) {
             real *with = by_force; /* A P C' + M, a column of it */

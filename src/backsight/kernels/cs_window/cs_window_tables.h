@@ -21,15 +21,17 @@ typedef struct {
     int nx, ny, p, width, atoms, steps, N, forces, most, limit, arrival, correction, carries;
     int limits, bounded; /* sums with limits of a sample; whether there are any, or atoms with limits */
     int varying; /* whether the tables are those of this window alone */
+    int sided; /* whether some atoms have a known sign */
     int outputs, m, d, n, columns; /* rows, modal forces, atoms of the window; with extra states */
 } cs_window_sizes;
 
 /* Given the forces f and the first state dx, the states of interest are K r + Phi dx + E f with
    covariance V. Rows lie on top of each other:
 
-       W = [O' S0^-1; G' S0^-1; K],   J = [O' S0^-1 O, O' S0^-1 G; G' S0^-1 O, G' S0^-1 G; -Phi, -E]
+       W = [O'; G'; cross'] L'^-1,   J = [O' S0^-1 O, O' S0^-1 G; G' S0^-1 O, G' S0^-1 G; -Phi, -E]
 
-   so that W r - J [dx; f] is the gradient, halved, and the states. r has the rows that count. */
+   so that W L^-1 r - J [dx; f] is the gradient, halved, and the states, with S0 = L L'. r has the rows
+   that count. */
 typedef struct {
     int nx, d, m, rows;
     const real *W, *J, *V; /* V: the covariances on top of each other */
@@ -46,7 +48,7 @@ typedef struct {
 static cs_window_sizes cs_window_read(const int *s)
 {
     cs_window_sizes z = {s[0],  s[1],  s[2],  s[3],  s[4],  s[5], s[6], s[7], s[8], s[9], s[10],
-                         s[11], s[12], s[13], s[14], s[15], 0,    0,    0,    0,    0};
+                         s[11], s[12], s[13], s[14], s[15], s[16], 0,   0,    0,    0,    0};
     z.outputs = z.ny - z.limits;
     z.m = z.ny * (z.N + 1);
     z.d = z.p * z.steps;
@@ -115,10 +117,11 @@ static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *
         cs_window_product(row, -1, W, rows, L + i, m, rows, i);
         for (int k = 0; k < rows; ++k) row[k] *= L[i + i * m];
     }
-    for (int j = 0; j < rows; ++j) {
+    for (int j = 0; j < rows; ++j) { /* of the states only what is of one of them */
+        const int end = j < known ? rows : known + ((j - known) / nx + 1) * nx;
         real *column = J + j * rows;
         for (int i = j; i < rows; ++i) column[i] = 0;
-        cs_window_product(column + j, 1, W + j, rows, W + j, rows, rows - j, m);
+        cs_window_product(column + j, 1, W + j, rows, W + j, rows, end - j, m);
     }
     for (int j = 0; j < known; ++j)
         for (int i = 0; i < j; ++i) J[i + j * rows] = J[j + i * rows];
@@ -136,11 +139,6 @@ static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *
                 if (moved) J[row + (nx + j) * rows] -= moved[k];
             }
         }
-    for (int i = m - 1; i >= 0; --i) { /* L'^-1, the same way */
-        real *row = W + i * rows;
-        cs_window_product(row, -1, row + rows, rows, L + i + 1 + i * m, 1, rows, m - 1 - i);
-        for (int k = 0; k < rows; ++k) row[k] *= L[i + i * m];
-    }
     const cs_window_tables tables = {nx, d, m, rows, W, J, V, L};
     return tables;
 }
