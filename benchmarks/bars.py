@@ -5,7 +5,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from benchmarks import beam_contests, contests, fit_contests, noise_contests, scaling, startup
+from benchmarks import (
+    beam_contests,
+    call_contests,
+    contests,
+    fit_contests,
+    noise_contests,
+    scaling,
+    startup,
+)
 from benchmarks.contest import Row
 from benchmarks.process_noise import ACTIVE, BOUNDS, FREE, INACTIVE
 from benchmarks.scaling import Point
@@ -139,6 +147,15 @@ def bars(measured: Measured) -> list[Bar]:
                 "Tuning: difference from statsmodels [share of a standard deviation]": (
                     measured.difference(fit_contests.DEVIATIONS, fit_contests.STATSMODELS),
                     1e-4,
+                ),
+                "EKF: a call with 2000 samples, all in [ms]": (
+                    time(call_contests.CALL, call_contests.ESTIMATE),
+                    1.5,
+                ),
+                "EKF: a call with 100 000 samples, against its loop [times as long]": (
+                    time(call_contests.WHOLE, call_contests.ESTIMATE)
+                    / time(call_contests.WHOLE, call_contests.LOOP),
+                    1.5,
                 ),
                 "EKF: 60 states, row of masses, against NumPy with BLAS [times as long]": (
                     large(contests.CHAIN),

@@ -5,7 +5,15 @@ from functools import partial
 
 from backsight.engine.parallel import cores
 from backsight.solvers.box import GaussNewton
-from benchmarks import beam_contests, every, fit_contests, noise_contests, ours, problems
+from benchmarks import (
+    beam_contests,
+    call_contests,
+    every,
+    fit_contests,
+    noise_contests,
+    ours,
+    problems,
+)
 from benchmarks.contest import Contender, Contest, Entry, peer
 from benchmarks.problems import Problem
 
@@ -52,6 +60,7 @@ def contests() -> tuple[Contest, ...]:
         *beam_contests.contests(),
         _large(CHAIN, problems.chain(30)),
         _large(DENSE, problems.dense(60)),
+        *call_contests.contests(),
         *fit_contests.contests(),
     )
 

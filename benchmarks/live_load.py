@@ -20,6 +20,7 @@ import numpy as np
 import psutil
 
 from backsight.live import LiveSession, load_live, made_ready, opened_session
+from backsight.live.running import ROUNDS, SWITCH
 from backsight.live.sources import Batch
 
 MODES = 4
@@ -107,6 +108,7 @@ def load(*, channels: int, rate: float, seconds: float, block: float, store: boo
         command = [sys.executable, "-m", "benchmarks.live_load", "--send", str(port)]
         settings = ["--channels", str(channels), "--rate", str(rate), "--seconds", str(seconds)]
         sender = stack.enter_context(subprocess.Popen([*command, *settings]))
+        sys.setswitchinterval(SWITCH)
         while not session.round():
             time.sleep(0.001)
         session.latencies.clear()
@@ -116,7 +118,7 @@ def load(*, channels: int, rate: float, seconds: float, block: float, store: boo
             session.round()
             latencies += session.latencies
             session.latencies.clear()
-            due = max(due + block / 2, time.monotonic())
+            due = max(due + block / ROUNDS, time.monotonic())
             time.sleep(max(due - time.monotonic(), 0))
         took = time.monotonic() - begun
         share = (time.process_time() - used) / took

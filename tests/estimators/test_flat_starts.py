@@ -104,6 +104,63 @@ def test_filters_without_a_slope_are_told():
     assert "not learned" not in told["ukf"]
 
 
+def tank():
+    """Water runs over at a level that the prior has too high: a jump of both flows."""
+
+    def f(x, u, p):
+        flow = u.q - 0.5 * ca.sqrt(ca.fmax(x.h, 1e-6))
+        full = x.h >= p.top
+        over = ca.if_else(full, ca.fmax(flow, 0), 0)
+        return [flow - over, over - 0.6 * x.caught]
+
+    model = bs.Model(
+        f=f,
+        h=lambda x, u, p: [x.h, x.caught],
+        states={"h": bs.Signal(lower=0.0, value=0.5), "caught": ""},
+        inputs={"q": ""},
+        outputs={"y": "", "z": ""},
+        parameters={"top": 1.4},
+    )
+    flow = np.where(np.arange(120) < 40, 0.3, 0.9)
+    noise = bs.Noise(sigma_y=0.01, sigma_w={"h": 1e-3, "caught": 1e-3})
+    prior = bs.Prior(sigma_x0={"h": 0.02, "caught": 0.02, "top": 0.3}, x0={"h": 0.5})
+    return model, {"top": 1.1}, flow, noise, prior, 0.05
+
+
+@pytest.mark.parametrize("kind", ["ekf", "mhe"])
+def test_a_jump_has_no_slope_on_either_side_and_is_told(kind):
+    model, true, flow, noise, prior, dt = tank()
+    recording = bs.simulate(
+        model, flow[:, None], dt=dt, x0=[0.5, 0.0], parameters=true, sigma_y=0.01, seed=2
+    )
+    step = bs.Integrator("rk4", 1)
+    method = {
+        "ekf": bs.EKF(noise, prior, step),
+        "mhe": bs.MHE(noise, prior, N=4, integrator=step),
+    }[kind]
+    joint = bs.augment(model, ["top"])
+    found = bs.compare({kind: method}, joint, recording, engine="vm", throw=False)
+    told = found.verdicts()[-1]
+    assert "top was not learned" in told
+    assert "by a jump, which has no slope on either side" in told
+    assert "MHE, which look" not in told
+
+
+def test_an_arrival_cost_with_one_slope_is_told():
+    model, true, command, noise, prior, dt = valve()
+    recording = bs.simulate(
+        model, command[:, None], dt=dt, parameters=true, sigma_y=noise.sigma_y, seed=2
+    )
+    settings = {"N": 10, "integrator": bs.Integrator("rk4", 2)}
+    joint, said = bs.augment(model, ["F_max"]), {}
+    for arrival in (bs.settings.EKFArrival(), bs.settings.SmoothedArrival()):
+        mhe = bs.MHE(noise, prior, arrival=arrival, **settings)
+        found = bs.compare({"mhe": mhe}, joint, recording, engine="vm", throw=False)
+        said[type(arrival).__name__] = found.verdicts()[-1]
+    assert "has the slope of one side" in said["EKFArrival"]
+    assert "slope" not in said["SmoothedArrival"]
+
+
 def test_kinks_are_found_by_operations():
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
     smooth = [ca.sin(x[0]) * x[1] + ca.fabs(u), ca.exp(-(x[0] ** 2)) / (1 + x[1] ** 2)]

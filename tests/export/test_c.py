@@ -135,6 +135,23 @@ def test_single_precision(tmp_path):
 
 
 @needs_compiler
+def test_single_precision_is_refused_where_it_is_too_coarse(tmp_path):
+    problem = TrialProblem()
+    noise = dataclasses.replace(problem.noise, R=1e-10 * problem.noise.measurement(problem.model), sigma_w={"k": 1e-4})
+    ekf, recording = EKF(noise, problem.prior), recorded(problem)
+    arguments = ekf, problem.model, recording, tmp_path / "ekf"
+    with pytest.raises(EngineError, match=r"condition number .* times its standard deviation"):
+        export_c(*arguments, name="ekf", precision="float")
+    assert not (tmp_path / "ekf").exists()
+    export_c(*arguments, name="ekf", precision="float", accuracy=np.inf)
+    ran = run_selftest(tmp_path / "ekf", "ekf")
+    assert ran.returncode == 1
+    assert "x_hat" in ran.stdout
+    with pytest.raises(EngineError, match=r"accuracy is -1\.0"):
+        export_c(*arguments, precision="float", accuracy=-1.0)
+
+
+@needs_compiler
 def test_the_selftest_can_fail(tmp_path):
     problem = TrialProblem()
     export_c(EKF(problem.noise, problem.prior), problem.model, recorded(problem), tmp_path)

@@ -80,17 +80,17 @@ def test_the_history_of_a_recording_that_begins_at_zero_begins_there():
 
 def test_the_history_is_there_after_a_restart(tmp_path, samples):
     """What was kept, and what came after that from the parts of the store."""
-    with shown(tmp_path, STORED) as (live, board, address):
+    with shown(tmp_path, STORED) as (live, board, _):
         live.feed(map(message, samples[:400]))
     kept = tmp_path / "store" / ".history.npz"
     first = kept.read_bytes()
-    with shown(tmp_path, STORED) as (live, board, address):
+    with shown(tmp_path, STORED) as (live, board, _):
         live.feed(map(message, samples[400:]))
     history = board.history  # it has seen the end, which was stored after it was kept
     everything = history.over(60)
     for content in (kept.read_bytes(), first, b"damaged"):
         kept.write_bytes(content)
-        with shown(tmp_path, STORED) as (_, board, address):
+        with shown(tmp_path, STORED) as (_, board, _):
             end = time.monotonic() + 10
             while (found := board.history.over(60))["t"] != everything["t"]:
                 assert time.monotonic() < end

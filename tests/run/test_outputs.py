@@ -9,6 +9,7 @@ from backsight.description import content
 from backsight.errors import EstimationError, TuningError
 from backsight.estimators import EKF, MHE
 from backsight.run.estimation import _prepared, carrying, estimate, estimate_many
+from backsight.run.estimation.results import result
 from backsight.run.estimation.results.outputs import Outputs
 from backsight.schema import Status, check_estimates
 from backsight.testing import TrialProblem
@@ -64,6 +65,28 @@ def test_results_do_not_depend_on_blocks_also_with_a_lag(monkeypatch, method):
         monkeypatch.setattr(carrying, "VM_BLOCK", block)
         parts = estimate(method, PROBLEM.model, short, engine="vm", outputs=thin)
         assert parts.drop_attrs().identical(whole.drop_attrs())
+
+
+def test_machine_code_puts_results_into_their_places_in_any_blocks(monkeypatch):
+    whole = estimate(METHOD, PROBLEM.model, RECORDING, engine="native")
+    for block in (1, 7, 89):
+        monkeypatch.setattr(carrying, "BLOCK", block)
+        parts = estimate(METHOD, PROBLEM.model, RECORDING, engine="native")
+        assert parts.drop_attrs().identical(whole.drop_attrs())
+
+
+def test_a_result_is_what_the_constructor_of_xarray_makes(monkeypatch):
+    quick = estimate(METHOD, PROBLEM.model, RECORDING, engine="vm")
+    monkeypatch.setattr(result, "_DIRECT", None)
+    plain = estimate(METHOD, PROBLEM.model, RECORDING, engine="vm")
+    quick.attrs["seconds"] = quick.attrs["us_per_sample"] = 0.0
+    plain.attrs["seconds"] = plain.attrs["us_per_sample"] = 0.0
+    assert quick.identical(plain)
+    assert dict(quick.sizes) == dict(plain.sizes)
+    assert quick.sel(state=PROBLEM.model.states[0].name).sizes["time"] == 90
+    again = estimate(METHOD, PROBLEM.model, RECORDING, engine="vm")
+    quick["state_unit"].attrs["mine"] = 1
+    assert "mine" not in again["state_unit"].attrs
 
 
 def test_what_happens_at_samples_that_are_not_kept_is_told():

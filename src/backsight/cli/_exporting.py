@@ -28,6 +28,10 @@ def export(
     precision: Annotated[
         str | None, typer.Option(help="double or float; an FMU is always double.")
     ] = None,
+    accuracy: Annotated[
+        float,
+        typer.Option(help="Of float: largest deviation in standard deviations; inf: not tried."),
+    ] = 0.01,
     tunable: Annotated[
         list[str] | None,
         typer.Option(
@@ -83,6 +87,7 @@ def export(
             out,
             name=prefix,
             precision=cast(Literal["double", "float"], precision or "double"),
+            accuracy=accuracy,
             tunable=tunable or None,
             force=force,
         )

@@ -20,6 +20,9 @@ IRREGULARITY = 0.01
 """Largest deviation of a sampling interval, relative to the sampling period."""
 
 
+_BLOCK = 1 << 17
+
+
 def check_lengths(lengths: Mapping[str, int], where: str) -> int:
     """Return the number of samples; raise `DataError` unless it is the same and at least two."""
     if len(set(lengths.values())) > 1:
@@ -60,10 +63,10 @@ def check_regular(time: Array, dt: float | None, where: str) -> Grid | None:
 
     Stamps that are the times of an even grid, rounded, are that grid, which is returned.
     """
-    steps = np.diff(time)
-    shortest, longest = float(steps.min()), float(steps.max())
+    shortest, longest = _range_of_steps(time)
     if dt is None and longest - shortest <= IRREGULARITY * shortest:
         return None  # whatever the median, which takes long in many millions of samples
+    steps = np.diff(time)
     period = float(np.median(steps))
     even = max(longest - period, period - shortest) <= IRREGULARITY * period
     grid = None if even else rounded_grid(time)
@@ -84,6 +87,15 @@ def check_regular(time: Array, dt: float | None, where: str) -> Grid | None:
             f"{np.mean(steps):.9g} s apart"
         )
     return grid
+
+
+def _range_of_steps(time: Array) -> tuple[float, float]:
+    """Shortest and longest interval, a block at a time: new memory takes longer than numbers."""
+    shortest, longest = math.inf, -math.inf
+    for k in range(0, len(time) - 1, _BLOCK):
+        steps = np.diff(time[k : k + _BLOCK + 1])
+        shortest, longest = min(shortest, float(steps.min())), max(longest, float(steps.max()))
+    return shortest, longest
 
 
 def _grid_for(steps: Array, period: float) -> float:

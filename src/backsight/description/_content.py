@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import functools
 import hashlib
 import io
 import pickle
@@ -68,13 +69,30 @@ class _Content(pickle.Pickler):
         super().__init__(file, protocol)
         self.met: list[Hashable] = []
 
-    def persistent_id(self, obj: Any) -> int | None:
-        if not isinstance(obj, _BY_IDENTITY):
-            return None
+    def reducer_override(self, obj: Any) -> Any:
+        """Put a number in the place of what is not told by its parts, and keep it aside."""
+        if type(obj).__name__ == "Function" and hasattr(obj, "serialize"):  # of CasADi
+            return self._kept_aside(_serialised(obj))
+        if not isinstance(obj, _BY_IDENTITY) or obj is _place:
+            return NotImplemented
         if getattr(obj, "__closure__", None):
             raise pickle.PicklingError("what a closure holds cannot be told")
-        self.met.append(obj)
-        return len(self.met)
+        return self._kept_aside(obj)
+
+    def _kept_aside(self, what: Hashable) -> tuple[Any, tuple[int]]:
+        self.met.append(what)
+        return _place, (len(self.met),)
+
+
+def _place(number: int) -> int:
+    """Stands for what was kept aside."""
+    return number
+
+
+@functools.lru_cache(maxsize=256)
+def _serialised(function: Any) -> str:
+    """Text of a function, which never changes; it takes long to write."""
+    return function.serialize()
 
 
 def digest(*values: object) -> str:

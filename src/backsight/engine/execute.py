@@ -70,14 +70,17 @@ def run_part(
     *,
     engine: str,
     block: int | None = None,
+    into: Sequence[Array] = (),
 ) -> tuple[Array, list[Array]]:
     """Apply the step to some samples: the memory after them, and the outputs, a row each.
 
-    With `block`, so many samples are run in one call, that is, without looking up.
+    With `block`, so many samples are run in one call, that is, without looking up. The native
+    engine puts the outputs `into` arrays that are there.
     """
     run: Run = _module(engine).run
+    places = {"into": into} if into else {}
     with library.one_thread():
-        return run(recursion, data, carry=carry, block=block)
+        return run(recursion, data, carry=carry, block=block, **places)
 
 
 def stepper(recursion: Recursion, engine: str) -> native.Stepper | vm.Stepper:

@@ -71,6 +71,7 @@ def run(
     carry: Array,
     progress: Callable[[int], None] = lambda _: None,
     block: int | None = None,
+    into: Sequence[Array] = (),
 ) -> tuple[Array, list[Array]]:
     """Apply the step to every sample.
 
@@ -86,6 +87,8 @@ def run(
     block : int, optional
         Samples per call of the machine code, between which the run can be interrupted; by default
         what takes about 50 ms. Does not change the result.
+    into : sequence of (n, l_j) arrays, optional
+        Where the outputs go, rows one after the other in memory; new arrays if not given.
 
     Returns
     -------
@@ -101,7 +104,9 @@ def run(
     program = compiled(recursion)
     rows, memory = checked_data(recursion, data, carry)
     n = len(rows[0])
-    outputs = [np.empty((n, size)) for size in recursion.output_sizes]
+    outputs = _checked_places(recursion, into, n) or [
+        np.empty((n, size)) for size in recursion.output_sizes
+    ]
     workspace = program.workspace()
     for part in blocks(n, block):
         here = [a[part] for a in (*rows, *outputs)]
@@ -159,6 +164,17 @@ def checked_data(
             f"{recursion.carry0.shape}, not {[r.shape for r in rows]} and {memory.shape}"
         )
     return rows, memory
+
+
+def _checked_places(recursion: Recursion, into: Sequence[Array], n: int) -> list[Array]:
+    """Arrays that the machine code may write to; as `checked_data`."""
+    shapes = [(n, size) for size in recursion.output_sizes]
+    fits = [p.shape for p in into] == shapes and all(
+        p.dtype == np.float64 and p.flags.c_contiguous and p.flags.writeable for p in into
+    )
+    if into and not fits:
+        raise EngineError(f"'{recursion.name}' puts out arrays of shape {shapes}")
+    return list(into)
 
 
 def blocks(n: int, size: int | None) -> Iterator[slice]:

@@ -110,19 +110,18 @@ class Noise(Description):
         doi:10.1017/CBO9780511754661).
         """
         steps = [0.0 if s.resolution is None else s.resolution for s in model.outputs]
-        rounding = np.diag(np.array(steps) ** 2 / 12)
         if self.R is None:
             of_sensors = _diagonal(self.sigma_y, model.outputs, what="sigma_y", missing=None)
         else:
             of_sensors = covariance(self.R, model.outputs, what="R", singular=True)
-        R = of_sensors + rounding
+        R = of_sensors + np.diag(np.array(steps) ** 2 / 12)
         if not singular and any(covariance_faults(R, what="R", singular=False)):
             exact = [s.name for s, v in zip(model.outputs, np.diag(R), strict=True) if v == 0]
-            of = f"'{exact[0]}' has no noise" if exact else "a combination of outputs has no noise"
+            of = f"'{exact[0]}'" if exact else "a combination of outputs"
             raise TuningError(
-                f"{of} (sigma_y = 0 or a singular R), which only MHE, LinearMHE with an "
-                "arrival_weight, KalmanFilter with constant matrices, EKF and UKF can take, and no "
-                "smoother; give it a small sigma_y, or smooth by solve_window with an MHE"
+                f"{of} has no noise (sigma_y = 0, a singular R): that is for MHE, LinearMHE with "
+                "an arrival_weight, KalmanFilter with constant matrices, EKF and UKF, and for no "
+                "smoother; give it a small sigma_y, or smooth by solve_window"
             )
         return R
 

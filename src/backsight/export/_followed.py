@@ -56,7 +56,7 @@ class Followed:
         return self.values + self.sizes * rng.uniform(FAR / 8, FAR, (3, len(self.signals)))
 
 
-def words(estimator: AbstractEstimator, model: Model) -> list[str]:
+def changeable_words(estimator: AbstractEstimator, model: Model) -> list[str]:
     """What of an estimator and its model may be asked for."""
     found = []
     try:
@@ -113,7 +113,7 @@ def _deviations(
 ) -> Followed:
     """Standard deviations of a covariance that keeps its correlations; of what has any."""
     sigma = np.sqrt(np.diag(covariance))
-    places = np.flatnonzero(sigma > 0)
+    places = np.flatnonzero(sigma > 0).tolist()
     signals = tuple(Signal(of[i].unit, value=float(sigma[i]), name=of[i].name) for i in places)
 
     def scaled(estimator: AbstractEstimator, model: Model, values: Array) -> Changed:

@@ -3,6 +3,7 @@
 import re
 
 from backsight.engine.c99 import source as c99
+from backsight.engine.c99.stack import stack_bytes
 from backsight.engine.program.effort import effort
 from backsight.export._written import Written, one_line
 from backsight.models.model import Model
@@ -33,7 +34,9 @@ def readme(code: Written) -> str:
         s.name if s.dummy is None else f"{s.name} (no sensor: y = {s.dummy:g}, mask = 1)"
         for s in model.outputs
     )
-    workspace = kind.bytes * source.workspace + INT * source.ints
+    # What comes after integers is aligned like the numbers before them.
+    workspace = kind.bytes * (source.workspace + -(-INT * source.ints // kind.bytes))
+    stack = stack_bytes(code.program, kind)
     files = ", ".join(f"`{file}`" for file in code.kernels if file != "kernels.h")
     without = " without the kernels" if files else ""
     included = f", `kernels.h` and {files}, which `{name}.c` includes" if files else ""
@@ -68,6 +71,7 @@ for (;;) {{
 | y, mask | {outputs} |
 {_of_virtual(model)}| numbers | {kind.name}, {kind.bytes} bytes |
 | RAM | {kind.bytes * source.memory} bytes memory, {workspace} bytes workspace |
+| stack | at most {stack} bytes with 64-bit addresses and no optimisation, far less with it |
 | flash | about {flash:.0f} kB{without}; `size` of the object file tells exactly |
 | largest number of passes of the loops inside each other | {limits} |
 | additions, multiplications, comparisons per step | at most {most.plain} |

@@ -8,19 +8,23 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from backsight.description import checked
+from backsight.description import PositiveOrInfinite, checked
 from backsight.engine import vm
 from backsight.errors import DataError, EngineError
 from backsight.estimators.base import AbstractEstimator
 from backsight.export._cpp import cpp_header
 from backsight.export._readme import readme
 from backsight.export._selftest import Vectors, selftest
+from backsight.export._single import check_single
 from backsight.export._written import Written, code_of
 from backsight.models.model import Model
 from backsight.output import whole
 
-TOLERANCE = {"double": 1e-10, "float": 1e-2}
-"""Largest deviation from Python, relative to the largest value of the output."""
+ACCURACY = 0.01
+"""Largest deviation in single precision, see `export_c`."""
+
+EXACT = 1e-10
+"""Largest deviation from Python in double precision, by the largest value of the output."""
 
 
 @checked(EngineError)
@@ -32,6 +36,7 @@ def export_c(
     *,
     name: str = "estimator",
     precision: Literal["double", "float"] = "double",
+    accuracy: PositiveOrInfinite = ACCURACY,
     tunable: Sequence[str] | None = None,
     restart: bool = False,
     force: bool = False,
@@ -53,8 +58,12 @@ def export_c(
     name : str
         Prefix of files, types and functions.
     precision : {"double", "float"}
-        Type of all numbers. In ``float`` an estimator with a wide range of covariances may lose
-        accuracy; the self-test says how much.
+        Type of all numbers. Code in ``float`` is compiled and run here, and refused if it is not
+        accurate.
+    accuracy : float
+        Of ``float``: largest deviation from Python, of an estimate by its smallest standard
+        deviation on the recording, of other outputs by their largest value. With infinity it is
+        not tried here.
     tunable : sequence of str, optional
         What may be changed on the controller: ``"sigma_y"``, the standard deviations of the sensors
         (by default, where the estimator takes them from sample to sample), ``"sigma_w"``, random
@@ -75,8 +84,8 @@ def export_c(
     Raises
     ------
     EngineError
-        If the name is no identifier, the estimator cannot be written in C, or what shall be
-        tunable cannot be without another result.
+        If the name is no identifier, the estimator cannot be written in C, what shall be tunable
+        cannot be without another result, or single precision is not accurate.
     DataError
         If the recording does not fit the model or the self-test would not be finite.
     OutputError
@@ -102,6 +111,7 @@ def export_c(
         restart=restart,
     )
     vectors = vectors_of(code)
+    told = accuracy if np.isfinite(accuracy) else ACCURACY
     files = {
         **code.files,
         f"{name}.hpp": cpp_header(code),
@@ -109,13 +119,15 @@ def export_c(
             vectors,
             name,
             code.kind,
-            TOLERANCE[precision],
+            EXACT if precision == "double" else told,
             settings=bool(code.open.fields),
             begins=code.open.start is not None,
         ),
         "Makefile": _makefile(name, list(code.kernels)),
         "README.md": readme(code),
     }
+    if precision == "float" and np.isfinite(accuracy):
+        check_single(code, files, vectors)
     with whole(out, names=files, force=force) as folder:
         for file, text in files.items():
             (folder / file).write_text(text, encoding="utf-8")

@@ -76,13 +76,19 @@ def handle() -> ctypes.CDLL:
     EngineError
         If the kernels have not been compiled from these sources.
     """
-    return _loaded(path(), sources.fingerprint())
+    return _loaded(path(), _known(sources.FOLDER)[0])
+
+
+@functools.cache
+def _known(folder: Path) -> tuple[str, tuple[str, ...]]:  # noqa: ARG001 - they are those of it
+    """Fingerprint of the sources, and names of the kernels: read once."""
+    return sources.fingerprint(), tuple(sources.names())
 
 
 def _with(kernel: str) -> ctypes.CDLL:
     """The library, if it has that kernel."""
     path()
-    known = sources.names()
+    known = _known(sources.FOLDER)[1]
     if kernel not in known:
         raise EngineError(f"there is no kernel '{kernel}': {nearest(kernel, known)}")
     return handle()

@@ -101,7 +101,7 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
     text = text_of(path)
     given = tree_of(text, path)
     feeds = _feeds(given, speed)
-    replayed = [n for n, f in feeds.items() if isinstance(f, ReplayFeed) and f.path is None]
+    replayed = [n for n, f in feeds.items() if isinstance(f, ReplayFeed) and not f.path]
     if replayed and len(feeds) > 1:
         raise ProblemError(
             f"source.{replayed[0]}: the recording of the file has all signals; leave the other "

@@ -1,6 +1,6 @@
 """What a run needs before its first sample, and what a second run of the same file can take over.
 
-A run that was killed begins again with all of this at hand (`backsight.live.reviving`): machine
+A run that was killed begins again with all of this at hand (`backsight.live._reviving`): machine
 code, and the ports that are listened on, at which datagrams wait meanwhile.
 """
 
@@ -16,7 +16,7 @@ from backsight.live._freezing import Freezable, freezable
 from backsight.live._problem import LiveProblem
 from backsight.live.sources import LiveSource, source_of
 from backsight.live.store import arrow
-from backsight.problem.reading.tables import FeedTable, RecordingTable, ReplayFeed
+from backsight.problem.reading.tables import FeedTable, ReplayFeed
 from backsight.problem.recorded import recording_of
 from backsight.run.estimation import Outputs, Prepared, compile_once
 from backsight.run.estimation.results.outputs import JUDGED
@@ -112,9 +112,6 @@ def _period(live: LiveProblem) -> float:
 
 
 def _replayed(live: LiveProblem, feed: FeedTable) -> xr.Dataset:
-    if not isinstance(feed, ReplayFeed) or feed.path is None:
+    if not isinstance(feed, ReplayFeed) or not feed.path:
         return recording_of(live.problem)
-    table = RecordingTable(
-        path=feed.path, inputs=feed.inputs, outputs=feed.outputs, time=feed.time, dt=feed.dt
-    )
-    return recording_of(dataclasses.replace(live.problem, recording=table))
+    return recording_of(dataclasses.replace(live.problem, recording=feed.as_recording))

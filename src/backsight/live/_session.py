@@ -1,5 +1,6 @@
 """A run: sources, clock, estimator and store, one round after the other."""
 
+import functools
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -160,10 +161,12 @@ class LiveSession:
         if self.sinks is not None:
             self.sinks.close()
 
-    def _checkpoint(self) -> bytes:
+    def _checkpoint(self) -> Callable[[], bytes]:
+        """Copy what must be kept; to pack that takes longer than a round should."""
         clocks = {lane.name: lane.clock.shift for lane in self.lanes}
         held = {name: rows for lane in self.lanes for name, rows in lane.kept().items()}
-        return checkpoint_bytes(
+        return functools.partial(
+            checkpoint_bytes,
             self.estimation.checkpoint(),
             origin=self.grid.origin or 0.0,
             newest=self.grid.newest,

@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,11 +13,18 @@ from backsight.live._lanes import Lane
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
 from backsight.live._ready import made_ready
+from backsight.live._reviving import can_revive, revive
 from backsight.live._session import LiveSession
 from backsight.live._status import LiveStatus
 from backsight.live.dashboard import Board, placed_board, served_board
-from backsight.live.reviving import can_revive, revive
 from backsight.problem.reading.tables import DashboardTable
+
+ROUNDS = 4
+"""In the time of a block."""
+
+SWITCH = 5e-4
+"""Seconds after which one thread of Python lets another one go on; a round must not wait longer
+for the thread that writes."""
 
 _IMPATIENT = 1.0
 """Seconds after which another Ctrl-C is meant."""
@@ -49,7 +57,7 @@ def run_live(
     engine : {"native", "vm"}
     survive : bool
         Go on from the last part of the store when the run is killed: it is done in copies of this
-        process, which itself does nothing but begin another one, see `backsight.live.reviving`.
+        process, which itself does nothing but begin another one, see `backsight.live._reviving`.
 
     Returns
     -------
@@ -95,11 +103,12 @@ def keep_going(
 ) -> None:
     """Do rounds until the sources end or `stopping` is set.
 
-    A round begins every half of a block: what comes then waits for less than that, and the other
-    half is left for the work.
+    A round begins every quarter of a block: what comes then waits for less than that, and the rest
+    is left for the work and for what else the processor does.
     """
-    pace = session.live.settings.block / 2
+    pace = session.live.settings.block / ROUNDS
     hurried = any(lane.replayed and not _speed(lane) for lane in session.lanes)
+    sys.setswitchinterval(SWITCH)
     due, line_due = time.monotonic(), time.monotonic() + 1.0
     while not stopping.is_set():
         last = session.ended

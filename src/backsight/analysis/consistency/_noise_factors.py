@@ -154,8 +154,8 @@ def noise_factors(path: FilterPath) -> NoiseFactors:
     products, by_Q, counted = products[settled], by_Q[settled], counted[settled]
     pairs = np.maximum(counted.mean(axis=0), 1e-12)
     goal, of_Q = products.mean(axis=0) / pairs, by_Q.mean(axis=0) / pairs
+    nan, n = math.nan, len(products)
     if not np.isfinite([np.square(products).sum(), np.square(of_Q).sum()]).all():
-        nan = math.nan
         return NoiseFactors(nan, nan, nan, nan, nan, nan, nan)
     of_both = np.zeros_like(goal)
     of_both[0] = 1.0
@@ -167,7 +167,6 @@ def noise_factors(path: FilterPath) -> NoiseFactors:
     if np.linalg.norm(weight * of_Q) < 1e-3 * np.linalg.norm(weight * of_R):
         columns = [of_both]
     elif np.linalg.norm(weight * apart) < APART * np.linalg.norm(weight * of_Q):
-        nan = math.nan
         return NoiseFactors(nan, nan, nan, nan, _left(goal, of_both), nan, nan)
     else:
         columns = [of_R, of_Q]
@@ -177,7 +176,6 @@ def noise_factors(path: FilterPath) -> NoiseFactors:
     fitted = np.tensordot(factors, np.array(columns), 1)
     scatter = (products - counted * fitted) / pairs
     std = _deviations((weight * scatter).reshape(len(scatter), -1) @ solve.T)
-    nan, n = math.nan, len(products)
     if len(columns) == 1:
         f, far = float(factors[0]), _far(factors, 0, columns, weight, n)
         return NoiseFactors(f, float(std[0]), nan, nan, _left(goal, fitted), far, nan)

@@ -1,4 +1,4 @@
-"""Columns of a text by the parsers of Arrow and pandas, where these take it as it is meant.
+"""Columns of a text by the parsers of polars and pandas, where these take it as it is meant.
 
 Both round correctly: the numbers are those of Python's ``float``.
 """
@@ -6,7 +6,7 @@ Both round correctly: the numbers are those of Python's ``float``.
 import importlib.util
 import io
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,10 +19,7 @@ _LOOK = 1 << 16
 """Bytes at the beginning of the numbers that tell how cells are written."""
 
 _LONG = 1 << 20
-"""Bytes from which on Arrow, on all cores, is worth its import."""
-
-_BLOCK = 1 << 20
-"""Bytes that Arrow gives a core at a time: they stay in its cache."""
+"""Bytes from which on polars, on all cores, is worth its import."""
 
 
 class Cells(NamedTuple):
@@ -39,16 +36,16 @@ def parsed_fast(
     if layout.numbers.thousands is not None:
         return None  # pandas takes signs of thousands anywhere
     numeric = all(c.kind is not str for c in columns.values())
-    arrow = numeric and layout.delimiter is not None and layout.stop - layout.start > _LONG
-    # Arrow takes quotes and comments as they stand: it stumbles over those in cells that it reads.
-    if arrow and len(columns) == len(layout.names):
-        if (table := _by_arrow(content, layout, columns)) is not None:
+    long = numeric and layout.delimiter is not None and layout.stop - layout.start > _LONG
+    # Polars takes quotes and comments as they stand: it stumbles over those in cells that it reads.
+    if long and len(columns) == len(layout.names):
+        if (table := _by_polars(content, layout, columns)) is not None:
             return table
-        arrow = False
+        long = False
     for sign in {'"', "#", layout.comment, "\0"}:
         if content.find(sign.encode(), layout.start) >= 0:
             return None  # quotes and comments would swallow what follows
-    if arrow and (table := _by_arrow(content, layout, columns)) is not None:
+    if long and (table := _by_polars(content, layout, columns)) is not None:
         return table
     if any(c.kind is float and _is_word(content, layout, c.place) for c in columns.values()):
         return None  # pandas takes True and False for numbers
@@ -58,38 +55,52 @@ def parsed_fast(
         return None
 
 
-def _by_arrow(
+def _by_polars(
     content: bytes, layout: Layout, columns: Mapping[str, Cells]
 ) -> dict[str, np.ndarray] | None:
-    if importlib.util.find_spec("pyarrow") is None:
+    if importlib.util.find_spec("polars") is None:
         return None
-    import pyarrow as arrow
-    import pyarrow.csv as texts
+    # Words for missing ones triple the time: they are looked for only if a cell is no number.
+    plain = _polars_table(content, layout, columns, missing=())
+    if plain is not None:
+        return plain
+    return _polars_table(content, layout, columns, missing=layout.numbers.missing)
 
-    numbers = {float: arrow.float64(), int: arrow.int64()}
-    places = {str(cells.place): numbers[cells.kind] for cells in columns.values()}
+
+def _polars_table(
+    content: bytes, layout: Layout, columns: Mapping[str, Cells], *, missing: Sequence[str]
+) -> dict[str, np.ndarray] | None:
+    import polars
+
+    comma = layout.numbers.decimal == ","
+    if comma and content.find(b".", layout.start, layout.stop) >= 0:
+        return None  # a point is taken for a decimal sign as well
+    numbers = {float: polars.Float64, int: polars.Int64}
+    kinds: dict[int, Any] = {cells.place: numbers[cells.kind] for cells in columns.values()}
+    kinds.setdefault(len(layout.names) - 1, polars.String)  # or longer lines would not be seen
+    whole = layout.stop == len(content)
     try:
-        table = texts.read_csv(
-            arrow.py_buffer(content)[layout.start : layout.stop],  # shares the bytes
-            read_options=texts.ReadOptions(
-                column_names=[str(k) for k in range(len(layout.names))], block_size=_BLOCK
-            ),
-            parse_options=texts.ParseOptions(
-                delimiter=layout.delimiter, quote_char=False, double_quote=False
-            ),
-            convert_options=texts.ConvertOptions(
-                column_types=places,
-                include_columns=list(places),
-                null_values=list(layout.numbers.missing),
-                decimal_point=layout.numbers.decimal,
-                check_utf8=False,
-            ),
+        table = polars.read_csv(
+            content if whole else content[layout.start : layout.stop],
+            has_header=False,
+            skip_lines=layout.first_line - 1 if whole else 0,
+            schema={str(k): kinds.get(k, polars.String) for k in range(len(layout.names))},
+            columns=sorted(kinds),
+            separator=layout.delimiter or ",",
+            quote_char=None,
+            null_values=list(missing),
+            decimal_comma=comma,
         )
-    except (arrow.ArrowInvalid, arrow.ArrowNotImplementedError):
-        return None  # also if lines are of several lengths
-    if any(table[str(c.place)].null_count for c in columns.values() if c.kind is int):
+    except polars.exceptions.PolarsError:
+        return None  # also if lines are longer than others
+    if min(table.null_count().row(0)) > 0:
+        blank = table.select(polars.all_horizontal(polars.all().is_null()).any())
+        if blank.item():
+            return None  # a blank line is no row
+    found = {name: table[str(cells.place)] for name, cells in columns.items()}
+    if any(values.dtype == polars.Int64 and values.null_count() for values in found.values()):
         return None
-    return {name: table[str(cells.place)].to_numpy() for name, cells in columns.items()}
+    return {name: values.to_numpy() for name, values in found.items()}
 
 
 def _by_pandas(

@@ -55,10 +55,12 @@ def maybe_days(values: np.ndarray) -> str | None:
 
     A date with a time of day is a large number with small steps: 45352.4999 of a spreadsheet.
     """
-    known = values[np.isfinite(values)] if values.dtype.kind == "f" else values[:0]
-    if known.size < 2 or not 0 < abs(known[-1] - known[0]) <= _DAYLIKE * (known.size - 1):
+    if values.dtype.kind != "f" or len(values) < 2:
         return None
-    return next((form for form, (low, high) in DAYS.items() if low < known[0] < high), None)
+    first, last = float(values[0]), float(values[-1])
+    if not 0 < abs(last - first) <= _DAYLIKE * (len(values) - 1):
+        return None
+    return next((form for form, (low, high) in DAYS.items() if low < first < high), None)
 
 
 def seconds(values: Any, *, time_format: str | None, where: str) -> tuple[Array, str]:

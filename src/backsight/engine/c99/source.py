@@ -13,7 +13,7 @@ from backsight.engine.c99._interface import (
 )
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
 from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
-from backsight.engine.program import Buffer, Program, Start
+from backsight.engine.program import Buffer, FollowingStart, Program
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +52,7 @@ def write_c99(
     precision: Precision,
     about: str,
     settings: Sequence[SettingsField] = (),
-    begin: Start | None = None,
+    begin: FollowingStart | None = None,
 ) -> Source:
     """Write a program as C99.
 
@@ -70,19 +70,19 @@ def write_c99(
         Comment at the top of both files.
     settings : sequence of SettingsField
         Inputs that become a struct with defaults.
-    begin : Start, optional
+    begin : FollowingStart, optional
         How the memory before the first sample follows them.
     """
     begins = begin is not None
     interface = Interface(name, precision, tuple(results), tuple(settings), about, begins)
     working = [b for b in program.buffers if b.values is None]
-    reals, ints = program.space
+    reals, ints = _space(program)
     size = sum(max(b.size, 1) for b in working) + reals
     return Source(
         header=_header(program, working, interface),
         code=_code(program, interface, start, begin),
         memory=program.carry.size,
-        workspace=size,
+        workspace=max(size, 1),
         ints=ints,
         kernels=program.kernels,
         operations=sum(
@@ -93,6 +93,12 @@ def write_c99(
     )
 
 
+def _space(program: Program) -> tuple[int, int]:
+    """Numbers and integers in which kernels work; an array in C has at least one."""
+    reals, ints = program.space
+    return (max(reals, 1), max(ints, 1)) if program.kernels else (0, 0)
+
+
 def size_of(name: str, argument: str) -> str:
     """Name of the macro that has the size of an argument."""
     return f"{name}_{argument}_SIZE".upper()
@@ -101,10 +107,10 @@ def size_of(name: str, argument: str) -> str:
 def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
     name, kind = to.name, to.kind
     guard = f"{name.upper()}_H"
-    reals, ints = program.space
+    reals, ints = _space(program)
     fields = [f"    {name}_real {identifier(b.name)}[{max(b.size, 1)}];" for b in working]
     if program.kernels:
-        fields += [f"    {name}_real {REALS}[{max(reals, 1)}];", f"    int {INTS}[{max(ints, 1)}];"]
+        fields += [f"    {name}_real {REALS}[{reals}];", f"    int {INTS}[{ints}];"]
     arguments = {b.name: b.size for b in to.data(program)}
     arguments |= {label: b.size for label, b in zip(to.results, program.outputs, strict=True)}
     sizes = [f"#define {size_of(name, label)} {size}" for label, size in arguments.items()]
@@ -143,7 +149,9 @@ def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
     )
 
 
-def _code(program: Program, to: Interface, start: Sequence[float], begin: Start | None) -> str:
+def _code(
+    program: Program, to: Interface, start: Sequence[float], begin: FollowingStart | None
+) -> str:
     name, kind = to.name, to.kind
     place = {b: f"work->{identifier(b.name)}" for b in program.buffers if b.values is None}
     place |= {b: identifier(b.name) for b in program.buffers if b.values is not None}
@@ -184,7 +192,7 @@ def _code(program: Program, to: Interface, start: Sequence[float], begin: Start 
     )
 
 
-def _setter(to: Interface, start: Sequence[float], begin: Start | None) -> str:
+def _setter(to: Interface, start: Sequence[float], begin: FollowingStart | None) -> str:
     """Definition of what sets the memory."""
     name, kind = to.name, to.kind
     values = listed(kind.number(v) for v in start)

@@ -68,9 +68,12 @@ def _large_constant(buffer: Buffer, width: Width) -> str:
     start = f"@data.{buffer.name} = private unnamed_addr constant [{numbers.nbytes} x i8]"
     if not numbers.view(np.uint64).any():
         return f"{start} zeroinitializer, align 64"
-    digits = numbers.tobytes().hex()
-    text = "".join(f"\\{digits[k : k + 2]}" for k in range(0, len(digits), 2))
+    text = _BYTES[numbers.view(np.uint8)].tobytes().decode()
     return f'{start} c"{text}", align 64'
+
+
+_BYTES = np.array([f"\\{byte:02x}" for byte in range(256)], dtype="S3")
+"""Every byte as LLVM writes it."""
 
 
 def _table(table: Table) -> str:

@@ -14,6 +14,7 @@ from backsight.engine.program.program import (
     Statement,
     While,
 )
+from backsight.kernels.effort import kernel_effort
 
 NOTHING = {"input", "const"}
 """Kinds that are no operation."""
@@ -37,9 +38,7 @@ class Effort:
     functions : int
         Calls of other functions of ``<math.h>``.
     copies : int
-        Numbers that are moved.
-    kernels : int
-        Calls of kernels, whose own work depends on the data and is not in the other numbers.
+        Numbers that are moved, but for those within kernels.
     """
 
     plain: int
@@ -47,7 +46,6 @@ class Effort:
     roots: int
     functions: int
     copies: int
-    kernels: int
 
     @property
     def arithmetic(self) -> int:
@@ -67,8 +65,8 @@ def _block(statements: Iterable[Statement]) -> Counter[str]:
         match statement:
             case Call(leaf=leaf):
                 total += _leaf(leaf)
-            case Foreign():
-                total["kernels"] += 1
+            case Foreign(kernel=kernel):
+                total += Counter(dataclasses.asdict(kernel_effort(kernel.name, kernel.sizes)))
             case Copy(source=source):
                 total["copies"] += source.size
             case Loop(length=length, body=body):

@@ -7,11 +7,13 @@ import casadi as ca
 import numpy as np
 
 from backsight.engine import foreign
+from backsight.engine.dense import UNROLL, applied, few_entries
 from backsight.engine.loops import scan
 from backsight.estimators.cs_mhe._arrival import LinearArrival, counted
 from backsight.estimators.cs_mhe._limits import NO_LIMIT, limited_sample
 from backsight.estimators.cs_mhe._tables import Tables
 from backsight.estimators.force_estimator import Forced
+from backsight.estimators.parts.covariance import Term
 from backsight.estimators.parts.limits import Limits
 from backsight.types import Array
 
@@ -92,6 +94,10 @@ class Solver:
         Of states, residuals and noise.
     caps : (2, atoms) array
         Largest factors, and largest changes of those that are expected.
+    most_steps : int, optional
+        Steps of the active set, fewer than always suffice.
+    most_active : int, optional
+        Atoms that may be active, fewer than can be.
     """
 
     forced: Forced
@@ -108,6 +114,8 @@ class Solver:
     refits: bool
     limits: Limits
     caps: Array
+    most_steps: int | None = None
+    most_active: int | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -120,12 +128,14 @@ class Solver:
         nf, width, atoms = self.shapes.shape
         t, system, limits = self.tables, self.forced.system, len(self.limits.names)
         nx, ny = len(system.A), len(system.C) + limits
-        most = (2 if self.carries else 1) * min(atoms, t.modal) * t.steps + MARGIN
-        limit = STEPS_PER_ATOM * t.modal * t.steps + 100
+        parts = 2 if self.carries else 1
+        most = min(parts * min(atoms, t.modal) * t.steps + MARGIN, parts * atoms * t.steps)
+        most = min(most, self.most_active or most)
+        limit = self.most_steps or STEPS_PER_ATOM * t.modal * t.steps + 100
         options = limit, counted(self.arrival), self.correction, int(self.carries)
         bounded = bool(limits or self.caps.min() < NO_LIMIT)
         known = nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
-        return *known, limits, int(bounded), int(not t.full)
+        return *known, limits, int(bounded), int(not t.full), int(self.side.any())
 
     def solve(
         self,
@@ -206,7 +216,8 @@ def motion(forced: Forced, samples: int, known: int) -> ca.Function:
     system = forced.system
     (ny, nx), nu = system.C.shape, forced.nu
     sizes = {"x": nx, "absent": 1, "i": 1, "tail": known, "u": nu, "v": nu, "y": ny, "m": ny}
-    s = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    kind = ca.MX if nx > UNROLL else ca.SX
+    s = {name: kind.sym(name, size) for name, size in sizes.items()}
     here = s["i"] >= s["absent"]
     y = s["y"] - _times(system.C, s["x"]) - _times(system.D[:, :nu], s["u"])
     x = _times(system.A, s["x"]) + _times(system.B[:, :nu], s["u"])
@@ -238,5 +249,7 @@ def begun_before(solver: Solver, alpha: ca.MX) -> ca.MX:
     return shape(alpha)
 
 
-def _times(matrix: Array, vector: ca.SX) -> ca.SX:
+def _times(matrix: Array, vector: Term) -> Term:
+    if isinstance(vector, ca.MX):
+        return applied(few_entries(matrix), vector)
     return ca.densify(ca.mtimes(ca.sparsify(ca.DM(matrix)), vector))

@@ -125,6 +125,12 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     passes : int
         Of a nonlinear model: how often a window is linearised. One is enough where the motion of
         the window before is near, since every sample is in N + 1 windows.
+    max_steps : int, optional
+        Largest number of steps of the active set in one window, for hard real time; by default so
+        many as always suffice. Where it is reached, the status says *iteration limit*.
+    max_active : int, optional
+        Most factors that are not zero at a time, of which the work space is the square; by default
+        all that can be told apart. A window that needs more has the same status.
 
     Notes
     -----
@@ -194,6 +200,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     lag: Lag = "N"
     hold: Hold = "zoh"
     passes: Count = 1
+    max_steps: Count | None = None
+    max_active: Count | None = None
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -289,6 +297,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             refits=self.bias == "removed",
             limits=limits,
             caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
+            most_steps=self.max_steps,
+            most_active=self.max_active,
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":

@@ -17,8 +17,9 @@ import xarray as xr
 from backsight.description import checked
 from backsight.errors import EngineError, OutputError
 from backsight.estimators.base import AbstractEstimator
+from backsight.export._compiler import TARGETS, Platform, this_machine
 from backsight.export._written import Written, code_of
-from backsight.export.fmi._build import TARGETS, Platform, build, library_name, this_machine
+from backsight.export.fmi._build import build, library_name
 from backsight.export.fmi._description import build_description, model_description, terminals
 from backsight.export.fmi._model_header import model_header
 from backsight.export.fmi._page import icon, page

@@ -164,7 +164,7 @@ static void cs_window_refit(const cs_window_sizes *z, const cs_window_tables *ta
         real first = 1;
         cs_window_minimise(A);
         at = -1;
-        for (int k = 0; k < A->count; ++k) {
+        for (int k = 0; k < A->count && z->sided; ++k) {
             const int column = A->column[k];
             const real side = column < z->n ? prior->side[column] : 0, goal = A->goal[nx + k];
             if (!(side * goal < 0)) continue;

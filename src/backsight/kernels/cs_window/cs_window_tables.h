@@ -21,6 +21,7 @@ typedef struct {
     int nx, ny, p, width, atoms, steps, N, forces, most, limit, arrival, correction, carries;
     int limits, bounded; /* sums with limits of a sample; whether there are any, or atoms with limits */
     int varying; /* whether the tables are those of this window alone */
+    int sided; /* whether some atoms have a known sign */
     int outputs, m, d, n, columns; /* rows, modal forces, atoms of the window; with extra states */
 } cs_window_sizes;
 
@@ -47,7 +48,7 @@ typedef struct {
 static cs_window_sizes cs_window_read(const int *s)
 {
     cs_window_sizes z = {s[0],  s[1],  s[2],  s[3],  s[4],  s[5], s[6], s[7], s[8], s[9], s[10],
-                         s[11], s[12], s[13], s[14], s[15], 0,    0,    0,    0,    0};
+                         s[11], s[12], s[13], s[14], s[15], s[16], 0,   0,    0,    0,    0};
     z.outputs = z.ny - z.limits;
     z.m = z.ny * (z.N + 1);
     z.d = z.p * z.steps;

@@ -66,8 +66,7 @@ class DelayLine:
         low, high = max(int(held.min()) - 1, self._rows.base), int(held.max()) + 1
         self._rows.extend(high + 1)
         before = self._between(low, high)
-        columns = range(self._width)
-        duplicates, put = self._rows.put(columns, held, values[changed])
+        duplicates, put = self._rows.put(range(self._width), held, values[changed])
         changed[changed] = put
         after = self._between(low, high)
         moved = np.where(np.isnan(before), after, np.nan)

@@ -59,16 +59,19 @@ class RowBuffer:
             Samples of which a value was put.
         """
         self.extend(int(slots.max()) + 1)
-        rows, where = self.view(self.base, self.stop), slots - self.base
+        rows = self.view(self.base, self.stop)
         duplicates, changed = 0, np.zeros(len(slots), bool)
-        for j, column in enumerate(columns):
-            given = np.isfinite(values[:, j])
-            at, first = np.unique(where[given], return_index=True)
-            free = np.isnan(rows[at, column])
-            duplicates += int(given.sum() - free.sum())
-            chosen = np.flatnonzero(given)[first[free]]
-            rows[at[free], column] = values[chosen, j]
-            changed[chosen] = True
+        rest = np.arange(len(slots))
+        while len(rest):  # once, unless a slot comes several times
+            _, first = np.unique(slots[rest], return_index=True)
+            chosen = rest[first]
+            where = np.ix_(slots[chosen] - self.base, np.array(columns, int))
+            there, given = rows[where], values[chosen]
+            free = np.isnan(there) & np.isfinite(given)
+            rows[where] = np.where(free, given, there)
+            duplicates += int((np.isfinite(given) & ~free).sum())
+            changed[chosen] = free.any(axis=1)
+            rest = np.delete(rest, first)
         return duplicates, changed
 
     def drop(self, base: int) -> None:

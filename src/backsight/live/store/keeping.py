@@ -1,6 +1,9 @@
 """Hand results to the store in parts, without making the estimator wait for the disk."""
 
 import concurrent.futures
+import os
+import sys
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 
@@ -74,6 +77,16 @@ def column_units(model: Model) -> dict[str, str]:
     return found
 
 
+_NICE = 10
+"""By how much the thread that writes comes after those that receive and estimate."""
+
+
+def _behind_others() -> None:
+    """Let this thread have what others leave of the processor, where a thread can be told so."""
+    if sys.platform == "linux":
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
+
+
 class Keeper:
     """Rows that wait for the disk.
 
@@ -102,7 +115,7 @@ class Keeper:
         self.store, self._every, self._table, self._units = store, settings.every, table, units
         self._keep = settings.keep_days, settings.keep_mb
         self._tell = tell
-        self._pool = concurrent.futures.ThreadPoolExecutor(1, "store")
+        self._pool = concurrent.futures.ThreadPoolExecutor(1, "store", _behind_others)
         self._waiting: list[LiveRows] = []
         self._writing: concurrent.futures.Future[None] | None = None
         self._in_work: tuple[list[LiveRows], Callable[[], None]] | None = None
@@ -121,14 +134,17 @@ class Keeper:
             self._waiting.append(rows)
 
     def tick(
-        self, checkpoint: Callable[[], bytes], stored: Callable[[], Callable[[], None]]
+        self,
+        checkpoint: Callable[[], Callable[[], bytes]],
+        stored: Callable[[], Callable[[], None]],
     ) -> None:
         """Begin to write a part if it is time.
 
         Parameters
         ----------
         checkpoint : callable
-            Gives what must be kept to go on after the samples that were added.
+            Copies what must be kept to go on after the samples that were added; what it gives
+            packs that.
         stored : callable
             Gives what is to be called when that is on the disk.
         """
@@ -151,12 +167,14 @@ class Keeper:
             wait = self.journal.append(source.name, source.taken)
         except OutputError as error:  # it is sent again, or acknowledged with the part
             if not self.failure:
-                self._tell(str(error))
+                self._tell(f"{error}; until there is room the broker keeps what comes")
             return
         self._pool.submit(lambda: (wait(), source.acknowledge(mark)))
 
     def close(
-        self, checkpoint: Callable[[], bytes], stored: Callable[[], Callable[[], None]]
+        self,
+        checkpoint: Callable[[], Callable[[], bytes]],
+        stored: Callable[[], Callable[[], None]],
     ) -> None:
         """Write what is left."""
         if self._writing is not None:
@@ -193,8 +211,8 @@ class Keeper:
         while sum(map(len, self._waiting)) > MOST_WAITING:
             self.given_up += len(self._waiting.pop(0))
 
-    def _write(self, rows: list[LiveRows], memory: bytes) -> None:
-        self.store.add(rows[0].start, self._table(rows), self._units, memory)
+    def _write(self, rows: list[LiveRows], memory: Callable[[], bytes]) -> None:
+        self.store.add(rows[0].start, self._table(rows), self._units, memory())
         days, size = self._keep
         self.store.thin_out(
             before=None if days is None else 86400.0 * days,

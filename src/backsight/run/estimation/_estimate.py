@@ -190,7 +190,8 @@ def carry_out(
     measured = Measured.of(made.y)
     store = Store(task.outputs, task.samples)
     started = time.perf_counter()
-    for block in carried(recursion, task.data, engine=chosen, progress=progress):
+    into = store.places(recursion, chosen)
+    for block in carried(recursion, task.data, engine=chosen, progress=progress, into=into):
         part = measured[block.start : block.stop]
         store.add(dataclasses.replace(block, values=looked_at(block.values, part, task.model)))
     result = result_of(

@@ -42,15 +42,16 @@ def match(
     """
     u = matched_inputs(model, recording)
     y = measured_outputs(model, recording)
-    bad = np.argwhere(np.isinf(y))
-    if len(bad):
-        k, i = bad[0]
+    infinite = np.isinf(y)
+    if infinite.any():
+        k, i = np.argwhere(infinite)[0]
         raise DataError(
             f"output '{model.outputs[i].name}' is infinite at sample {k}; NaN means 'not measured'"
         )
-    mask = output_mask(model, recording)
-    if (weighted := np.argwhere((mask > 0) & (mask != 1))).size and not _weighs(estimator):
-        k, i = weighted[0]
+    mask = output_mask(model, recording, y)
+    weighted = (mask > 0) & (mask != 1) if SIGMA_FACTOR in recording else np.zeros(0, bool)
+    if weighted.any() and not _weighs(estimator):
+        k, i = np.argwhere(weighted)[0]
         raise DataError(
             f"output '{model.outputs[i].name}' has a noise of its own at sample {k}, which "
             f"{estimator.title if estimator else 'this method'} cannot take into account: use an "
@@ -64,9 +65,9 @@ def matched_inputs(model: Model, recording: xr.Dataset) -> Array:
     u = _columns(recording, "u", "input", of=model.inputs)
     if len(u) == 0:
         raise DataError("the recording is empty")
-    bad = np.argwhere(~np.isfinite(u))
-    if len(bad):
-        k, i = bad[0]
+    known = np.isfinite(u)
+    if not known.all():
+        k, i = np.argwhere(~known)[0]
         raise DataError(
             f"input '{model.inputs[i].name}' is {u[k, i]} at sample {k}; inputs must be known at "
             "every sample. Cut the recording there, or estimate the input: make it an output of "
@@ -111,9 +112,8 @@ def sensed_outputs(model: Model, y: Array, mask: Array) -> Array:
     return np.where((mask > 0) & ~dummies(model), y, np.nan)
 
 
-def output_mask(model: Model, recording: xr.Dataset) -> Array:
-    """Mask of the outputs in the order of the model, (n, ny), see `match`."""
-    y = measured_outputs(model, recording)
+def output_mask(model: Model, recording: xr.Dataset, y: Array) -> Array:
+    """Mask (n, ny) of `measured_outputs` y, see `match`."""
     if SIGMA_FACTOR not in recording:
         return np.isfinite(y).astype(float)
     real = tuple(s for s in model.outputs if s.dummy is None)

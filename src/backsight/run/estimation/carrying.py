@@ -12,7 +12,7 @@ from backsight.run.estimation.results.outputs import Outputs
 from backsight.run.estimation.results.values import named
 from backsight.types import Array
 
-BLOCK = 4096
+BLOCK = 16_384
 """Samples that are computed, looked at and stored while they are in the processor's cache."""
 
 QUICK = 0.02
@@ -56,15 +56,17 @@ def carried(
     *,
     engine: str,
     progress: Callable[[int], None] = lambda _: None,
+    into: Sequence[Array] = (),
 ) -> Iterator[Block]:
-    """Apply a recursion to a recording, block by block."""
+    """Apply a recursion to a recording, block by block; with `into` to `Store.places`."""
     rows, lag = run_on(data, recursion.lag), recursion.lag
     n, size = len(rows[0]), VM_BLOCK if engine == "vm" else BLOCK
     carry, at_once = recursion.carry0, None
     for start in range(0, n, size):
         part = [a[start : start + size] for a in rows]
         began = time.perf_counter()
-        carry, outputs = run_part(recursion, carry, part, engine=engine, block=at_once)
+        places = [a[start : start + size] for a in into]
+        carry, outputs = run_part(recursion, carry, part, engine=engine, block=at_once, into=places)
         if engine == "native":
             at_once = size if time.perf_counter() - began < QUICK else None
         stop, early = start + len(part[0]), max(lag - start, 0)
@@ -132,15 +134,35 @@ class Store:
 
     def __init__(self, outputs: Outputs, samples: int) -> None:
         self._samples, self._count = samples, -(-samples // outputs.every)
-        self._thinning = Thinning(outputs)
+        self._outputs, self._thinning = outputs, Thinning(outputs)
         self.values: dict[str, np.ndarray] = {}
+
+    def places(self, recursion: Recursion, engine: str) -> list[Array]:
+        """Where the engine can put the outputs of all samples, so that nobody copies them.
+
+        None where they are stored in another form.
+        """
+        plain = self._outputs.every == 1 and self._outputs.dtype == "float64"
+        if engine != "native" or recursion.lag or not plain:
+            return []
+        whole = [np.empty((self._samples, size)) for size in recursion.output_sizes]
+        for channel, place in zip(recursion.channels, whole, strict=True):
+            other = channel.symmetric or channel.name == "status"
+            if self._outputs.keeps(channel.name) and not other:
+                self.values[channel.name] = channel.unpack(place)
+        return whole
 
     def add(self, block: Block) -> None:
         """Take in the results of a block; blocks come in their order."""
         first, kept = self._thinning.taken(block)
+        if not self.values and first == 0 and block.stop == self._samples == self._count:
+            self.values = kept  # all at once: a copy would take as long as the samples
+            return
         for name, values in kept.items():
             if name not in self.values:
                 self.values[name] = np.empty((self._count, *values.shape[1:]), values.dtype)
-            self.values[name][first : first + len(values)] = values
+            place = self.values[name][first : first + len(values)]
+            if not np.may_share_memory(place, values):  # not yet in its place
+                place[...] = values
         if block.stop == self._samples:  # what came after the last sample that is kept
             self.values["status"][-1] |= self._thinning.missed

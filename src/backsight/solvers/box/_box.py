@@ -13,7 +13,7 @@ SINGLE_PASSES = 20
 """Further passes per index; the hardest of many random ill-conditioned problems took 8."""
 
 
-def dual_active_set(n: int) -> ca.Function:
+def dual_active_set(n: int, *, most: int | None = None) -> ca.Function:
     r"""Multipliers of bounds on a Gaussian.
 
     ``(M, x, lower, upper) -> (multipliers, side, passes, exhausted)``.
@@ -32,7 +32,8 @@ def dual_active_set(n: int) -> ca.Function:
     within `SINGLE_PASSES` times n, although there are :math:`3^n` choices of sides.
 
     M is given as its lower triangle; ``side`` is 1 at a lower bound, -1 at an upper one, else 0;
-    ``exhausted`` is 1 if the passes did not suffice, so that some bound or sign is still violated.
+    ``exhausted`` is 1 if the passes did not suffice, so that some bound or sign is still violated;
+    `most` limits them further.
 
     Source: Júdice and Pires, "A block principal pivoting algorithm for large-scale strictly
     monotone linear complementarity problems", 1994, doi:10.1016/0305-0548(94)90106-6.
@@ -67,6 +68,6 @@ def dual_active_set(n: int) -> ca.Function:
     names = [("M", n * (n + 1) // 2), ("x", n), ("low", n), ("high", n)]
     constants = [ca.MX.sym(k, size) for k, size in names]
     start = [ca.MX(1), ca.MX.zeros(n), ca.MX.zeros(n), ca.MX(0)]
-    limit = BLOCK_PASSES + min(3**n, SINGLE_PASSES * n)
+    limit = most or BLOCK_PASSES + min(3**n, SINGLE_PASSES * n)
     go_out, *found = iterate(body, limit, carry=start, constants=constants)
     return ca.Function(f"dual_active_set_{n}", constants, [*found, go_out])

@@ -36,6 +36,10 @@ class GaussNewton(Description):
     tolerance : float
         The iterations end when the next step is shorter than this, measured in standard
         deviations of the estimate. With 0 exactly `max_iterations` are made.
+    active_set_passes : int, optional
+        Largest number of passes in which the active limits of a step are found; by default so many
+        as always suffice. Where they do not, the status says *iteration limit* and the estimate is
+        set to its bounds. With ``tolerance = 0`` and this a sample takes a fixed effort.
     cost_tolerance, step_tolerance : float, optional
         A rule of the kind of general optimisers instead: end when
         :math:`|J_i - J_{i+1}| < \delta_J (1 + |J_i|)` or
@@ -53,6 +57,7 @@ class GaussNewton(Description):
     tolerance: NonNegative = 1e-6
     cost_tolerance: NonNegative | None = None
     step_tolerance: NonNegative | None = None
+    active_set_passes: Count | None = None
 
     def minimiser(
         self, evaluate: ca.Function, *, lower: Array, upper: Array, cost_unit: float
@@ -110,7 +115,8 @@ def minimise(
     loss, c, vG_try = evaluate(x_try, *data)
     z_free, V, M, x_free = _step(nx, bounded)(z_try, x_bar, L, c, _hessian(nx)(vG_try, L))
     if bounded:
-        found = dual_active_set(len(bounded))(M, x_free, lower[bounded], upper[bounded])
+        active_set = dual_active_set(len(bounded), most=method.active_set_passes)
+        found = active_set(M, x_free, lower[bounded], upper[bounded])
         lam, side_try, _, exhausted = found
     else:
         lam, side_try, exhausted = ca.MX(0, 1), ca.MX(0, 1), ca.MX(0)

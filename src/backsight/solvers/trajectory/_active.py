@@ -24,14 +24,15 @@ RESULTS = ("x", "eta", "nu", "side", "P_end", "conflict", "residual", "passes", 
 """Results of `solve`."""
 
 
-def solve(chain: Chain) -> ca.Function:
+def solve(chain: Chain, *, most: int | None = None) -> ca.Function:
     """Build the solver of the linear problem with its limits.
 
     ``(delta, P, *stages, side) -> (x, eta, nu, side, P_end, conflict, residual, passes, open)``.
     Given is a guess of the active limits. Results are the trajectory, the adjoints of the noise,
     the multipliers of the limits, the active limits, the covariance of the last sample; 1 for
     limits that contradict each other, and then no limit is active; `adjoint`'s residual; the number
-    of passes; and 1 if they did not suffice.
+    of passes; and 1 if they did not suffice. With `most` there are at most so many passes and no
+    dual method: limits that contradict each other are then limits that are not held.
     """
     n, m = chain.n, chain.N + 1
     given = chain.window()
@@ -43,10 +44,14 @@ def solve(chain: Chain) -> ca.Function:
 
     # 1. All limits on the wrong side change sides, until there are none.
     body, start = _pivot(chain)
-    ends = iterate(body, BLOCK_PASSES, carry=[*start[:2], side0, *start[3:]], constants=given)
+    block = BLOCK_PASSES if most is None else most
+    ends = iterate(body, block, carry=[*start[:2], side0, *start[3:]], constants=given)
     _, passes, _, *swept = ends
     found = dict(zip(_sweep(chain).name_out(), swept, strict=True))
     failed = _any(chain)(found["conflict"], found["broken"], found["wrong"])
+    if most is not None:
+        none = ca.MX.zeros(n, m)
+        return _solution(inputs, found | {"conflict": none, "passes": passes, "open": failed})
 
     # 2. Where that did not end well: one after the other, from the guess, from none, or without.
     body, before = _attempt(chain)

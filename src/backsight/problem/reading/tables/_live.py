@@ -8,6 +8,8 @@ import pydantic
 from backsight.problem.reading.tables._recorded import (
     ColumnTable,
     CommandColumnTable,
+    FileTable,
+    RecordingTable,
     SensorColumnTable,
 )
 from backsight.problem.reading.tables._strict import StrictTable
@@ -193,22 +195,25 @@ class OpcuaFeed(FeedTable):
     period: float = pydantic.Field(default=0.05, gt=0)
 
 
-class ReplayFeed(FeedTable):
-    """A recording, played as if it were measured now.
+class ReplayFeed(FeedTable, FileTable):
+    """A recording of any kind that is read, played as if it were measured now.
 
     Parameters
     ----------
     path : str
-        File, relative to the problem file; that of `[recording]` if not given.
+        File or bag, relative to the problem file; that of `[recording]` if not given.
     speed : float
         By how much faster than it was recorded; 0: as fast as possible.
-    dt : float
-        Sampling period of the file, if it has no times [s].
     """
 
-    path: str | None = None
+    path: str = ""
     speed: float = pydantic.Field(default=1.0, ge=0)
-    dt: float | None = pydantic.Field(default=None, gt=0)
+
+    @property
+    def as_recording(self) -> RecordingTable:
+        """The table of a recording that says the same."""
+        keys = FileTable.model_fields.keys() & self.model_fields_set
+        return RecordingTable(**self.model_dump(include=set(keys), exclude_unset=True))
 
 
 FEEDS: Mapping[str, type[FeedTable]] = {

@@ -40,7 +40,8 @@ def with_integration(
         return result
     result.attrs[INTEGRATION] = in_words(chosen)
     x = result.variables["x_hat"].values
-    finite = np.flatnonzero(np.isfinite(x).all(axis=1))
+    lost = (result.variables["status"].values & int(Status.NOT_FINITE)).any()
+    finite = np.flatnonzero(np.isfinite(x).all(axis=1)) if lost else np.arange(len(x))
     count = FEW if model.nx > MANY else POINTS
     rows = finite[np.linspace(0, len(finite) - 1, min(count, len(finite))).astype(int)]
     if not len(rows):

@@ -1,7 +1,7 @@
 """Outputs of a recursion as a result dataset."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,7 @@ def as_result(
     *,
     engine: str,
     seconds: float,
+    largest: Array | None = None,
 ) -> xr.Dataset:
     """Name the outputs, add units, standard deviations, the recording and what made them.
 
@@ -85,10 +86,12 @@ def as_result(
     engine : str
     seconds : float
         Time that the run took.
+    largest : (ny,) array, optional
+        Size of every output in all of the recording, if this is a part of one.
     """
     values = named(outputs, channels)
     y = measured_outputs(model, recording)
-    measured = sensed_outputs(model, y, output_mask(model, recording))
+    measured = sensed_outputs(model, y, output_mask(model, recording, y))
     if "P" in values:
         channels = (*channels, Channel("x_std", ("state",)))
         values["x_std"] = deviation(values["P"])
@@ -101,7 +104,8 @@ def as_result(
         integrator=estimator.chosen(model, float(recording.attrs["dt"])),
         coordinates=coordinates(model, channels),
     )
-    believed = looked_at(values, Measured.of(measured), model)
+    seen = Measured.of(measured) if largest is None else Measured(measured, largest)
+    believed = looked_at(values, seen, model)
     return result_of(believed, channels, made, outputs=Outputs(), engine=engine, seconds=seconds)
 
 
@@ -191,22 +195,32 @@ def _dataset(
         if made.model.virtual is not None and "virtual" in made.coordinates:
             signals = [s.name for s in made.model.virtual.signals]
             variables[VIRTUAL_TRUE] = _truth(made, "virtual", signals, outputs)
-    result = xr.Dataset(variables, coords=_with_time(made, outputs.every))
+    result = _put_together(variables, made, outputs.every)
     if any(s.positive for s in made.model.states) and "x_std" in result:
         ends = _bands(values["x_hat"], values["x_std"], made.model)
         for name, end in zip(("x_low", "x_high"), ends, strict=True):
             result[name] = (("time", "state"), end, {"long_name": _long_name(name)})
-    if "d_std" not in result and "P_d" in result:
+    if "P_d" in result.variables and "d_std" not in result.variables:
         result["d_std"] = (("time", "force"), deviation(result["P_d"].values))
     return result
 
 
-def _with_time(made: Made, every: int) -> xr.Coordinates:
-    """Coordinates of a result; making indices anew takes as long as a thousand samples."""
+def _put_together(variables: Mapping[str, xr.Variable], made: Made, every: int) -> xr.Dataset:
+    """Variables with all coordinates, whose indices are made already.
+
+    The constructor of xarray merges and aligns what cannot differ here, which takes as long as two
+    thousand samples; where this version of it has its own way round that, it is taken.
+    """
     recording = made.recording if every == 1 else made.recording[["time"]].isel(time=_every(every))
-    indices = {**made.coordinates.xindexes, "time": recording.xindexes["time"]}
-    variables = {**made.coordinates.variables, "time": recording.variables["time"]}
-    return xr.Coordinates(variables, indexes=indices)
+    indexes = {**made.coordinates.xindexes, "time": recording.xindexes["time"]}
+    along = {**made.coordinates.variables, "time": recording.variables["time"]}
+    if _DIRECT is None:
+        return xr.Dataset(variables, coords=xr.Coordinates(along, indexes=indexes))
+    own = {name: variable.copy(deep=False) for name, variable in along.items()}
+    return _DIRECT({**variables, **own}, set(own), indexes=indexes)
+
+
+_DIRECT: Callable[..., xr.Dataset] | None = getattr(xr.Dataset, "_construct_direct", None)
 
 
 def _every(count: int) -> slice:
@@ -255,8 +269,10 @@ def _bands(x: Array, std: Array, model: Model) -> tuple[Array, Array]:
 
 def _truth(made: Made, dim: str, names: Sequence[str], outputs: Outputs) -> xr.Variable:
     """True values of states or virtual outputs, NaN where they are not known."""
-    truth = made.recording["x_true"].variable.transpose("time", "state")
-    column = {name: i for i, name in enumerate(made.recording["state"].values)}
+    # Variables, not arrays with coordinates: making one takes as long as a hundred samples.
+    known = made.recording.variables
+    truth = known["x_true"].transpose("time", "state")
+    column = {name: i for i, name in enumerate(known["state"].values)}
     values = truth.values[_every(outputs.every)]
     found = np.full((len(values), len(names)), np.nan, dtype=outputs.dtype)
     for i, name in enumerate(names):

@@ -26,6 +26,10 @@ LIMITS = {
 }
 """What variables, where they are there, must stay below."""
 
+TOLD_BY = {"P": "x_std", "S": "e_std"}
+"""Covariances, and the deviations that tell of them: what is found does not depend on what is kept.
+"""
+
 ABSURD = 1e6
 """An output that is wrong by so many times what was ever measured comes from a diverged filter."""
 
@@ -74,14 +78,16 @@ def looked_at(
     """
     y = with_turns(model, measured.y, values["y_hat"])
     measured = dataclasses.replace(measured, y=y)
-    seen = {
-        name: np.where(np.isfinite(measured.y), values[name], np.nan)
-        for name in ("e", WEIGHT)
-        if name in values
-    }
-    raised = np.nan_to_num(values["status"]).astype(np.int32)
+    finite = np.isfinite(y)
+    seen = {}
+    if not finite.all():
+        names = [name for name in ("e", WEIGHT) if name in values]
+        seen = {name: np.where(finite, values[name], np.nan) for name in names}
+    told = values["status"]
+    status = (told if np.isfinite(told).all() else np.nan_to_num(told)).astype(np.int32)
     worthless = _worthless(values, measured)
-    status = raised | np.where(worthless, np.int32(Status.NOT_FINITE), np.int32(0))
+    if worthless.any():
+        status[worthless] |= np.int32(Status.NOT_FINITE)
     return {**values, **seen, "y": y, "status": status}
 
 
@@ -94,11 +100,12 @@ def _worthless(values: Mapping[str, Array], measured: Measured) -> NDArray[np.bo
     n = len(measured.y)
     sound = np.ones(n, bool)
     for name, limit in LIMITS.items():
-        if name not in values:
+        if name not in values or TOLD_BY.get(name) in values:
             continue
         part = values[name].reshape(n, math.prod(values[name].shape[1:]))
-        # Nearly always all of it is: two passes without a copy tell so. NaN is not below anything.
-        if part.size and not (-limit < part.min() and part.max() < limit):
+        # Nearly always all of it is, which the sum of the squares tells in one pass without a copy.
+        # NaN is not below anything.
+        if part.size and not float(np.vdot(part, part)) < limit**2:
             sound &= (np.abs(part) < limit).all(axis=1)
     doubt = measured.largest
     if "e_std" in values or "S" in values:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import casadi as ca
 
-from backsight.engine.program._rules import Rule, Rules
+from backsight.engine.program.following._rules import Rule, Rules
 from backsight.engine.program.leaf import Leaf, Operation, leaf_of
 from backsight.engine.program.program import (
     Buffer,
@@ -39,7 +39,7 @@ BEGINS = "memory_before"
 
 
 @dataclasses.dataclass(frozen=True)
-class Start:
+class FollowingStart:
     """How the memory before the first sample follows settings.
 
     Parameters
@@ -99,7 +99,7 @@ def following(
 
 def starting(
     memories: Sequence[Array], settings: Array, fields: Mapping[str, int], *, what: str
-) -> Start | None:
+) -> FollowingStart | None:
     """How the memory before the first sample follows settings; None if it does not.
 
     Parameters
@@ -127,7 +127,7 @@ def starting(
         moving[place] = rule
     if not moving:
         return None
-    return Start(_leaf(BEGINS, fields, [*moving.values()]), tuple(moving))
+    return FollowingStart(_leaf(BEGINS, fields, [*moving.values()]), tuple(moving))
 
 
 def _same(values: Sequence[float]) -> bool:

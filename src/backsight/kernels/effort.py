@@ -1,0 +1,83 @@
+"""Largest number of operations of a kernel, by its sizes; what the loops of its source count.
+
+A multiplication, addition, comparison, sign or absolute value is plain. Tests count what the source
+does and compare, so that this file follows the source.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from backsight.kernels._operations import Operations
+from backsight.kernels._window_effort import window_effort
+
+
+def kernel_effort(name: str, sizes: Sequence[int]) -> Operations:
+    """Largest number of operations of one call."""
+    return KERNELS[name](*sizes)
+
+
+def _factor(n: int) -> Operations:
+    inner = sum(2 * j * (n - j) + 2 + (n - j) for j in range(n))
+    return Operations(inner, n, n)
+
+
+def _divide(n: int, m: int) -> Operations:
+    return Operations(m * n * (n - 1), m * n)
+
+
+def _cholesky(n: int) -> Operations:
+    return _factor(n)
+
+
+def _product(m: int, n: int, k: int, *_: int) -> Operations:
+    return Operations(2 * m * n * k + max(n * k, 2 * m * n))
+
+
+def _solve(n: int, m: int, transposed: int) -> Operations:
+    found = _divide(n, m)
+    if transposed:  # and whether a direction has no variance, for each pass of the solution
+        found += Operations(n * (n + 1) + 3 * n + n * m, 0, n)
+    return found
+
+
+def _compress(n: int, m: int) -> Operations:
+    size = n * (2 * m + m)
+    return Operations(size + 2 * m * n * (n - 1), n * m, n)
+
+
+def _downdate(n: int) -> Operations:
+    apart = n * (n - 1) // 2
+    return Operations(5 * n + 5 * apart, 2 * n + apart, n)
+
+
+def _gain(nx: int, ny: int) -> Operations:
+    of_pairs = Operations(12 * ny * ny, 2 * ny * ny)
+    return of_pairs + _factor(ny) + Operations(2 * nx * ny) + 2 * _divide(ny, nx)
+
+
+def _near(n: int) -> Operations:
+    return Operations(4 * n * n + 5 * n + 2, n)
+
+
+def _triangle(n: int, _: int) -> Operations:
+    return Operations(n * (n + 1))
+
+
+def _turn(m: int, n: int, symmetric: int) -> Operations:
+    return Operations(m * n, m * n) if symmetric else Operations(0)
+
+
+KERNELS: dict[str, Callable[..., Operations]] = {
+    "cs_window": window_effort,
+    "matrix_cholesky": _cholesky,
+    "matrix_compress": _compress,
+    "matrix_downdate": _downdate,
+    "matrix_gain": _gain,
+    "matrix_near": _near,
+    "matrix_product": _product,
+    "matrix_solve": _solve,
+    "matrix_triangle": _triangle,
+    "matrix_turn": _turn,
+}
+"""Every kernel."""
