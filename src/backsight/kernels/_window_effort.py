@@ -107,10 +107,9 @@ class Window:
         rows = nx + d + places * nx
         first = sum((Operations(2 * rows) + _product(rows, i) for i in range(m)), Operations(0))
         second = sum((_product(rows - j, m) for j in range(rows)), Operations(0))
-        last = sum((_product(rows, m - 1 - i) + Operations(rows) for i in range(m)), Operations(0))
         covariances = Operations(places * nx * (2 * nx + d))
         noise = Operations(7 * m * m)
-        return noise + _factor(m) + _ready(m) + first + second + covariances + last
+        return noise + _factor(m) + _ready(m) + first + second + covariances
 
     def _append(self, s: int) -> Operations:
         nx, length = self.nx, self.length
@@ -143,6 +142,38 @@ class Window:
 
     def _violated(self) -> Operations:
         return Operations(7 * self.n + 3)
+
+    def _look(self) -> Operations:
+        tables = self._prepare(self.m, self.d, PLACES) + _posterior(self.nx)
+        tables += _unknown(self.nx) if self.arrival == NONE else Operations(0)
+        held = self.n * 2 * _product(self.rows, self.length) if self.bounded else Operations(0)
+        data = Operations(self.m) + _forward(self.m) + _product(self.rows, self.m)
+        return tables + data + held + _product(self.nx, self.nx)
+
+    def _residuals(self) -> Operations:
+        forces = Operations(2 * self.n + 2 * self.most * self.length)
+        white = self.m * (Operations(2) + _dot(self.nx) + _dot(self.d))
+        if not self.bounded and not self.varying:
+            return self._first() + forces + white
+        back = sum((_dot(j) + Operations(2) for j in range(self.m)), Operations(0))
+        fit = _product(self.m, self.nx) + Operations(self.d + 2 * self.d * self.m)
+        return self._first() + forces + white + back + fit
+
+    def _gap(self) -> Operations:
+        boxes = Operations(60 * self.n * (1 + self.carries) if self.bounded else 0)
+        square = self._explain(self.nx) + _dot(self.m) + _dot(self.nx)
+        return square + Operations(22 * self.n + 12, self.n + 1) + boxes
+
+    def _limited(self) -> Operations:
+        """`cs_window_within`: as many passes as the search may have steps, and the last ones."""
+        if not self.bounded:
+            return Operations(0)
+        passes, columns = 2 * self.limit + 5, self.n * (1 + self.carries)
+        choice = self.m * (Operations(3 * self.m + 8, 2)) + Operations(20 * columns + 9 * self.m)
+        leave = Operations(12 * (self.m + columns), self.m + columns)
+        again = self._look() + self._start + self._residuals() + choice + leave
+        start = Operations(self.m * (4 * self.nx * self.nx + 6), 0, self.m)
+        return start + passes * again + 7 * self._search() + self._look() + self._start
 
     @cached_property
     def _start(self) -> Operations:
@@ -182,7 +213,8 @@ class Window:
         nx, s = self.nx, self.most
         rows = 2 * nx + self.p
         each = _product(rows, self.length) + _product(nx, nx)
-        solved = _product(rows, self.ny) + s * each + _product(rows, s)
+        held = self.atoms * _product(rows, self.p) if self.bounded else Operations(0)
+        solved = _forward(self.ny) + _product(rows, self.ny) + s * each + _product(rows, s) + held
         states = 2 * _product(nx, nx) + nx * _dot(nx)
         tables = self._prepare(self.ny, self.p, 1) + _posterior(nx)
         return tables + solved + states + self._covariances(nx)
@@ -204,10 +236,8 @@ class Window:
     def whole(self) -> Operations:
         """All of ``cs_window``."""
         nx, own = self.nx, self.arrival in (NONE, FILTERED)
-        begin = Operations(3 * self.m) + self._prepare(self.m, self.d, PLACES) + _posterior(nx)
-        if self.arrival == NONE:
-            begin += _unknown(nx)
-        begin += _product(self.rows, self.m) + _product(nx, nx)
+        begin = Operations(3 * self.m) + self._look() + self._residuals() + self._gap()
+        begin += self._limited() + Operations(self.m if self.varying else 0)
         begin += (
             self._first() + self._explain(self.d) + self._gradients() + Operations(4 * self.n + 3)
         )
@@ -221,3 +251,24 @@ class Window:
         )
         carried = self._variances() if self.carries else Operations(0)
         return begin + self._start + self._search() + carried + states + forces + fitted
+
+
+def stages_effort(nx: int, ny: int, p: int, steps: int, N: int, _: int) -> Operations:
+    """Largest number of operations of ``cs_window_stages``."""
+    d, m = p * steps, ny * (N + 1)
+    noise = 2 * p * _product(nx, p) + p * _product(ny, nx + p) + nx * _product(nx, p)
+    noise += ny * (_product(nx, p + nx) + _product(ny, p + nx)) + nx * _product(ny, nx)
+    outputs = nx * _product(ny, nx) + d * _product(ny, nx) + Operations(2 * d * ny)
+    outputs += m * _product(ny, nx) + (nx + ny) * _product(ny, nx)
+    states = nx * _product(nx, nx) + d * _product(nx, nx) + Operations(2 * p * nx)
+    states += nx * _product(m, nx) + 2 * nx * _product(nx, nx) + ny * _product(nx, nx)
+    ahead = 2 * (N + 1) * nx * (_product(ny, nx) + _product(nx, nx))
+    return (N + 1) * (noise + outputs + states + Operations(4)) + ahead
+
+
+def motion_effort(nx: int, ny: int, p: int, _: int, N: int, __: int) -> Operations:
+    """Largest number of operations of ``cs_window_motion``."""
+    back = nx * (_dot(nx) + _dot(ny) + Operations(1))
+    ahead = nx * (_dot(ny) + Operations(1)) + p * (_dot(nx) + _dot(ny) + Operations(2))
+    ahead += _product(p, p) + 2 * _product(nx, nx) + _product(nx, p)
+    return (N + 1) * (back + ahead)

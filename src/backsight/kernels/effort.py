@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from backsight.kernels._operations import Operations
-from backsight.kernels._window_effort import window_effort
+from backsight.kernels._window_effort import motion_effort, stages_effort, window_effort
 
 
 def kernel_effort(name: str, sizes: Sequence[int]) -> Operations:
@@ -70,6 +70,8 @@ def _turn(m: int, n: int, symmetric: int) -> Operations:
 
 KERNELS: dict[str, Callable[..., Operations]] = {
     "cs_window": window_effort,
+    "cs_window_motion": motion_effort,
+    "cs_window_stages": stages_effort,
     "matrix_cholesky": _cholesky,
     "matrix_compress": _compress,
     "matrix_downdate": _downdate,
