@@ -72,9 +72,7 @@ def run(command, folder):
 def exported(on, folder, precision: Literal["double", "float"] = "double"):
     """Export an estimator; what was written."""
     estimator, model, recording = on
-    export_c(
-        estimator, model, recording, folder, name="it", precision=precision, accuracy=math.inf
-    )
+    export_c(estimator, model, recording, folder, name="it", precision=precision, accuracy=math.inf)
     return code_of(
         estimator, model, recording, name="it", precision=precision, names=None, restart=False
     )

@@ -78,7 +78,10 @@ def test_at_every_step(disk, out, kind, fresh):
         for folder in (out, out.parent):  # whoever comes next tidies up
             if folder.exists():
                 write_whole(folder / "other", b"stays")
-        left = {"other", *(f"out/{n}" for n in ("other", MARKER, *(["z"] * (kind == "kill")), *found))}
+        left = {
+            "other",
+            *(f"out/{n}" for n in ("other", MARKER, *(["z"] * (kind == "kill")), *found)),
+        }
         assert set(files(out.parent)) <= left
         k += 1
         if done.trace and len(done.trace) < k:

@@ -176,7 +176,9 @@ def test_many_runs_at_once(here, out, tmp_path_factory):
         _, told = process.communicate()
         assert (process.returncode, told) == (0, "")
     finals = {
-        json.dumps(json.loads((here / n / "summary.json").read_text())["estimators"]["EKF"]["final"])
+        json.dumps(
+            json.loads((here / n / "summary.json").read_text())["estimators"]["EKF"]["final"]
+        )
         for n in names
     }
     assert len(finals) == 1

@@ -287,8 +287,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             refits=self.bias == "removed",
             limits=limits,
             caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
-            most_steps=self.max_steps,
-            most_active=self.max_active,
+            at_most=(self.max_steps, self.max_active),
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":

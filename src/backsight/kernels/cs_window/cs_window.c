@@ -136,7 +136,7 @@ static int cs_window_within(cs_window_problem *k, real *alpha, real *extra, real
     const cs_window_limits limits = cs_window_limited(k, room);
     int status = DONE;
     cs_window_residuals(k, alpha, extra);
-    for (int pass = 0; pass <= k->z->limit && *steps <= 2 * k->z->limit; ++pass) {
+    for (int pass = 0; pass < k->z->limit; ++pass) {
         if (pass > 0 && cs_window_leave_limit(k, &limits)) {
             status = cs_window_again(k, alpha, extra, steps);
             continue;
