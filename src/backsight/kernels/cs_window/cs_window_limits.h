@@ -70,12 +70,12 @@ static void cs_window_multipliers(const cs_window_problem *k, real *by_row, real
 {
     for (int i = 0; i < k->counting.count; ++i) {
         const int of = k->counting.used[i];
-        if (k->z->limits && k->row[of]) by_row[of] = -k->row[of] * k->e[i];
+        if (k->z->limits && k->row[of]) by_row[of] = -(real)k->row[of] * k->e[i];
     }
     for (int i = 0; i < k->z->columns; ++i) {
         if (!k->held[i]) continue;
-        const real a = k->at_limit[i], sign = a != 0 ? (a > 0 ? 1 : -1) : k->held[i];
-        by_column[i] = k->held[i] * (cs_window_slope(k, i, a)
+        const real a = k->at_limit[i], sign = a != 0 ? (a > 0 ? 1 : -1) : (real)k->held[i];
+        by_column[i] = (real)k->held[i] * (cs_window_slope(k, i, a)
                                      - cs_window_half(k->z, &k->prior, i, sign));
     }
 }
