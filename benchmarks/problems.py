@@ -258,7 +258,7 @@ def dense(states: int = 60, *, samples: int = 1000) -> Problem:
         name="dense",
     )
     noise = Noise(R=0.01 * np.eye(2), Q=0.01 * np.eye(states))
-    ekf = EKF(noise, Prior(P0=np.eye(states)), covariance="discrete")
+    ekf = EKF(noise, Prior(P0=np.eye(states)), covariance="discrete", gain="exact")
     return Problem(ekf, model, _noisy(model, 1.0, samples))
 
 

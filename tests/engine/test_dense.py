@@ -119,3 +119,24 @@ def test_the_gain_is_that_of_the_measured_rows():
     )
     weighed = P @ Hm.T @ np.linalg.inv(Hm @ P @ Hm.T + Rm) @ np.diag(mask)
     np.testing.assert_allclose(K_, weighed, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0], ids=["few", "dense"])
+@pytest.mark.parametrize("inner", [dense.NARROW, K])
+@pytest.mark.parametrize("turned", [False, True])
+def test_products_with_a_matrix_of_some_entries(share, inner, turned):
+    """Run over the entries, by BLAS, or, where few numbers are summed, by loops: all the same."""
+    A, C = OTHER[:, :inner], TALL
+    F = np.where(RNG.random((inner, M)) < share, RNG.standard_normal((inner, M)), 0.0)
+    F[0, 0] = 1.0
+    given = ca.MX(ca.sparsify(ca.DM(F.T if turned else F)))
+    (found,) = values(dense.add_product(constant(C), constant(A), given, turned=turned))
+    np.testing.assert_allclose(found, C + A @ F, rtol=1e-13, atol=1e-13)
+    x, y = A[0], TALL[0]
+    across, along = values(
+        dense.applied(given, constant(y), turned=turned),
+        dense.applied(given, constant(x), turned=not turned),
+    )
+    np.testing.assert_allclose(across.ravel(), F @ y, rtol=1e-13, atol=1e-13)
+    np.testing.assert_allclose(along.ravel(), F.T @ x, rtol=1e-13, atol=1e-13)
+    np.testing.assert_array_equal(values(dense.all_entries(given))[0], F.T if turned else F)

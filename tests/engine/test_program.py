@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from backsight.engine.loops import iterate
 from backsight.engine.program import Buffer, Call, Copy, Loop, Program, flat, walk
 from backsight.engine.program._coalesce import without_copies
 from backsight.engine.program._moves import in_order
@@ -136,3 +137,27 @@ def test_wrong_sizes_are_noticed():
         Copy(Buffer("m", 4).whole(), Buffer("n", 3).whole())
     with pytest.raises(EngineError, match="'mix' is called with slices of wrong sizes"):
         Call(MIX, (WORK[0],), (WORK[1], WORK[2]))
+
+
+def test_a_call_with_the_same_arguments_is_made_once():
+    """Also if it is made in two functions; what a loop computes is not known after it."""
+    x, y, k = ca.SX.sym("x", 3), ca.SX.sym("y"), ca.SX.sym("k")
+    root = ca.Function("root", [x, y], [ca.sin(x) * y + x])
+    carry, data = ca.MX.sym("carry", 3), ca.MX.sym("data")
+    one, two = (
+        ca.Function(name, [carry, data], [factor * root(carry, data)])
+        for name, factor in (("one", 2.0), ("two", 3.0))
+    )
+    count, kept = ca.MX.sym("count"), ca.MX.sym("kept", 3)
+    down = ca.Function("down", [k], [k - 1])
+    body = ca.Function("body", [count, kept, data], [down(count), root(kept, data)])
+    _, after = iterate(body, 4, carry=[data, one(carry, data)], constants=[data])
+    step = ca.Function("step", [carry, data], [after + root(after, data), two(carry, data)])
+    calls = [s for s in flat(walk(step).body) if isinstance(s, Call) and s.leaf.name == "root"]
+    assert len(calls) == 3  # of the carry, in the loop, and after it
+    start = np.array([1.0, -2.0, 0.5])
+    for number in (0.0, 2.0):
+        found = run(walk(step), start, [np.array([number])])
+        expected = [np.asarray(v).ravel() for v in step(start, number)]
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-14)

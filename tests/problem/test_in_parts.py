@@ -86,7 +86,7 @@ def test_the_command_goes_on_where_it_ended(tmp_path):
     [
         ('time = "t"', 'time = "t"\nstart = 1.0', "recording.start: needs the whole recording"),
         ('unit = "m" }', 'unit = "m", delay = 0.1 }', "'y' has a delay"),
-        ('kind = "ekf"', 'kind = "ekf"\nsmooth = true', "estimators.EKF.smooth: looks back"),
+        ('kind = "ekf"', 'kind = "ekf"\nsmooth = true', "keeps every sample"),
         ('variables = ["x_std"]', 'variables = ["nothing"]', "no variable"),
     ],
 )
@@ -95,3 +95,16 @@ def test_what_needs_the_whole_recording_is_refused(tmp_path, old, new, said):
     with pytest.raises(ProblemError) as caught:
         run_in_parts(load(path), tmp_path / "out")
     assert said in str(caught.value)
+
+
+def test_what_is_smoothed_goes_back_part_by_part(tmp_path):
+    text = IN_PARTS.replace('kind = "ekf"', 'kind = "ekf"\nsmooth = true')
+    path = divided(tmp_path, text.replace("every = 2\n", ""))
+    found = run_in_parts(load(path), tmp_path / "out")
+    assert failure_in_parts(found["EKF"]) == ""
+    assert "smoothed, 200 samples" in lines_of_parts(found)[0]
+    told = json.loads((tmp_path / "out" / "summary.json").read_text())["estimators"]["EKF"]
+    assert told["smoothed"]
+    assert told["failure"] is None
+    assert 0 < told["rms_residual"]["y"] < 1
+    assert bs.large.read_store(tmp_path / "out" / "parts" / "EKF").sizes["time"] == 200

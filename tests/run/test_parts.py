@@ -14,8 +14,8 @@ from backsight.data import from_arrays
 from backsight.data.parts import read_parts
 from backsight.errors import DataError, OutputError, TuningError
 from backsight.estimators import EKF, MHE
-from backsight.run.estimation import Outputs, estimate
-from backsight.run.parts import estimate_parts, read_store
+from backsight.run.estimation import Outputs, estimate, smooth
+from backsight.run.parts import estimate_parts, read_store, smooth_parts
 from backsight.testing import TrialProblem
 
 PROBLEM = TrialProblem(outputs=("position",))
@@ -126,13 +126,13 @@ def test_a_process_that_is_killed_loses_the_running_part_only(tmp_path):
         import test_parts as t
         from backsight.run.parts import _store
         parts = t.read_parts({str(tmp_path / "r.h5")!r}, **t.NAMES, samples=50)
-        whole = _store.xr.Dataset.to_netcdf
-        def killed(self, path, **more):
-            whole(self, path, **more)
-            if "part-000001" in str(path):
-                os.truncate(path, 100)
+        whole = _store.put_in_place
+        def killed(part, target):
+            if "part-000001" in str(part):
+                os.truncate(part, 100)
                 os.kill(os.getpid(), signal.SIGKILL)
-        _store.xr.Dataset.to_netcdf = killed
+            whole(part, target)
+        _store.put_in_place = killed
         t.estimate_parts(t.METHOD, t.PROBLEM.model, parts, {str(tmp_path / "out")!r}, engine="vm")
         """
     )
@@ -219,3 +219,56 @@ def test_files_that_cannot_be_parts_are_told(tmp_path):
     parts = read_parts(tmp_path / "gap*.csv", **NAMES)
     with pytest.raises(DataError, match=r"part 1 begins at 5 s, .* 0\.08 s would be next"):
         estimate_parts(METHOD, PROBLEM.model, parts, tmp_path / "gap", engine="vm")
+
+
+class StoppedError(Exception):
+    """Somebody stopped the run."""
+
+
+@pytest.mark.parametrize("stop", [2, 4, 6])
+def test_smoothed_parts_are_the_whole_whatever_interrupts_them(tmp_path, stop):
+    """On the way forward, at the end and on the way back: the same to the last bit."""
+    parts = read_parts(written(tmp_path / "r.h5"), **NAMES, samples=40)
+
+    def killing(done, _):
+        if done == stop:
+            raise StoppedError
+
+    out = tmp_path / "out"
+    with pytest.raises(StoppedError):
+        smooth_parts(METHOD, PROBLEM.model, parts, out, engine="vm", progress=killing)
+    told = smooth_parts(METHOD, PROBLEM.model, parts, out, engine="vm")
+    found = read_store(out)
+    recording = from_arrays(
+        u=RECORDING["u"].values,
+        y=RECORDING["y"].values,
+        time=RECORDING["time"].values,
+        dt=0.02,
+        inputs={"F": ""},
+        outputs={"position": ""},
+    )
+    expected = smooth(METHOD, PROBLEM.model, recording, engine="vm")
+    assert set(found.data_vars) == set(expected.data_vars)
+    for name, values in expected.data_vars.items():
+        np.testing.assert_array_equal(found[name].values, values.values, err_msg=str(name))
+    assert int(told.samples) == len(recording.time)
+    rms = np.sqrt(np.nanmean(expected["v"].values ** 2, axis=0))
+    np.testing.assert_allclose(told["rms_residual"].values, rms, rtol=1e-12)
+
+
+def test_what_cannot_be_smoothed_in_parts_is_refused(tmp_path):
+    path = written(tmp_path / "r.h5")
+    parts = read_parts(path, **NAMES, samples=40)
+    with pytest.raises(TuningError, match="keeps every sample"):
+        smooth_parts(METHOD, PROBLEM.model, parts, tmp_path / "a", outputs=Outputs(every=2))
+    with pytest.raises(TuningError, match="smooth"):
+        smooth_parts(MHE(PROBLEM.noise, PROBLEM.prior), PROBLEM.model, parts, tmp_path / "b")
+    out = tmp_path / "c"
+    smooth_parts(METHOD, PROBLEM.model, parts, out, engine="vm", outputs=["x_std"])
+    assert set(read_store(out).data_vars) == {"x_hat", "x_std", "status"}
+    with pytest.raises(OutputError, match="another estimator"):
+        estimate_parts(METHOD, PROBLEM.model, parts, out, engine="vm")
+    written(path, 120)
+    parts = read_parts(path, **NAMES, samples=40)
+    with pytest.raises(DataError, match="fewer parts"):
+        smooth_parts(METHOD, PROBLEM.model, parts, out, engine="vm", outputs=["x_std"])

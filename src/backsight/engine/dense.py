@@ -23,10 +23,13 @@ VECTOR = 4
 FEW = 0.25
 """Share of entries up to which a product runs over the entries only."""
 
+NARROW = 4
+"""Products that sum over so few numbers are loops: a call of BLAS takes longer than they do."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Product:
-    """What a function of this module stands for: ``C, A, F -> C + A F'``.
+    """What a function of this module stands for: ``C, A, F -> C + A F'``, or C + A F.
 
     Parameters
     ----------
@@ -34,13 +37,16 @@ class Product:
         Of A and C.
     pattern : casadi.Sparsity
         Of F.
+    turned : bool
+        Whether F is transposed in the product.
     """
 
     rows: int
     pattern: ca.Sparsity
+    turned: bool
 
 
-_NAME = re.compile(r"dense_product_(\d+)_\d+_\d+_\d+")
+_NAME = re.compile(r"dense_product_(by|by_turned)_(\d+)_\d+_\d+_\d+")
 
 
 def filled_up(rows: int) -> int:
@@ -48,22 +54,48 @@ def filled_up(rows: int) -> int:
     return -(-rows // VECTOR) * VECTOR
 
 
-def add_product(C: ca.MX, A: ca.MX, F: ca.MX) -> ca.MX:
-    """C + A F' for dense C (m, p) and A (m, n) and F (p, n), of which only the entries count."""
-    if F.nnz() > FEW * F.numel():
+def add_product(C: ca.MX, A: ca.MX, F: ca.MX, *, turned: bool = True) -> ca.MX:
+    """C + A F' for dense C and A (m, n) and F, of which only the entries count; or C + A F."""
+    if F.nnz() > FEW * F.numel() and (F.shape[int(turned)] > NARROW or A.shape[0] == 1):
         if ca.MX(C).is_zero():
-            return product_of(A, F, turned=(False, True))
-        return plus_product(C, A, F, turned=(False, True))
-    (m, n), p = A.shape, F.shape[0]
+            return product_of(A, F, turned=(False, turned))
+        return plus_product(C, A, F, turned=(False, turned))
+    (m, n), p = A.shape, F.shape[1 - int(turned)]
     c, a, f = ca.MX.sym("C", m, p), ca.MX.sym("A", m, n), ca.MX.sym("F", F.sparsity())
-    name = f"dense_product_{m}_{n}_{p}_{F.nnz()}"
-    return ca.Function(name, [c, a, f], [c + a @ f.T])(ca.densify(C), ca.densify(A), F)
+    name = f"dense_product_{'by_turned' if turned else 'by'}_{m}_{n}_{p}_{F.nnz()}"
+    product = c + a @ (f.T if turned else f)
+    return ca.Function(name, [c, a, f], [product])(ca.densify(C), ca.densify(A), F)
+
+
+def few_entries(matrix: np.ndarray) -> ca.DM:
+    """The matrix with its entries only, if these are so few that products take them one by one."""
+    few = np.count_nonzero(matrix) <= FEW * matrix.size
+    return ca.sparsify(ca.DM(matrix)) if few else ca.DM(matrix)
 
 
 def dense_of(function: ca.Function) -> Product | None:
     """What product a function stands for, or None if it is an ordinary function."""
     match = _NAME.fullmatch(function.name())
-    return Product(int(match.group(1)), function.sparsity_in(2)) if match else None
+    if match is None:
+        return None
+    return Product(int(match[2]), function.sparsity_in(2), match[1] == "by_turned")
+
+
+def applied(F: ca.MX | ca.DM, x: ca.MX, *, turned: bool = False) -> ca.MX:
+    """F x of a column x, or F' x if `turned`; of F only the entries count."""
+    F = ca.MX(F)
+    rows = F.shape[int(turned)]
+    return add_product(ca.MX.zeros(1, rows), ca.densify(x).T, F, turned=not turned).T
+
+
+def all_entries(F: ca.MX) -> ca.MX:
+    """A matrix of few entries with all its entries."""
+    n = F.shape[0]
+    return (
+        F
+        if F.is_dense()
+        else add_product(ca.MX.zeros(*F.shape), ca.MX(ca.DM(np.eye(n))), F, turned=False)
+    )
 
 
 Turned = tuple[bool, bool]
@@ -86,6 +118,8 @@ def plus_product(
     shape = _shape(A, B, turned)
     if 0 in (*shape, *A.shape, *B.shape):
         return ca.densify(C)
+    if turned == (False, True) and shape[2] <= NARROW and shape[0] > 1:
+        return add_product(C, A, -B if minus else B)
     sizes = [*shape, *map(int, turned), int(minus), 1]
     return foreign.call("matrix_product", sizes, inputs=[A, B, C], outputs=[shape[:2]])[0]
 

@@ -12,6 +12,7 @@ import re
 from collections.abc import Sequence
 
 import casadi as ca
+import numpy as np
 
 from backsight.errors import EngineError
 
@@ -77,36 +78,60 @@ def scan(
         Outputs of all passes, side by side in the columns.
     """
     body = _with_name_of_its_own(body)
-    n_carry = len(carry)
     inputs = [*carry, *xs, *constants]
-    symbols = [ca.MX.sym(f"i{k}", *i.shape) for k, i in enumerate(inputs)]
-    mapped = [ca.repmat(s, 1, length) for s in symbols[n_carry + len(xs) :]]
-    accumulate = body.mapaccum(
-        f"{body.name()}_times_{length}", length, list(range(n_carry)), list(range(n_carry))
-    )
-    turn = _turned if backward else _as_they_are
-    stacks = [turn(s, length) for s in symbols[n_carry : n_carry + len(xs)]]
-    results = accumulate.call([*symbols[:n_carry], *stacks, *mapped])
-    final = [
-        r[:, (length - 1) * c.shape[1] :] for r, c in zip(results[:n_carry], carry, strict=True)
-    ]
+    over = _Over(body, len(carry), len(xs), backward)
     kind = "back" if backward else "scan"
-    loop = ca.Function(
-        f"{kind}_{length}_{n_carry}_{len(xs)}_{len(constants)}_of_{body.name()}",
-        symbols,
-        [*final, *(turn(r, length) for r in results[n_carry:])],
-    )
-    outputs = loop.call(inputs)
-    return outputs[:n_carry], outputs[n_carry:]
+    name = f"{kind}_{length}_{len(carry)}_{len(xs)}_{len(constants)}_of_{body.name()}"
+    outputs = over.all_of(length, name).call(inputs)
+    return outputs[: len(carry)], outputs[len(carry) :]
 
 
-def _as_they_are(stack: ca.MX, _: int) -> ca.MX:
-    return stack
+class _Over:
+    """A body over columns as a function: over one half of them, and then over the other.
 
+    So many functions as the length has digits, in binary, do what as many calls as there are
+    passes would need: that is what makes a function of many numbers and passes fast to build.
+    """
 
-def _turned(stack: ca.MX, length: int) -> ca.MX:
-    """The pieces of a stack in reverse order."""
-    return ca.horzcat(*reversed(ca.horzsplit(stack, stack.shape[1] // length)))
+    def __init__(self, body: ca.Function, n_carry: int, n_xs: int, backward: bool) -> None:
+        self._body, self._n, self._m, self._backward = body, n_carry, n_carry + n_xs, backward
+        self._known = {1: body}
+
+    def all_of(self, length: int, name: str | None = None) -> ca.Function:
+        """``(carry, stacks, constants) -> (carry, stacks of results)``."""
+        if name is None and length in self._known:
+            return self._known[length]
+        body, n, m = self._body, self._n, self._m
+        symbols = [
+            ca.MX.sym(f"i{k}", rows, columns * (length if n <= k < m else 1))
+            for k, (rows, columns) in enumerate(map(body.size_in, range(body.n_in())))
+        ]
+        half = length // 2
+        sizes = [half, length - half] if length > 1 else [1]
+        parts = [self._cut(stack, sizes) for stack in symbols[n:m]]
+        carry, found = symbols[:n], []
+        order = reversed(range(len(sizes))) if self._backward else range(len(sizes))
+        for k in order:
+            results = self.all_of(sizes[k]).call(
+                [*carry, *(part[k] for part in parts), *symbols[m:]]
+            )
+            carry = results[:n]
+            found.append(results[n:])
+        joined = [ca.horzcat(*pieces) for pieces in zip(*found[:: self._step], strict=True)]
+        made = ca.Function(name or f"{body.name()}_times_{length}", symbols, [*carry, *joined])
+        if name is None:
+            self._known[length] = made
+        return made
+
+    @property
+    def _step(self) -> int:
+        return -1 if self._backward else 1
+
+    def _cut(self, stack: ca.MX, sizes: list[int]) -> list[ca.MX]:
+        """A stack as pieces for so many passes each."""
+        width = stack.shape[1] // sum(sizes)
+        ends = [0, *(width * end for end in itertools.accumulate(sizes))]
+        return ca.horzsplit(stack, ends)
 
 
 def iterate(
@@ -133,19 +158,54 @@ def iterate(
     inputs = [*carry, *constants]
     symbols = [ca.MX.sym(f"i{k}", *i.shape) for k, i in enumerate(inputs)]
     skip = ca.Function(f"{body.name()}_skip", symbols, symbols[:n_carry])
-    guarded = ca.Function.if_else(f"{body.name()}_or_skip", body, skip)
-    once = ca.Function(f"{body.name()}_guarded", symbols, guarded.call([symbols[0], *symbols]))
-    accumulate = once
-    if limit > 1:
-        places = list(range(n_carry))
-        accumulate = once.mapaccum(f"{body.name()}_upto_{limit}", limit, places, places)
-    mapped = [ca.repmat(s, 1, limit) for s in symbols[n_carry:]]
-    results = accumulate.call([*symbols[:n_carry], *mapped])
-    final = [r[:, (limit - 1) * c.shape[1] :] for r, c in zip(results, carry, strict=True)]
-    loop = ca.Function(
-        f"iterate_{limit}_{n_carry}_0_{len(constants)}_of_{body.name()}", symbols, final
-    )
-    return loop.call(inputs)
+    name = f"iterate_{limit}_{n_carry}_0_{len(constants)}_of_{body.name()}"
+    final = _passes(body, skip, limit).call(symbols)
+    return ca.Function(name, symbols, final).call(inputs)
+
+
+def _passes(body: ca.Function, skip: ca.Function, limit: int) -> ca.Function:
+    """So many passes at most; where there are none, nothing of a half of them is looked at."""
+    powers = {1: _unless_done(body, skip)}
+
+    def power(count: int) -> ca.Function:
+        if count not in powers:
+            half = count // 2
+            symbols = [ca.MX.sym(f"i{k}", *body.size_in(k)) for k in range(body.n_in())]
+            first = power(half).call(symbols)
+            last = power(count - half).call([*first, *symbols[len(first) :]])
+            made = ca.Function(f"{body.name()}_upto_{count}", symbols, last)
+            powers[count] = _unless_done(made, skip)
+        return powers[count]
+
+    return power(limit)
+
+
+def _unless_done(function: ca.Function, skip: ca.Function) -> ca.Function:
+    """The function where its first argument is not zero."""
+    guarded = ca.Function.if_else(f"{function.name()}_or_skip", function, skip)
+    symbols = [ca.MX.sym(f"i{k}", *function.size_in(k)) for k in range(function.n_in())]
+    return ca.Function(f"{function.name()}_guarded", symbols, guarded.call([symbols[0], *symbols]))
+
+
+PIECE = 64
+"""Numbers that `all_finite` looks at in one pass."""
+
+
+def all_finite(values: ca.MX) -> ca.MX:
+    """1 if no number is infinite or none, else 0; in a loop, so that the code for many is short."""
+    n = values.numel()
+    column = ca.vec(ca.densify(values))
+    pieces, rest = divmod(n, PIECE)
+    total = ca.MX(0)
+    if pieces:
+        so_far, piece = ca.SX.sym("so_far"), ca.SX.sym("piece", PIECE)
+        add = ca.Function("add_sizes", [so_far, piece], [so_far + ca.norm_1(piece)])
+        stack = ca.reshape(column[: n - rest], PIECE, pieces)
+        total = scan(add, pieces, carry=[total], xs=[stack])[0][0]
+    so_far, piece = ca.SX.sym("so_far"), ca.SX.sym("piece", rest)
+    # NaN is not below infinity either.
+    found = ca.if_else(so_far + ca.norm_1(piece) < np.inf, 1, 0)
+    return ca.Function("all_finite", [so_far, piece], [found])(total, column[n - rest :])
 
 
 def loop_of(function: ca.Function) -> LoopFunction | None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from backsight.algebra.symmetric import side
 from backsight.description import Description, Whole
-from backsight.engine.loops import iterate
+from backsight.engine.loops import all_finite, iterate
 from backsight.schema import Status
 from backsight.types import Array
 
@@ -105,14 +105,13 @@ class Recursion:
         """
         symbols = [ca.MX.sym(f"i{k}", self.step.numel_in(k)) for k in range(self.step.n_in())]
         after, *outputs = self.step.call(symbols, True, False)
-        memory, status = ca.SX.sym("memory", len(self.carry0)), ca.SX.sym("status")
-        # NaN is not below infinity either.
-        gone = ca.logic_not(ca.sum1(ca.fabs(memory)) < np.inf)
+        finite, status = ca.SX.sym("finite"), ca.SX.sym("status")
+        gone = 1 - finite
         raised = status + int(Status.NOT_FINITE) * gone * (1 - _told(status, Status.NOT_FINITE))
         lost = ca.logic_or(gone, _told(status, Status.MISLED))
-        judge = ca.Function("lost", [memory, status], [lost, raised])
+        judge = ca.Function("lost", [finite, status], [lost, raised])
         where = [c.name for c in self.channels].index("status")
-        lost, outputs[where] = judge(after, outputs[where])
+        lost, outputs[where] = judge(all_finite(after), outputs[where])
         size = len(self.carry0)
         go, old, fresh = (ca.MX.sym(n, k) for n, k in (("go", 1), ("old", size), ("fresh", size)))
         anew = ca.Function("anew", [go, old, fresh], [ca.MX(0), fresh])

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import xarray as xr
 
-from backsight.errors import ProblemError
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.output import write_whole, writing
 from backsight.problem.problem import Problem
@@ -17,7 +16,7 @@ from backsight.problem.reading.checking import at
 from backsight.problem.recorded import parts_of
 from backsight.rounding import significant
 from backsight.run.estimation import Outputs
-from backsight.run.parts import estimate_parts
+from backsight.run.parts import estimate_parts, smooth_parts
 from backsight.schema import FAILURES, STATUS_TEXT
 
 PARTS, SUMMARY_OF_PARTS = "parts", "summary.json"
@@ -39,7 +38,8 @@ def run_in_parts(
 
     Results are in ``parts/ESTIMATOR``, which `backsight.large.read_store` reads, and what sums
     them up in ``summary.json``. A run that was interrupted goes on after the last whole part, with
-    the same results to the last bit.
+    the same results to the last bit. What is smoothed goes through the recording twice, see
+    `backsight.large.smooth_parts`.
 
     Parameters
     ----------
@@ -55,18 +55,14 @@ def run_in_parts(
     Returns
     -------
     dict
-        Name of the estimator to the row that `backsight.large.estimate_parts` returns.
+        Name of the estimator to what `backsight.large.estimate_parts` or, of those that are
+        smoothed, `backsight.large.smooth_parts` returns.
 
     Raises
     ------
     ProblemError, DataError, OutputError
         As of `run_problem` and `backsight.large.estimate_parts`.
     """
-    for name in problem.smoothed:
-        raise ProblemError(
-            f"estimators.{name}.smooth: looks back over the whole recording, which is not possible "
-            "in parts"
-        )
     table = problem.recording.parts
     assert table is not None
     with at("recording.parts"):
@@ -76,7 +72,8 @@ def run_in_parts(
     found: dict[str, xr.Dataset] = {}
     for name, estimator in problem.estimators.items():
         with at(f"estimators.{name}"), ALL_ESTIMATORS.blamed(estimator.key):
-            found[name] = estimate_parts(
+            run = smooth_parts if name in problem.smoothed else estimate_parts
+            found[name] = run(
                 estimator,
                 problem.model,
                 parts,
@@ -93,6 +90,15 @@ def run_in_parts(
 
 def _told(rows: xr.Dataset) -> dict[str, object]:
     """A row as plain numbers and text, None for "unknown"."""
+    if _smoothed(rows):
+        residuals = zip(rows["output"].values, rows["rms_residual"].values, strict=True)
+        return {
+            "samples": int(rows["samples"]),
+            "smoothed": True,
+            "rms_residual": {str(n): _known(rms) for n, rms in residuals},
+            "status": [text for bit, text in STATUS_TEXT.items() if bit & int(rows["status"])],
+            "failure": failure_in_parts(rows) or None,
+        }
     row = rows.isel(recording=0)
     states = zip(row["state"].values, row["x_hat"].values, row["x_std"].values, strict=True)
     outputs = zip(row["output"].values, row["rms_innovation"].values, strict=True)
@@ -112,6 +118,10 @@ def _told(rows: xr.Dataset) -> dict[str, object]:
     }
 
 
+def _smoothed(rows: xr.Dataset) -> bool:
+    return "rms_residual" in rows
+
+
 def _known(value: object) -> float | None:
     number = float(value)  # pyright: ignore[reportArgumentType]
     return number if math.isfinite(number) else None
@@ -119,11 +129,18 @@ def _known(value: object) -> float | None:
 
 def failure_in_parts(rows: xr.Dataset) -> str:
     """Say at which sample an estimator failed, and why; empty if it did not."""
+    if _smoothed(rows):
+        cause = _cause(int(rows["status"]))
+        return f"failed: {cause}" if cause else ""
     at_sample, status = int(rows["failed_at"][0]), int(rows["status"][0])
     if at_sample < 0:
         return ""
-    cause = next((text for bit, text in STATUS_TEXT.items() if bit & FAILURES & status), "")
-    return f"failed at sample {at_sample}: {cause}"
+    return f"failed at sample {at_sample}: {_cause(status)}"
+
+
+def _cause(status: int) -> str:
+    """What made an estimator fail; empty if nothing did."""
+    return next((text for bit, text in STATUS_TEXT.items() if bit & FAILURES & status), "")
 
 
 def lines_of_parts(found: Mapping[str, xr.Dataset]) -> list[str]:
@@ -134,6 +151,10 @@ def lines_of_parts(found: Mapping[str, xr.Dataset]) -> list[str]:
 def _line(rows: xr.Dataset) -> str:
     if reason := failure_in_parts(rows):
         return reason
+    if _smoothed(rows):
+        residuals = zip(rows["output"].values, rows["rms_residual"].values, strict=True)
+        told = ", ".join(f"{n} {significant(float(rms), 3)}" for n, rms in residuals)
+        return f"smoothed, {int(rows['samples'])} samples; root mean square of residuals: {told}"
     row = rows.isel(recording=0)
     units = [str(u) for u in row["state_unit"].values]
     states = zip(row["state"].values, row["x_hat"].values, row["x_std"].values, units, strict=True)

@@ -87,8 +87,11 @@ def look(values: Array, dt: float | None) -> ChannelLook:
     missing = 0 if every > 1 else len(values) - len(known)
     if missing:
         remarks += _dropouts(known, len(values), dt)
-    noise = _noise(measured)
-    walk = _walk(measured, noise)
+    # A power of two changes no digit, and squares of large numbers do not overflow.
+    unit = 2.0 ** (np.frexp(np.abs(measured).max())[1] - 1)
+    with np.errstate(invalid="ignore"):  # infinite ones
+        noise = unit * _noise(measured / unit)
+        walk = unit * _walk(measured / unit, noise / unit)
     return ChannelLook(low, high, missing, every, noise, walk, code, tuple(remarks))
 
 

@@ -1,8 +1,11 @@
 """Names that a loop program has given away."""
 
+import copy
 import dataclasses
 import itertools
 import re
+from collections.abc import Hashable
+from typing import Self
 
 import casadi as ca
 
@@ -21,6 +24,21 @@ class Scope:
         # The functions are kept, since the address of one that is gone may be used again.
         self._leaves: dict[int, tuple[ca.Function, Leaf]] = {}
         self._parts: dict[str, list[Part]] = {}
+        self._calls: dict[Hashable, tuple[ca.Function, list[list[Slice]]]] = {}
+
+    def inside(self) -> Self:
+        """The scope within a loop: the same names, and calls that are known there only."""
+        inner = copy.copy(self)
+        inner._calls = dict(self._calls)
+        return inner
+
+    def keep(self, call: Hashable, function: ca.Function, results: list[list[Slice]]) -> None:
+        """Keep the results of a call; values are never changed once they are written."""
+        self._calls[call] = function, results
+
+    def results(self, call: Hashable) -> list[list[Slice]] | None:
+        """Results of a call that was made already, None of another one."""
+        return self._calls[call][1] if call in self._calls else None
 
     def name(self, wish: str) -> str:
         """Return the name itself or, if it is taken, with the first free number."""

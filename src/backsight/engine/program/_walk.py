@@ -1,7 +1,7 @@
 """From the step function of a recursion to its loop program."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 
 import casadi as ca
 
@@ -69,6 +69,25 @@ def walk(step: ca.Function) -> Program:
 
 
 def _function(function: ca.Function, arguments: Sequence[Slice], scope: Scope) -> Walked:
+    """What a function does; where it was called with the same arguments, nothing more."""
+    call = _identity(function), tuple(a.place for a in arguments)
+    known = scope.results(call)
+    if known is None:
+        statements, known = _written(function, arguments, scope)
+        scope.keep(call, function, known)
+        return statements, known
+    return [], known
+
+
+def _identity(function: ca.Function) -> Hashable:
+    """What tells a function from others: of kernels and products all is in their name."""
+    product = dense_of(function)
+    if product is not None:
+        return function.name(), *product.pattern.row(), -1, *product.pattern.colind()
+    return function.name() if kernel_of(function) else function.__hash__()
+
+
+def _written(function: ca.Function, arguments: Sequence[Slice], scope: Scope) -> Walked:
     loop = loops.loop_of(function)
     if loop is not None:
         return _loop(function, loop, arguments, scope)
@@ -229,7 +248,8 @@ def _loop(
     start = [Copy(a, c) for a, c in zip(arguments, carry, strict=False) if a.size]
     at = _places(loop, counter, scope)
     xs = [at(arguments[i], body.nnz_in(i)) for i in range(n, n + loop.n_xs)]
-    inner, results = _function(body, [*carry, *xs, *arguments[n + loop.n_xs :]], scope)
+    # What is known in the loop is not known after it, which may make no pass.
+    inner, results = _function(body, [*carry, *xs, *arguments[n + loop.n_xs :]], scope.inside())
     stacks = [
         scope.buffer(f"{body.name()}_all", function.nnz_out(i)).whole()
         for i in range(n, function.n_out())

@@ -12,7 +12,7 @@ from backsight.engine.program.program import Call, Copy, Loop, Slice, Statement,
 def write_product(
     product: Product, arguments: Sequence[Slice], scope: Scope
 ) -> tuple[list[Statement], list[list[Slice]]]:
-    """C + A F': for every entry of F a column of A is added to a column of the result."""
+    """C + A F', or C + A F: for every entry of F a column of A is added to one of the result."""
     C, A, F = arguments
     m, pattern = product.rows, product.pattern
     result = scope.buffer("product", C.size).whole()
@@ -20,8 +20,10 @@ def write_product(
     if not pattern.nnz():
         return [start], [[result]]
     entry, row = scope.name("entry"), scope.name("row")
-    whereto = Table(scope.name("whereto"), tuple(m * r for r in pattern.row()))
-    whence = Table(scope.name("whence"), tuple(m * c for c in pattern.get_col()))
+    rows, columns = pattern.row(), pattern.get_col()
+    to, of = (rows, columns) if product.turned else (columns, rows)
+    whereto = Table(scope.name("whereto"), tuple(m * k for k in to))
+    whence = Table(scope.name("whence"), tuple(m * k for k in of))
     total = result.part(0, 1).moving(entry, whereto).moving(row, 1)
     term = A.part(0, 1).moving(entry, whence).moving(row, 1)
     add = Call(scope.leaf(_ADD), (total, term, F.part(0, 1).moving(entry, 1)), (total,))

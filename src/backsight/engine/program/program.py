@@ -73,6 +73,12 @@ class Slice:
         """Return `size` numbers from `offset` on."""
         return dataclasses.replace(self, offset=self.offset + offset, size=size)
 
+    @property
+    def place(self) -> tuple[str, int, int, tuple[tuple[str, int | str], ...]]:
+        """What tells it from other slices of a program, without the numbers of constants."""
+        moves = ((c, s.name if isinstance(s, Table) else s) for c, s in self.strides)
+        return self.buffer.name, self.offset, self.size, tuple(moves)
+
     def moving(self, counter: str, stride: int | Table) -> "Slice":
         """Return the slice that moves with a counter."""
         return dataclasses.replace(self, strides=(*self.strides, (counter, stride)))

@@ -7,7 +7,6 @@ from typing import Annotated
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import unvech
 from backsight.description import Called, Positive, Sound, alike
 from backsight.estimators.arrival._base import AbstractArrival, Arrival, Fitting, Leaving
 from backsight.estimators.base import Setting
@@ -265,12 +264,10 @@ def _whole(chain: Chain, covariance: ca.Function) -> ca.Function:
     """The covariance as the window stores it, from the one as its lower triangle."""
     if not chain.dense:
         return covariance
-    P = ca.SX.sym("P", covariance.numel_out(0))
-    full = ca.Function("whole", [P], [ca.vec(unvech(P))])
     spread = ca.MX.sym("spread", covariance.numel_in(0))
-    return ca.Function("whole_covariance", [spread], [full(covariance(spread))])
+    return ca.Function("whole_covariance", [spread], [chain.whole()(covariance(spread))])
 
 
 def _same(chain: Chain) -> ca.Function:
-    P = ca.SX.sym("P", chain.size_P)
+    P = ca.MX.sym("P", chain.size_P)
     return ca.Function("covariance", [P], [P])

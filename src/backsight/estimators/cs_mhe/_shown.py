@@ -3,11 +3,12 @@
 import casadi as ca
 
 from backsight.algebra.symmetric import vech
+from backsight.engine.dense import UNROLL, triangle
 from backsight.engine.recursion import Channel
 from backsight.estimators.cs_mhe._window import ROUNDING
 from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.leaf import Results, leaf
+from backsight.estimators.parts.leaf import Results, leaf, named_results
 
 NUMBERS = ("nonzeros", "steps", "kkt", "gap", "lam_max")
 """Outputs about the active set."""
@@ -29,21 +30,32 @@ def channels(names: tuple[str, ...], limits: tuple[str, ...]) -> tuple[Channel, 
 def output(forced: Forced) -> ca.Function:
     """``(x, whole, u, tail, forces)`` to state, its covariance, all inputs and forces."""
     s, nu, nf = forced.system.s, forced.nu, len(forced.names)
+    nx = len(forced.system.A)
 
-    def formula(x: ca.SX, whole: ca.SX, u: ca.SX, tail: ca.SX, forces: ca.SX) -> Results:
+    def formula(u: ca.SX, tail: ca.SX, forces: ca.SX) -> Results:
         kept, raw = forces[:, 0] + tail, forces[:, 1] + tail
         return {
-            "x": x,
-            "triangle": vech(whole),
             "v": ca.vertcat(u, raw / s.su[nu:]),
             "d_hat": kept,
             "d_raw": raw,
             "d_std": ca.sqrt(forces[:, 2]),
         }
 
-    nx = len(forced.system.A)
-    sizes = {"x": nx, "whole": (nx, nx), "u": nu, "tail": nf, "forces": (nf, 3)}
-    return leaf("output", sizes, formula)
+    told = leaf("forces_told", {"u": nu, "tail": nf, "forces": (nf, 3)}, formula)
+    x, whole = ca.MX.sym("x", nx), ca.MX.sym("whole", nx, nx)
+    given = [ca.MX.sym(told.name_in(k), *told.size_in(k)) for k in range(told.n_in())]
+    results = {"x_out": x, "triangle": _triangle(nx)(whole), **named_results(told, *given)}
+    inputs = ["x", "whole", *(told.name_in(k) for k in range(told.n_in()))]
+    return ca.Function("output", [x, whole, *given], [*results.values()], inputs, [*results])
+
+
+def _triangle(nx: int) -> ca.Function:
+    """Lower triangle of a covariance (nx, nx)."""
+    if nx > UNROLL:
+        whole = ca.MX.sym("whole", nx, nx)
+        return ca.Function("triangle", [whole], [triangle(whole)])
+    P = ca.SX.sym("whole", nx, nx)
+    return ca.Function("triangle", [P], [vech(P)])
 
 
 def how_it_went(lam: float) -> ca.Function:

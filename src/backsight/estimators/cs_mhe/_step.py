@@ -6,12 +6,13 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.update import measured, noise_of
+from backsight.engine.dense import plus_product
 from backsight.engine.recursion import Recursion
 from backsight.estimators.arrival import SmoothedArrival
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.cs_mhe._along import Along
 from backsight.estimators.cs_mhe._arrival import next_covariance
+from backsight.estimators.cs_mhe._innovation import innovation_of_window
 from backsight.estimators.cs_mhe._shown import NUMBERS, channels, how_it_went, output
 from backsight.estimators.cs_mhe._window import (
     Solver,
@@ -41,7 +42,7 @@ def cs_recursion(
     u, y, mask = _enter(forced)(*data)
     m = _memory(solver, carryover, along)
     if along is None:
-        e, S = _innovation(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
+        e, S = innovation_of_window(forced, samples)(m.x_next, m.P_next, m.absent, u, y, mask)
     else:
         e, S = along.innovation()(m.x_next, m.P_next, u, y, mask)
 
@@ -197,17 +198,14 @@ def _bands(
 
 def _apart(nf: int, nx: int) -> ca.Function:
     """Covariance and forces of one window with the errors of another, and the distance to it."""
-
-    def formula(
-        x: ca.SX, x_once: ca.SX, whole: ca.SX, forces: ca.SX, forces_once: ca.SX
-    ) -> Results:
-        apart = (forces[:, 1] - forces_once[:, 1]) ** 2
-        return {
-            "spread": whole + (x - x_once) @ (x - x_once).T,
-            "found": ca.horzcat(forces[:, :2], forces_once[:, 2] + apart),
-        }
-
-    return leaf("apart", {"x": nx, "whole": (nx, nx), "forces": (nf, 3)}, formula)
+    sizes = {"x": (nx, 1), "x_once": (nx, 1), "whole": (nx, nx), "forces": (nf, 3)}
+    sizes |= {"forces_once": (nf, 3)}
+    x, x_once, whole, forces, forces_once = given = [ca.MX.sym(k, *n) for k, n in sizes.items()]
+    by = x - x_once
+    apart = (forces[:, 1] - forces_once[:, 1]) ** 2
+    spread = plus_product(whole, by, by, turned=(False, True))
+    results = [spread, ca.horzcat(forces[:, :2], forces_once[:, 2] + apart)]
+    return ca.Function("apart", given, results)
 
 
 def _enter(forced: Forced) -> ca.Function:
@@ -218,28 +216,6 @@ def _enter(forced: Forced) -> ca.Function:
         return {"u": u / s.su[:nu], "y": y / s.sy, "mask": mask}
 
     return leaf("enter", {**notation(s), "u": nu}, formula)
-
-
-def _innovation(forced: Forced, samples: int) -> ca.Function:
-    """Innovation, 0 where not measured, and its covariance.
-
-    ``(x, P, absent, u, y, mask) -> (e, S)``; the state still lacks what an interpolated input adds
-    at its end.
-    """
-    system, nu = forced.system, forced.nu
-    C, background = ca.sparsify(ca.DM(system.C)), (forced.F * forced.sigma**2) @ forced.F.T
-    R = ca.SX(ca.DM(system.s.R))
-    D, B_next = (ca.sparsify(ca.DM(k[:, :nu])) for k in (system.D, system.B_next))
-
-    def formula(x: ca.SX, whole: ca.SX, absent: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
-        x_prior = x + ca.if_else(absent < samples, ca.densify(ca.mtimes(B_next, u)), 0)
-        e = measured(mask) * (y - ca.mtimes(C, x_prior) - ca.mtimes(D, u))
-        S = ca.mtimes([C, whole, C.T]) + ca.DM(background) + noise_of(R, mask)
-        return {"e": e, "S": ca.densify(S)}
-
-    nx = len(system.A)
-    sizes = {**notation(system.s), "u": nu, "whole": (nx, nx), "absent": 1}
-    return leaf("innovation", sizes, formula)
 
 
 def _counted() -> ca.Function:

@@ -7,11 +7,13 @@ import casadi as ca
 import numpy as np
 
 from backsight.engine import foreign
+from backsight.engine.dense import UNROLL, applied, few_entries
 from backsight.engine.loops import scan
 from backsight.estimators.cs_mhe._arrival import LinearArrival, counted
 from backsight.estimators.cs_mhe._limits import NO_LIMIT, limited_sample
 from backsight.estimators.cs_mhe._tables import Tables
 from backsight.estimators.force_estimator import Forced
+from backsight.estimators.parts.covariance import Term
 from backsight.estimators.parts.limits import Limits
 from backsight.types import Array
 
@@ -212,7 +214,8 @@ def motion(forced: Forced, samples: int, known: int) -> ca.Function:
     system = forced.system
     (ny, nx), nu = system.C.shape, forced.nu
     sizes = {"x": nx, "absent": 1, "i": 1, "tail": known, "u": nu, "v": nu, "y": ny, "m": ny}
-    s = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    kind = ca.MX if nx > UNROLL else ca.SX
+    s = {name: kind.sym(name, size) for name, size in sizes.items()}
     here = s["i"] >= s["absent"]
     y = s["y"] - _times(system.C, s["x"]) - _times(system.D[:, :nu], s["u"])
     x = _times(system.A, s["x"]) + _times(system.B[:, :nu], s["u"])
@@ -244,5 +247,7 @@ def begun_before(solver: Solver, alpha: ca.MX) -> ca.MX:
     return shape(alpha)
 
 
-def _times(matrix: Array, vector: ca.SX) -> ca.SX:
+def _times(matrix: Array, vector: Term) -> Term:
+    if isinstance(vector, ca.MX):
+        return applied(few_entries(matrix), vector)
     return ca.densify(ca.mtimes(ca.sparsify(ca.DM(matrix)), vector))

@@ -6,6 +6,7 @@ import numpy as np
 from backsight.algebra.factor import smallest_pivot
 from backsight.algebra.update import measured
 from backsight.engine.dense import (
+    few_entries,
     gain_of,
     plus_product,
     product_of,
@@ -17,7 +18,7 @@ from backsight.estimators.parts.covariance import matrix_product
 from backsight.estimators.parts.factors import cholesky, on_top, solve_definite
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, named_results, notation
-from backsight.estimators.parts.substeps import few_entries, within_bounds
+from backsight.estimators.parts.substeps import within_bounds
 
 
 def many_gains(found: Forces) -> ca.Function:

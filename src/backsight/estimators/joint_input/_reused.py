@@ -5,7 +5,7 @@ import numpy as np
 import scipy
 
 from backsight.discrete.riccati import riccati_limit
-from backsight.engine.dense import triangle
+from backsight.engine.dense import few_entries, triangle
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.around.virtual import CROSS
 from backsight.estimators.joint_input._many import many_states, many_weights, raised
@@ -19,7 +19,6 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.filtering import estimate_told
 from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.memory import Memory
-from backsight.estimators.parts.substeps import few_entries
 from backsight.estimators.steady import SteadyState, kept_parts, reused, steady_state
 from backsight.types import Array
 

@@ -31,9 +31,12 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
+from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.substeps import seen_outputs, settled
 from backsight.estimators.smoothing import passes
+from backsight.estimators.steady import filter_limit, reusing_filter
 from backsight.estimators.uncertainty import Noise, Prior
+from backsight.models.lti import is_linear
 from backsight.models.model import Model
 from backsight.schema import Innovations
 
@@ -72,6 +75,10 @@ class EKF(AbstractEstimator):
         density :math:`R_c = R\,\Delta t`. More sub-steps come closer to the continuous filter;
         with short sampling periods there is next to no difference. See
         `backsight.estimators.kalman._bucy`.
+    gain : {"converged", "exact"}
+        Of linear models with more than a dozen states, which go over a sample exactly: the filter
+        is then the Kalman filter, and its gain is taken again once it has converged, see
+        `KalmanFilter`. ``exact``: it is computed at every sample.
 
     References
     ----------
@@ -105,6 +112,7 @@ class EKF(AbstractEstimator):
     integrator: Integrator = dataclasses.field(default_factory=Integrator)
     covariance: Propagation = "transition"
     measurement: Literal["sampled", "continuous"] = "sampled"
+    gain: Literal["converged", "exact"] = "converged"
 
     def conflicts(self, sound: Sound) -> Iterator[str]:
         """See `Description.conflicts`."""
@@ -134,6 +142,9 @@ class EKF(AbstractEstimator):
         if by_factor and wide(s):
             kept = s.sampled() if self.covariance == "discrete" else s
             return assemble(self.key, s, with_exact_sensors(s, square_root_halves(kept)))
+        reusing = self._reusing(model, s)
+        if reusing is not None:
+            return reusing
         parts = ekf_halves(s, s.integrator, self.covariance)
         if self.measurement == "sampled":
             return assemble(self.key, s, parts)
@@ -141,6 +152,17 @@ class EKF(AbstractEstimator):
         spread = s.with_noise(lambda Q, Qc: (0 * Q, Qc + Q / dt))
         step = transition(spread, s.integrator)
         return assemble_continuous(self.key, s, parts, transition=step, integrator=s.integrator)
+
+    def _reusing(self, model: Model, s: Setting) -> Recursion | None:
+        """The Kalman filter that reuses its gain, if this is one and there is a limit."""
+        exact = not model.continuous or s.integrator.scheme == "exact"
+        known = exact and self.measurement == "sampled" and self.gain == "converged"
+        if not (known and Covariance(model.nx).whole and is_linear(model)):
+            return None
+        hold = s.integrator.hold if model.continuous else "zoh"
+        system = linear(model, s.dt, noise=self.noise, prior=self.prior, hold=hold)
+        limit = filter_limit(system)
+        return None if limit is None else reusing_filter(self.key, system, limit)
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`."""

@@ -5,10 +5,11 @@ from typing import ClassVar
 
 import casadi as ca
 
-from backsight.algebra.factor import smallest_pivot, solve_spd
+from backsight.algebra.factor import smallest_pivot
 from backsight.algebra.update import masked
 from backsight.description import Count, NonNegative
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.dense import all_entries, scaled_rows
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
@@ -16,11 +17,21 @@ from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.ekf import correct, ekf_halves
 from backsight.estimators.kalman.prediction import Propagation
 from backsight.estimators.kalman.square_root import refuse_too_wide
-from backsight.estimators.parts.covariance import Term, congruence, times_transposed
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    Term,
+    congruence,
+    inner_product,
+    matrix_product,
+    times_transposed,
+    turned_product,
+)
+from backsight.estimators.parts.factors import solve_definite
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
-from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.parts.stages import noise_seen
+from backsight.estimators.parts.substeps import seen_outputs, within_bounds
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
@@ -151,12 +162,7 @@ def _step(s: Setting, tolerance: float) -> ca.Function:
     J is the cost at w, t the share of the step that is tried, w_last is where the step to w began.
     """
     measure, judge = _measurement(s), _judge(s, tolerance)
-    nx, ny = s.model.nx, s.model.ny
-    weigh = leaf(
-        "weigh",
-        {"C": (ny, ny), "e": ny},
-        lambda C, e: {"weighted": solve_spd(C, e)},
-    )
+    nx = s.model.nx
 
     def formula(
         go: Term, w: Term, w_last: Term, J: Term, t: Term,
@@ -166,14 +172,16 @@ def _step(s: Setting, tolerance: float) -> ca.Function:
         Pw = times_transposed(P, w.T)
         H, e, R = measure(x + Pw, u, y, mask)
         S = congruence(H, P, R)
-        w_next = H.T @ weigh(S, e + H @ Pw)
-        length = ca.sqrt(ca.fmax(ca.dot(w_next - w, times_transposed(P, (w_next - w).T)), 0))
+        w_next = turned_product(H, solve_definite(S, e + matrix_product(H, Pw)))
+        by = times_transposed(P, (w_next - w).T)
+        length = ca.sqrt(ca.fmax(inner_product(w_next - w, by), 0))
 
         # 2. Take the step if it is the first, or does not raise the cost; else halve it.
         w_try = w + t * (w_next - w)
         Pw_try = times_transposed(P, w_try.T)
         _, e_try, R = measure(x + Pw_try, u, y, mask)
-        J_try = (ca.dot(e_try, weigh(R, e_try)) + ca.dot(w_try, Pw_try)) / 2
+        of_outputs = inner_product(e_try, solve_definite(R, e_try))
+        J_try = (of_outputs + inner_product(w_try, Pw_try)) / 2
         found = named_results(judge, go, w, w_last, J, t, w_try, J_try, length)
         return {f"{name}_after": value for name, value in found.items()}
 
@@ -203,6 +211,8 @@ def _judge(s: Setting, tolerance: float) -> ca.Function:
 
 def _measurement(s: Setting) -> ca.Function:
     """Jacobian, residual and covariance of the measured rows, ``(x, u, y, mask) -> (H, e, R)``."""
+    if Covariance(s.model.nx).whole and not s.parts:
+        return _measurement_of_many(s)
 
     def formula(x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
         y_hat = s.model.output(x, u)
@@ -210,6 +220,17 @@ def _measurement(s: Setting) -> ca.Function:
         return {"H": H, "e": e, "noise": R}
 
     return leaf("measurement", notation(s), formula)
+
+
+def _measurement_of_many(s: Setting) -> ca.Function:
+    """The same of many states, as operations on matrices."""
+    nx, nu, ny = s.model.nx, s.model.nu, s.model.ny
+    x, u, y, mask = given = [
+        ca.MX.sym(k, n) for k, n in (("x", nx), ("u", nu), ("y", ny), ("mask", ny))
+    ]
+    y_hat, H = seen_outputs(s)(x, u)
+    results = [scaled_rows(all_entries(H), mask), mask * (y - y_hat), noise_seen(s)(mask)]
+    return ca.Function("measurement_of_many", given, results)
 
 
 def _moved(s: Setting) -> ca.Function:

@@ -6,36 +6,44 @@ from typing import ClassVar
 import casadi as ca
 
 from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.triangular import forward
 from backsight.algebra.update import masked, measured
 from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.loops import scan
+from backsight.engine.dense import scaled_rows
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman.exact_sensors import with_exact_sensors
 from backsight.estimators.kalman.sigma_points import (
     Outside,
-    Points,
     SigmaPoints,
+    images_ahead,
+    images_seen,
+    opened_factor,
     points_of,
     unscented_looks,
 )
 from backsight.estimators.kalman.square_root import covariance_of_factor
-from backsight.estimators.parts.covariance import Covariance, Term, scatter_and_noise
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    Term,
+    matrix_product,
+    scatter_and_noise,
+)
 from backsight.estimators.parts.factors import (
     Factor,
+    cholesky,
     cholesky_factor,
     deviation_factor,
-    each_column,
     joint_factor,
     mean_and_deviations,
+    solve_lower,
     where_definite,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import flow, substep_inputs, within_bounds
+from backsight.estimators.parts.stages import noise_seen
+from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import columns_at
@@ -126,9 +134,9 @@ class UKF(AbstractEstimator):
         looks = unscented_looks(
             s,
             points.weights,
-            opened=_opened(s),
-            moved=_images(s, points, s.integrator),
-            shown=_shown(s, points),
+            opened=opened_factor(s),
+            moved=images_ahead(s, points, s.integrator),
+            shown=_shown(s, images_seen(s, points)),
             Q=_noise_root(s),
         )
         parts = ukf_halves(s, s.integrator, points)
@@ -142,45 +150,37 @@ class UKF(AbstractEstimator):
 
 def ukf_halves(s: Setting, integrator: Integrator, points: SigmaPoints) -> Halves:
     """Measurement update and time update, see `UKF`; the spread is that of `Factor`."""
-    kept = Factor(Covariance(s.model.nx))
+    kept, looked = Factor(Covariance(s.model.nx)), images_seen(s, points)
     return Halves(
         spread_of=kept.spread,
-        innovation=_innovation(s, points),
-        correct=_correct(s, points),
+        innovation=_innovation(s, points, looked),
+        correct=_correct(s, points, looked),
         predict=_predict(s, points, integrator),
         covariance=covariance_of_factor(s),
         ramp=integrator.hold == "foh",
     )
 
 
-def _around(s: Setting, points: SigmaPoints, x: Term, spread: Term) -> Points:
-    """Sigma points of what the filter keeps."""
-    return points.around(s, x, Factor(Covariance(s.model.nx)).opened(spread))
-
-
-def _outputs(s: Setting, points: SigmaPoints, chosen: Points, u: Term) -> Term:
-    """Outputs (ny, 2 n + 1) at sigma points."""
-    output = leaf("output", notation(s), lambda x, u: {"y": s.model.output(x, u)})
-    return points.told(s, each_column(output, chosen.inside, u)[0], chosen.pairs)
-
-
-def _innovation(s: Setting, points: SigmaPoints) -> ca.Function:
-    w, sizes = points.weights, {"spread": Factor(Covariance(s.model.nx)).size, "y_mean": s.model.ny}
+def _innovation(s: Setting, points: SigmaPoints, looked: ca.Function) -> ca.Function:
+    w, ny = points.weights, s.model.ny
+    sizes = {"Y": looked.size_out(0), "y_mean": ny}
 
     def seen(y: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
         return {"e": measured(mask) * (y - y_mean)}
 
     missed = leaf("missed", {**notation(s), **sizes}, seen)
 
-    def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
-        y_mean, dY = mean_and_deviations(_outputs(s, points, _around(s, points, x, spread), u), w)
+    def formula(Y: Term, y: Term, mask: Term) -> Results:
+        y_mean, dY = mean_and_deviations(Y, w)
         S = scatter_and_noise(dY, w.covariance, s.R, mask)
         return {"e": missed(y, y_mean, mask), "S": S}
 
-    return half("innovation", s, formula, sizes)
+    told = half("innovation_seen", s, formula, sizes)
+    x, spread, u, y, mask = given = _sample_of(s, looked)
+    return ca.Function("innovation", given, list(told(looked(x, spread, u)[0], y, mask)))
 
 
-def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
+def _correct(s: Setting, points: SigmaPoints, looked: ca.Function) -> ca.Function:
     """Measurement update from one triangular factor.
 
     The joint factor of outputs and states, [[Sy, 0], [K Sy, L+]], holds the gain and the factor of
@@ -188,73 +188,58 @@ def _correct(s: Setting, points: SigmaPoints) -> ca.Function:
     """
     nx, ny, kept, w = s.model.nx, s.model.ny, Factor(Covariance(s.model.nx)), points.weights
     sizes = {
-        **notation(s), "dY": (ny, len(w.mean)), "KSy": (nx, ny), "Sy": (ny, ny), "held": 1,
-        "definite": 1, "failed": 1, "spread": kept.size,
+        **notation(s), "moved": nx, "held": 1, "definite": 1, "failed": 1, "spread": kept.size,
+        "Y": looked.size_out(0),
     }  # fmt: skip
 
-    def rows(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
-        dY, e, R = masked(dY, y - y_mean, ca.SX(s.R), mask)
-        noise = ca.densify(cholesky_semidefinite(R))
-        return {"dY_seen": ca.densify(dY), "e": e, "noise": noise}
-
-    def settled(
-        x: ca.SX, KSy: ca.SX, Sy: ca.SX, e: ca.SX, held: ca.SX, definite: ca.SX, failed: ca.SX
-    ) -> Results:
-        free = ca.if_else(definite, x + KSy @ forward(Sy, e), x)
+    def settled(x: ca.SX, moved: ca.SX, held: ca.SX, definite: ca.SX, failed: ca.SX) -> Results:
+        free = ca.if_else(definite, x + moved, x)
         x_post = within_bounds(s, free)
         clipped = ca.if_else(ca.norm_1(x_post - free) > 0, 1, held)
         flags = Flags(clipped=clipped, not_positive_definite=ca.fmax(1 - definite, failed))
         return {"x_post": x_post, "flags": flags.vector()}
 
-    weigh, settle = leaf("weigh", sizes, rows), leaf("settle", sizes, settled)
+    weigh, settle = _weighed(s, len(w.mean)), leaf("settle", sizes, settled)
 
-    def formula(x: Term, spread: Term, u: Term, y: Term, mask: Term) -> Results:
-        chosen = _around(s, points, x, spread)
-        y_mean, dY = mean_and_deviations(_outputs(s, points, chosen, u), w)
+    def formula(x: Term, spread: Term, Y: Term, held: Term, y: Term, mask: Term) -> Results:
+        y_mean, dY = mean_and_deviations(Y, w)
         dY, e, noise = weigh(y, dY, y_mean, mask)
         # The outputs see points inside the bounds, the spread is that of the state: or else every
         # sample would make it smaller next to a bound, whatever was measured.
         joint, definite = joint_factor(dY, kept.opened(spread), w, noise)
         Sy, KSy, L_post = joint[:ny, :ny], joint[ny:, :ny], joint[ny:, ny:]
-        x_post, flags = settle(x, KSy, Sy, e, chosen.held, definite, spread[-1])
+        moved = matrix_product(KSy, solve_lower(Sy, e))
+        x_post, flags = settle(x, moved, held, definite, spread[-1])
         L_next = where_definite(definite, kept.closed(L_post), spread[:-1])
         return {"x_post": x_post, "spread_post": ca.vertcat(L_next, 0), "flags": flags}
 
-    return half("correct", s, formula, {"spread": kept.size})
+    corrected = half("corrected", s, formula, sizes)
+    x, spread, u, y, mask = given = _sample_of(s, looked)
+    return ca.Function("correct", given, list(corrected(x, spread, *looked(x, spread, u), y, mask)))
 
 
-def _images(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
-    """Sigma points one sample later, ``(x, spread, u, u_next) -> X``."""
-    size, h = Factor(Covariance(s.model.nx)).size, s.dt / integrator.steps
-    count = len(points.weights.mean)
-    sizes = {"spread": size, "X": (s.model.nx, count), "pairs": (2, s.model.nx)}
+def _weighed(s: Setting, count: int) -> ca.Function:
+    """Rows that were measured: ``(y, dY, y_mean, mask) -> (dY, e, factor of the noise)``."""
+    ny = s.model.ny
+    if not Covariance(s.model.nx).whole:
 
-    def advance(x: ca.SX, ua: ca.SX, ub: ca.SX) -> Results:
-        if not s.model.continuous:
-            return {"x_next": s.model.rhs(x, ua)}
-        return {"x_next": flow(s, integrator, x, ua=ua, ub=ub, h=h)}
+        def rows(y: ca.SX, dY: ca.SX, y_mean: ca.SX, mask: ca.SX) -> Results:
+            dY, e, R = masked(dY, y - y_mean, ca.SX(s.R), mask)
+            noise = ca.densify(cholesky_semidefinite(R))
+            return {"dY_seen": ca.densify(dY), "e": e, "noise": noise}
 
-    one = leaf("advance_point", notation(s), advance)
-    all_points = half(
-        "advance_points",
-        s,
-        lambda X, ua, ub: {"X_next": each_column(one, X, ua, ub)[0]},
-        sizes,
-    )
+        return leaf("weigh", {**notation(s), "dY": (ny, count)}, rows)
+    sizes = {"y": (ny, 1), "dY": (ny, count), "y_mean": (ny, 1), "mask": (ny, 1)}
+    y, dY, y_mean, mask = given = [ca.MX.sym(k, *n) for k, n in sizes.items()]
+    factor = cholesky(noise_seen(s)(mask))
+    return ca.Function("weigh", given, [scaled_rows(dY, mask), mask * (y - y_mean), factor])
 
-    def placed(x: Term, spread: Term) -> Results:
-        chosen = _around(s, points, x, spread)
-        return {"X": chosen.inside, "pairs": chosen.pairs}
 
-    start = half("sigma_points", s, placed, sizes)
-    end = half("told", s, lambda X, pairs: {"X_end": points.told(s, X, pairs)}, sizes)
-    x, spread = ca.MX.sym("x", s.model.nx), ca.MX.sym("L", size)
-    u, u_next = ca.MX.sym("u", s.model.nu), ca.MX.sym("u_next", s.model.nu)
-    xs, held = substep_inputs(integrator, u, u_next)
-    steps = integrator.steps if s.model.continuous else 1
-    X, pairs = start(x, spread)
-    (moved,), _ = scan(all_points, steps, carry=[X], xs=xs, constants=held)
-    return ca.Function("images", [x, spread, u, u_next], [end(moved, pairs)])
+def _sample_of(s: Setting, looked: ca.Function) -> list[ca.MX]:
+    """Symbols of x, spread, u, y and mask."""
+    sizes = {"x": s.model.nx, "spread": looked.numel_in(1), "u": s.model.nu}
+    sizes |= {"y": s.model.ny, "mask": s.model.ny}
+    return [ca.MX.sym(k, n) for k, n in sizes.items()]
 
 
 def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Function:
@@ -271,7 +256,7 @@ def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Func
         return {"x_next": inside(mean), "spread_next": ca.vertcat(L_next, 1 - definite)}
 
     gather = half("gather", s, gathered, {"spread": kept.size, "X": (s.model.nx, len(w.mean))})
-    images = _images(s, points, integrator)
+    images = images_ahead(s, points, integrator)
     given = [ca.MX.sym(images.name_in(i), images.numel_in(i)) for i in range(4)]
     return ca.Function("predict", given, gather.call([images(*given), given[1], given[2]]))
 
@@ -281,19 +266,7 @@ def _noise_root(s: Setting) -> Array:
     return cholesky_factor(s.sampled().Q)
 
 
-def _opened(s: Setting) -> ca.Function:
-    """Spread to the lower factor (nx, nx)."""
-    kept = Factor(Covariance(s.model.nx))
-    sizes = {"spread": kept.size}
-    return half("opened", s, lambda spread: {"L": ca.densify(kept.opened(spread))}, sizes)
-
-
-def _shown(s: Setting, points: SigmaPoints) -> ca.Function:
+def _shown(s: Setting, looked: ca.Function) -> ca.Function:
     """Outputs at the sigma points, ``(x, spread, u) -> Y``."""
-
-    def formula(x: Term, spread: Term, u: Term) -> Results:
-        return {"Y": _outputs(s, points, _around(s, points, x, spread), u)}
-
-    count = len(points.weights.mean)
-    sizes = {"spread": Factor(Covariance(s.model.nx)).size, "Y": (s.model.ny, count)}
-    return half("shown", s, formula, sizes)
+    x, spread, u, _, _ = _sample_of(s, looked)
+    return ca.Function("shown", [x, spread, u], [looked(x, spread, u)[0]])

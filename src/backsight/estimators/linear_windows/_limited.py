@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 
+from backsight.engine.dense import applied, few_entries
 from backsight.engine.loops import iterate, scan
 from backsight.estimators.parts.leaf import Results, leaf
 from backsight.estimators.parts.limits import Limits
@@ -130,6 +131,8 @@ def _stages(system: Linear, limits: Limits, chain: Chain) -> ca.Function:
 
 def _transition(system: Linear, chain: Chain) -> ca.Function:
     """Transition matrix and driven part that lead to a sample; nothing moves before the data."""
+    if chain.dense:
+        return _transition_of_many(system, chain)
     moved, still = (entries(ca.SX(ca.DM(k)), chain.F) for k in (system.A, np.eye(len(system.A))))
     B, B_next = (ca.sparsify(ca.DM(k)) for k in (system.B, system.B_next))
 
@@ -143,3 +146,18 @@ def _transition(system: Linear, chain: Chain) -> ca.Function:
 
     sizes = {"count": 1, "u": system.B.shape[1], "before": 1}
     return leaf("linear_transition", sizes, formula)
+
+
+def _transition_of_many(system: Linear, chain: Chain) -> ca.Function:
+    """The same of many states, as matrices."""
+    nu = system.B.shape[1]
+    count, u, u_next, before = (
+        ca.MX.sym(k, size) for k, size in (("k", 1), ("u", nu), ("u_next", nu), ("before", 1))
+    )
+    moved, still = (
+        ca.MX(ca.DM(ca.project(ca.DM(k), chain.F).nonzeros()))
+        for k in (system.A, np.eye(len(system.A)))
+    )
+    driven = applied(few_entries(system.B), u) + applied(few_entries(system.B_next), u_next)
+    results = [count + 1, ca.if_else(before, moved, still), before * driven]
+    return ca.Function("transition_of_many", [count, u, u_next, before], results)

@@ -9,6 +9,8 @@ import numpy as np
 
 from backsight.algebra.update import measured
 from backsight.engine import dense
+from backsight.engine.dense import few_entries
+from backsight.estimators.kalman.prediction import per_sample
 from backsight.estimators.parts.covariance import (
     Covariance,
     congruence,
@@ -18,7 +20,6 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.factors import cholesky, solve_lower
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.linear import Linear, Varying
-from backsight.estimators.parts.substeps import few_entries
 from backsight.models.lti import coefficients
 
 NEGLIGIBLE = 1e-9
@@ -77,7 +78,7 @@ def dense_advance(system: Linear | Varying) -> ca.Function:
         A, b, Q = system.transitions(u, v)
         A = ca.densify(A)
     else:
-        A, Q = ca.MX(few_entries(system.A)), ca.MX(ca.DM(s.Q))
+        A, Q = ca.MX(few_entries(system.A)), ca.MX(per_sample(s, u))
         b = matrix_product(few_entries(system.B), u) + matrix_product(few_entries(system.B_next), v)
     moved = [
         matrix_product(A, x) + b,

@@ -5,7 +5,6 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import vech
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.arrival import Arrival, Leaving
@@ -13,6 +12,7 @@ from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._starts import from_both_sides
+from backsight.estimators.mhe._verdict import verdict_of_window
 from backsight.estimators.mhe._window import linearise
 from backsight.estimators.parts.filtering import (
     choose,
@@ -20,7 +20,6 @@ from backsight.estimators.parts.filtering import (
     physical,
     physical_innovation,
 )
-from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.memory import Memory
@@ -39,9 +38,6 @@ from backsight.types import Array
 
 SMALL = 1e-10
 """Residuals below this are rounding errors and are put out as this."""
-
-NEGATIVE = -1e-10
-"""Variances below this share of the sample's variance before it was measured are no rounding."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,7 +208,9 @@ def recursion(name: str, parts: Parts) -> Recursion:
     carry = unless_broken(critical, w.memory.joined(after), w.memory.start)
 
     course = [found[k] for k in ("conflict", "limit", "open", "rejected")]
-    names, infeasible, flags, P = _verdict(parts)(found["side"][:, end], *course, P, w.prior[1])
+    names, infeasible, flags, P = verdict_of_window(parts.chain, parts.s)(
+        found["side"][:, end], *course, P, w.prior[1]
+    )
     x = within(s)(found["X"][:, end], infeasible)
     outputs = {
         **physical(s, x=x, P=P, u=w.U[:, end], e=e, S=S, flags=flags),
@@ -260,39 +258,3 @@ def within(s: Setting) -> ca.Function:
         return {"x": ca.if_else(stays, x, within_bounds(s, x))}
 
     return leaf("within", {**notation(s), "stays": 1}, formula)
-
-
-def _verdict(parts: Parts) -> ca.Function:
-    """Limits that contradict each other, whether there are any, flags, and P.
-
-    ``(side, conflict, limit, unfinished, rejected, P, P_prior) -> (names, infeasible, flags, P)``.
-    P is then its lower triangle, without variances that are below zero by rounding.
-    """
-    chain, n = parts.chain, parts.chain.n
-    bounds = [r for r in range(n) if r not in chain.exact]
-    # What a sensor without noise has told has no variance, but the rounding of what it had.
-    least = ca.SX(ca.DM(np.diag(parts.s.P0) if chain.exact else np.zeros(chain.nx)))
-
-    def formula(
-        side: ca.SX, conflict: ca.SX, limit: ca.SX, unfinished: ca.SX, rejected: ca.SX,
-        P: ca.SX, P_prior: ca.SX,
-    ) -> Results:  # fmt: skip
-        found, prior = chain.matrix(P), ca.diag(chain.matrix(P_prior))
-        allowed = NEGATIVE * ca.fmax(ca.fabs(prior), least)
-        names = ca.vertcat(ca.SX(0, 1), *(ca.mmax(conflict[r, :]) for r in range(n)))
-        infeasible = ca.mmax(names) if n else ca.SX(0)
-        flags = Flags(
-            clipped=ca.mmax(ca.fabs(side[bounds])) if bounds else 0,
-            iteration_limit=ca.fmax(limit, unfinished),
-            step_rejected=rejected,
-            not_positive_definite=ca.mmax(allowed - ca.diag(found)) > 0,
-            infeasible=infeasible,
-        )
-        clean = found + ca.diag(ca.fmax(-ca.diag(found), 0))
-        triangle = vech(ca.densify(clean))
-        said = {"names": names, "infeasible": infeasible, "flags": flags.vector()}
-        return {**said, "triangle": triangle}
-
-    course = {"limit": 1, "unfinished": 1, "rejected": 1}
-    sizes = {"side": n, "conflict": (n, chain.N + 1), "P": chain.size_P, **course}
-    return leaf("verdict", sizes, formula)

@@ -17,6 +17,7 @@ from backsight.algebra.kinks import kinked
 from backsight.engine.loops import iterate
 from backsight.estimators.base import Setting
 from backsight.models.canonical.affine import moving_states
+from backsight.models.lti import output_equation, state_equation
 from backsight.solvers.trajectory import Chain, by_name, select
 
 AWAY = np.sqrt(3.0)
@@ -34,6 +35,8 @@ LOWER = 1e-6
 
 def constants_with_kinks(s: Setting) -> tuple[int, ...]:
     """Places of states that are constant; none if the model is smooth."""
+    if state_equation(s.model) is not None and output_equation(s.model) is not None:
+        return ()
     x, u = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
     both = ca.vertcat(s.model.rhs(x, u), s.model.output(x, u))
     if not kinked(ca.Function("both", [x, u], [ca.densify(both)])):

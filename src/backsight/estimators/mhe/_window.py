@@ -4,13 +4,19 @@ import casadi as ca
 import numpy as np
 
 from backsight.discrete.runge_kutta import Integrator
-from backsight.engine.dense import add_product, transpose
+from backsight.engine.dense import add_product
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
+from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.leaf import Results, leaf
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.stages import entries, outputs_and_limits
-from backsight.estimators.parts.substeps import flow, substep_inputs
+from backsight.estimators.parts.substeps import (
+    flow,
+    linear_step,
+    moved_state,
+    substep_inputs,
+)
 from backsight.models.canonical.affine import moving_states
 from backsight.solvers.trajectory import Chain
 
@@ -31,7 +37,7 @@ def linearise(s: Setting, integrator: Integrator, limits: Limits, chain: Chain) 
         xs=[X[:, :-1], X[:, 1:], U[:, :-1], U[:, 1:], present[:, :-1]],
     )
     before, *seen = outputs_and_limits(s, limits, chain).call(symbols)
-    first = ca.project(ca.DM.eye(nx), chain.F).nz[:]
+    first = ca.DM(ca.project(ca.DM.eye(nx), chain.F).nonzeros())
     return ca.Function(
         "linearise",
         symbols,
@@ -55,12 +61,21 @@ def _substep(s: Setting, integrator: Integrator) -> tuple[ca.SX, list[ca.SX]]:
 
 def transition_pattern(s: Setting, integrator: Integrator) -> ca.Sparsity:
     """Where the transition matrix of a whole sample can differ from zero, and its diagonal."""
-    moved, (x, _, _) = _substep(s, integrator)
-    once = np.asarray(ca.DM(ca.jacobian(moved, x).sparsity(), 1.0).full()) != 0
-    total = np.eye(s.model.nx, dtype=bool)
-    for _ in range(integrator.steps if s.model.continuous else 1):
-        total = (once.astype(int) @ total.astype(int)) > 0
-    return ca.sparsify(ca.DM((total | np.eye(s.model.nx, dtype=bool)).astype(float))).sparsity()
+    nx, steps = s.model.nx, _steps(s, integrator)
+    found = linear_step(s, integrator) if Covariance(nx).whole else None
+    if found is not None:
+        total = np.linalg.matrix_power(found[0], steps) != 0
+    else:
+        moved, (x, _, _) = _substep(s, integrator)
+        once = np.asarray(ca.DM(ca.jacobian(moved, x).sparsity(), 1.0).full()) != 0
+        total = np.eye(nx, dtype=bool)
+        for _ in range(steps):
+            total = (once.astype(int) @ total.astype(int)) > 0
+    return ca.sparsify(ca.DM((total | np.eye(nx, dtype=bool)).astype(float))).sparsity()
+
+
+def _steps(s: Setting, integrator: Integrator) -> int:
+    return integrator.steps if s.model.continuous else 1
 
 
 def _transition(s: Setting, integrator: Integrator, chain: Chain) -> ca.Function:
@@ -68,17 +83,56 @@ def _transition(s: Setting, integrator: Integrator, chain: Chain) -> ca.Function
     nx, nu = s.model.nx, s.model.nu
     count, x, x_next = ca.MX.sym("k"), ca.MX.sym("x", nx), ca.MX.sym("x_next", nx)
     u, u_next, here = ca.MX.sym("u", nu), ca.MX.sym("u_next", nu), ca.MX.sym("here")
-    steps = integrator.steps if s.model.continuous else 1
+    inputs = [count, x, x_next, u, u_next, here]
     xs, held = substep_inputs(integrator, u, u_next)
     if not s.model.continuous:
         xs, held = [], [u, u]
-    moving = list(range(nx)) if chain.dense else moving_states(s.model)
-    start = ca.MX(np.eye(nx)[:, moving] if chain.dense else np.eye(nx)[moving, :])
-    leaf = _variation_dense(s, integrator) if chain.dense else _variation(s, integrator, moving)
-    (end, rows), _ = scan(leaf, steps, carry=[x, start], xs=xs, constants=held)
-    rows = transpose(rows) if chain.dense else rows
+    if chain.dense:
+        end, F = _moved_of_many(s, integrator, chain, x, xs, held)
+        still = ca.MX(ca.DM(ca.project(ca.DM.eye(nx), chain.F).nonzeros()))
+        results = [count + 1, ca.if_else(here, F, still), ca.if_else(here, end - x_next, 0)]
+        return ca.Function("transition_of_many", inputs, results)
+    moving = moving_states(s.model)
+    start = ca.MX(np.eye(nx)[moving, :])
+    leaf = _variation(s, integrator, moving)
+    carry = [x, start]
+    (end, rows), _ = scan(leaf, _steps(s, integrator), carry=carry, xs=xs, constants=held)
     gathered = _gather(chain, moving)(count, end, rows, x_next, here)
-    return ca.Function("transition", [count, x, x_next, u, u_next, here], list(gathered))
+    return ca.Function("transition", inputs, list(gathered))
+
+
+def _moved_of_many(
+    s: Setting,
+    integrator: Integrator,
+    chain: Chain,
+    x: ca.MX,
+    xs: list[ca.MX],
+    held: list[ca.MX],
+) -> tuple[ca.MX, ca.MX]:
+    """State one sample later, and the entries of the transition matrix; of linear models constants.
+
+    Derivatives go along transposed.
+    """
+    nx, steps, moved = s.model.nx, _steps(s, integrator), moved_state(s, integrator)
+    found = linear_step(s, integrator)
+    symbols = [ca.MX.sym(moved.name_in(k), *moved.size_in(k)) for k in range(3)]
+    x_next, Phi = moved(*symbols)
+    if found is not None:
+        body = ca.Function("moved_once", symbols, [x_next])
+        (end,), _ = scan(body, steps, carry=[x], xs=xs, constants=held)
+        power = ca.DM(np.linalg.matrix_power(found[0], steps))
+        return end, ca.MX(ca.DM(ca.project(power, chain.F).nonzeros()))
+    if steps == 1:
+        inputs = [k[:, 0] for k in xs] or held
+        end, once = moved(x, *inputs)
+        return end, ca.project(once, chain.F).nz[:]
+    rows = ca.MX.sym("S", nx, nx)
+    product = add_product(ca.MX.zeros(nx, nx), rows, Phi)
+    varied = ca.Function("variation_of_many", [symbols[0], rows, *symbols[1:]], [x_next, product])
+    start = ca.MX(np.eye(nx))
+    (end, turned), _ = scan(varied, steps, carry=[x, start], xs=xs, constants=held)
+    places = [c + nx * r for r, c in zip(chain.F.row(), chain.F.get_col(), strict=True)]
+    return end, ca.vec(turned)[places]
 
 
 def _variation(s: Setting, integrator: Integrator, moving: list[int]) -> ca.Function:
@@ -89,18 +143,6 @@ def _variation(s: Setting, integrator: Integrator, moving: list[int]) -> ca.Func
     full[moving, :] = rows
     Phi = ca.jacobian(moved, x)[moving, :]
     return ca.Function("variation", [x, rows, ua, ub], [moved, ca.densify(Phi @ full)])
-
-
-def _variation_dense(s: Setting, integrator: Integrator) -> ca.Function:
-    """The same for many states, with the transposed sensitivities of all of them."""
-    moved, symbols = _substep(s, integrator)
-    leaf = ca.Function("moved", symbols, [moved, ca.jacobian(moved, symbols[0])])
-    nx = s.model.nx
-    x, ua, ub = (ca.MX.sym(k, *v.shape) for k, v in zip(("x", "ua", "ub"), symbols, strict=True))
-    rows = ca.MX.sym("S", nx, nx)
-    x_next, Phi = leaf(x, ua, ub)
-    product = add_product(ca.MX.zeros(nx, nx), rows, Phi)
-    return ca.Function("variation_dense", [x, rows, ua, ub], [x_next, product])
 
 
 def _gather(chain: Chain, moving: list[int]) -> ca.Function:

@@ -106,6 +106,18 @@ def matrix_product(A: Term | ca.DM, B: Term | ca.DM) -> Term:
     return dense.product_of(ca.densify(A), ca.densify(B))
 
 
+def turned_product(A: Term, b: Term) -> Term:
+    """A' b of a column b."""
+    return dense.applied(A, b, turned=True) if isinstance(b, ca.MX) else A.T @ b
+
+
+def inner_product(a: Term, b: Term) -> Term:
+    """a' b of columns."""
+    if isinstance(a, ca.MX):
+        return dense.product_of(a, b, turned=(True, False))
+    return ca.dot(a, b)
+
+
 def influence(S: Term, R: Array) -> Term:
     """S R S'."""
     return (

@@ -6,25 +6,44 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.update import masked
+from backsight.algebra.update import masked, measured
+from backsight.engine.dense import (
+    applied,
+    cholesky_of,
+    diagonal,
+    few_entries,
+    product_of,
+    scaled_rows,
+    solve_triangular,
+)
 from backsight.engine.loops import iterate, scan
 from backsight.estimators.base import Setting
+from backsight.estimators.parts.covariance import Covariance
+from backsight.estimators.parts.leaf import leaf, notation
 from backsight.estimators.parts.limits import Limits, exact_outputs
+from backsight.models.lti import output_equation
 from backsight.solvers.trajectory import Chain, end_covariance
 from backsight.types import Array
 
 
 def chain_of(s: Setting, limits: Limits, F: ca.Sparsity, *, Q: Array, N: int) -> Chain:
     """Sizes and constants of a window; F is where its transition matrices can differ from zero."""
-    x, u, y, mask = _symbols(s)
-    rows = sensed(s, x, u, y, mask)
+    seen = _linear_outputs(s)
+    if seen is None:
+        x, u, y, mask = _symbols(s)
+        rows = sensed(s, x, u, y, mask)
+        H, A = rows.H.sparsity(), limited_rows(s, limits, rows, x, u, y)[0].sparsity()
+    else:
+        C = few_entries(seen[0])
+        H = C.sparsity() if _independent(s) else ca.Sparsity.dense(*C.shape)
+        A = ca.sparsify(ca.DM(limits.state - limits.residual @ seen[0])).sparsity()
     return Chain(
         N=N,
         Q=Q,
         F=F,
-        H=rows.H.sparsity(),
+        H=H,
         noise=limits.noise,
-        A=limited_rows(s, limits, rows, x, u, y)[0].sparsity(),
+        A=A,
         softness=limits.softness,
         slack=limits.slack,
         exact=tuple(limits.exact),
@@ -41,9 +60,9 @@ def outputs_and_limits(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
     X, U, Y, M, present = given = [ca.MX.sym(k, size, N + 1) for k, size in sizes.items()]
     before = ca.horzcat(0, present[:, :-1])
     last = ca.MX(ca.DM([[0.0] * N + [1.0]]))
-    _, seen = scan(
-        _sample(s, limits, chain), N + 1, carry=[ca.MX(0)], xs=[X, U, Y, M, before, present, last]
-    )
+    found = _linear_outputs(s)
+    one = _sample(s, limits, chain) if found is None else _of_many(s, limits, chain, *found)
+    _, seen = scan(one, N + 1, carry=[ca.MX(0)], xs=[X, U, Y, M, before, present, last])
     return ca.Function("outputs_and_limits", given, [before, *seen])
 
 
@@ -85,6 +104,21 @@ def covariance_of(chain: Chain) -> ca.Function:
     )
 
 
+def _linear_outputs(s: Setting) -> tuple[Array, Array, Array] | None:
+    """Matrices of the outputs of a model of many states, if they are linear: constants then.
+
+    None also if a sensor has no noise.
+    """
+    if not Covariance(s.model.nx).whole or exact_outputs(s.R):
+        return None
+    return output_equation(s.model)
+
+
+def _independent(s: Setting) -> bool:
+    """Whether the noise of every sensor is its own."""
+    return not np.count_nonzero(s.R - np.diag(np.diag(s.R)))
+
+
 def _symbols(s: Setting) -> list[ca.SX]:
     m = s.model
     return [ca.SX.sym(k, size) for k, size in (("x", m.nx), ("u", m.nu), ("y", m.ny), ("m", m.ny))]
@@ -121,7 +155,7 @@ def sensed(s: Setting, x: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Sensed:
     """Rows of a sample, with those that have no noise apart."""
     output, variances = s.model.output(x, u), np.diag(s.R)
     H, e, never = ca.jacobian(output, x), y - output, exact_outputs(s.R)
-    if np.count_nonzero(s.R - np.diag(variances)) == 0:
+    if _independent(s):
         weights = [0 if v == 0 else mask[i] / np.sqrt(v) for i, v in enumerate(variances)]
         of_noise, none = ca.sparsify(ca.vertcat(ca.SX(0, 1), *weights)), variances == 0
         seen = ca.SX(none.astype(float)) * (mask > 0)
@@ -169,6 +203,16 @@ def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
     count, before, here, last = (ca.SX.sym(k) for k in ("k", "before", "here", "last"))
     rows = sensed(s, x, u, y, here * mask)
     A, value = limited_rows(s, limits, rows, x, u, y)
+    low, high = _ends(limits, chain)(value, mask, before, here, last, rows.exact)
+    columns = [entries(rows.H, chain.H), ca.densify(rows.e), entries(A, chain.A), low, high]
+    return ca.Function("sample", [count, x, u, y, mask, before, here, last], [count + 1, *columns])
+
+
+def _ends(limits: Limits, chain: Chain) -> ca.Function:
+    """How far a limited quantity is from its ends: ``(value, m, before, here, last, exact)``."""
+    value, mask = ca.SX.sym("value", chain.n), ca.SX.sym("m", chain.ny)
+    before, here, last = (ca.SX.sym(k) for k in ("before", "here", "last"))
+    exact = ca.SX.sym("exact", chain.ny)
     low, high = ca.SX(limits.lower) - value, ca.SX(limits.upper) - value
     for r in range(chain.n):
         needed = [mask[int(j)] for j in np.flatnonzero(limits.residual[r])]
@@ -177,11 +221,50 @@ def _sample(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
             exists = last
         counts = ca.mmin(ca.vertcat(exists, *needed)) > 0
         if r in limits.exact:
-            counts = rows.exact[limits.exact[r]]
+            counts = exact[limits.exact[r]]
         low[r] = ca.if_else(counts, low[r], -np.inf)
         high[r] = ca.if_else(counts, high[r], np.inf)
-    columns = [entries(rows.H, chain.H), ca.densify(rows.e), entries(A, chain.A), low, high]
-    return ca.Function("sample", [count, x, u, y, mask, before, here, last], [count + 1, *columns])
+    return ca.Function("ends", [value, mask, before, here, last, exact], [low, high])
+
+
+def _of_many(s: Setting, limits: Limits, chain: Chain, C: Array, D: Array, d: Array) -> ca.Function:
+    """`_sample` of a model of many states with the outputs C x + D u + d, as matrices."""
+    nx, nu, ny, n = s.model.nx, s.model.nu, s.model.ny, chain.n
+    sizes = {"k": 1, "x": nx, "u": nu, "y": ny, "m": ny, "before": 1, "here": 1, "last": 1}
+    given = [ca.MX.sym(name, size) for name, size in sizes.items()]
+    count, x, u, y, mask, before, here, last = given
+    e = y - applied(few_entries(C), x) - applied(few_entries(D), u) - ca.DM(d)
+    value = ca.MX.zeros(n, 1)
+    if n:
+        value = applied(few_entries(limits.state), x) + applied(few_entries(limits.residual), e)
+    low, high = _ends(limits, chain)(value, mask, before, here, last, ca.MX.zeros(ny))
+    H, e = _whitened(s, chain, C)(e, here * mask)
+    A = ca.project(ca.DM(limits.state - limits.residual @ C), chain.A)
+    columns = [H, e, ca.MX(ca.DM(A.nonzeros())) if A.nnz() else ca.MX(0, 1), low, high]
+    return ca.Function("sample_of_many", given, [count + 1, *columns])
+
+
+def _whitened(s: Setting, chain: Chain, C: Array) -> ca.Function:
+    """``(e, weights) -> (H, e)``: entries of C and residuals, both with unit noise."""
+    ny = s.model.ny
+    e, weights = ca.MX.sym("e", ny), ca.MX.sym("weights", ny)
+    if _independent(s):
+        by = weights / ca.DM(np.sqrt(np.diag(s.R)))
+        # Every entry times the weight of its row, as the product with a matrix.
+        rows, values = chain.H.row(), ca.project(ca.DM(C), chain.H).nonzeros()
+        spread = ca.DM.triplet(list(range(len(rows))), rows, ca.DM(values), len(rows), ny)
+        return ca.Function("whitened", [e, weights], [applied(spread, by), by * e])
+    rows = scaled_rows(ca.horzcat(ca.MX(ca.DM(C)), e), weights)
+    white = solve_triangular(cholesky_of(noise_seen(s)(weights)), rows)
+    return ca.Function("whitened", [e, weights], [ca.vec(white[:, :-1]), white[:, -1]])
+
+
+def noise_seen(s: Setting) -> ca.Function:
+    """``mask -> R`` of `backsight.algebra.update.masked`, for many states."""
+    mask = ca.MX.sym("mask", s.model.ny)
+    seen = leaf("measured", notation(s), lambda mask: {"seen": measured(mask)})(mask)
+    both = product_of(seen, seen, turned=(False, True))
+    return ca.Function("noise_seen", [mask], [ca.MX(ca.DM(s.R)) * both + diagonal(1 - seen)])
 
 
 def entries(matrix: ca.SX, pattern: ca.Sparsity) -> ca.SX:

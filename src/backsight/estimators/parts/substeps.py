@@ -13,7 +13,7 @@ from backsight.algebra import bounds
 from backsight.discrete.exact import foh, zoh
 from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import advanced
-from backsight.engine.dense import FEW
+from backsight.engine.dense import few_entries
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import matrix_product
 from backsight.estimators.parts.flags import Flags
@@ -131,9 +131,3 @@ def _sum(terms: list[tuple[Array, ca.MX]], constant: Array) -> ca.MX:
         if matrix.any():
             total += matrix_product(few_entries(matrix), vector)
     return total
-
-
-def few_entries(matrix: Array) -> ca.DM:
-    """The matrix with its entries only, if these are so few that products take them one by one."""
-    few = np.count_nonzero(matrix) <= FEW * matrix.size
-    return ca.sparsify(ca.DM(matrix)) if few else ca.DM(matrix)

@@ -6,10 +6,8 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from backsight.engine.dense import product_of
-from backsight.engine.loops import iterate
+from backsight.engine.loops import all_finite, iterate
 from backsight.estimators.base import Setting
-from backsight.estimators.parts.filtering import LARGE
 from backsight.types import Array
 
 
@@ -56,12 +54,10 @@ def empty_queue(s: Setting, lag: int) -> Array:
 
 def unless_broken(critical: list[ca.MX], carry: ca.MX, carry0: Array) -> ca.MX:
     """The memory, or the one from before the first sample if a critical part is not finite."""
-    if max(c.numel() for c in critical) > LARGE:
-        sizes = [ca.fabs(ca.vec(c)) for c in critical]
-        critical = [product_of(ca.MX.ones(1, c.numel()), c) for c in sizes]
-    parts = [ca.SX.sym(f"p{k}", c.numel()) for k, c in enumerate(critical)]
-    size = ca.sum1(ca.fabs(ca.vertcat(*parts)))
-    broken = ca.Function("broken", parts, [ca.logic_not(size < np.inf)])(*critical)
+    finite = [ca.SX.sym(f"finite{k}") for k in range(len(critical))]
+    broken = ca.Function("broken", finite, [1 - ca.mmin(ca.vertcat(*finite))])(
+        *map(all_finite, critical)
+    )
     symbols = [ca.MX.sym("go"), ca.MX.sym("carry", len(carry0)), ca.MX.sym("fresh", len(carry0))]
     body = ca.Function("start_anew", symbols, [ca.MX(0), symbols[2]])
     return iterate(body, 1, carry=[broken, carry], constants=[ca.MX(carry0)])[1]

@@ -7,7 +7,7 @@ import numpy as np
 
 from backsight.algebra.update import measured
 from backsight.discrete.riccati import riccati_limit
-from backsight.engine.dense import gain_of, transpose, triangle
+from backsight.engine.dense import few_entries, gain_of, transpose, triangle
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.parts.covariance import (
@@ -21,7 +21,7 @@ from backsight.estimators.parts.filtering import PriorMemory, data_inputs, estim
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.linear import Linear
 from backsight.estimators.parts.memory import Memory, diagonal_of_triangle
-from backsight.estimators.parts.substeps import few_entries, moved_state, seen_outputs, settled
+from backsight.estimators.parts.substeps import moved_state, seen_outputs, settled
 from backsight.estimators.steady.reuse import kept_or_new, kept_parts, reused
 from backsight.estimators.steady.state import SteadyState, steady_state
 from backsight.types import Array

@@ -14,15 +14,18 @@ KERNEL void matrix_triangle(
     const int *sizes, const real *const *arg, real *const *res, real *w, int *iw)
 {
     const int n = sizes[0], packed = sizes[1];
-    const real *from = arg[0], *a = arg[1];
+    const real *restrict a = arg[1], *from = arg[0];
     real *to = res[0];
     int i, j;
     (void)w;
     (void)iw;
     for (j = 0; j < n; ++j) {
-        if (!packed)
-            from = arg[0] + j + j * n;
-        for (i = j; i < n; ++i)
-            *to++ = *from++ * a[i] * a[j];
+        const real *restrict column = packed ? from : arg[0] + j + j * n;
+        real *restrict result = to;
+        const real by = a[j];
+        for (i = 0; i < n - j; ++i)
+            result[i] = column[i] * a[j + i] * by;
+        from += n - j;
+        to += n - j;
     }
 }

@@ -5,7 +5,45 @@
  */
 #include "matrix.h"
 
-#define matrix_turn_side 16
+#define matrix_turn_side 8
+
+/* A square from row p and column q on, whole or what there is of it, and its mirror image. */
+static void matrix_turn_square(
+    const real *restrict A, int m, real *restrict B, int n, int rows, int columns)
+{
+    int i, j;
+    if (rows == matrix_turn_side && columns == matrix_turn_side) {
+        /* Lengths that the compiler knows: it unrolls them. */
+        for (i = 0; i < matrix_turn_side; ++i)
+            for (j = 0; j < matrix_turn_side; ++j)
+                B[j + i * n] = A[i + j * m];
+        return;
+    }
+    for (i = 0; i < rows; ++i)
+        for (j = 0; j < columns; ++j)
+            B[j + i * n] = A[i + j * m];
+}
+
+static void matrix_turn_halves(
+    const real *restrict A, const real *restrict mirrored, int n, real *restrict B, int rows,
+    int columns)
+{
+    int i, j;
+    if (rows == matrix_turn_side && columns == matrix_turn_side) {
+        for (j = 0; j < matrix_turn_side; ++j)
+            for (i = 0; i < matrix_turn_side; ++i)
+                B[i + j * n] = (A[i + j * n] + mirrored[j + i * n]) / 2;
+        return;
+    }
+    for (j = 0; j < columns; ++j)
+        for (i = 0; i < rows; ++i)
+            B[i + j * n] = (A[i + j * n] + mirrored[j + i * n]) / 2;
+}
+
+static inline int matrix_turn_left(int from, int end)
+{
+    return end - from < matrix_turn_side ? end - from : matrix_turn_side;
+}
 
 KERNEL void matrix_turn_work(const int *sizes, long *reals, long *ints)
 {
@@ -18,13 +56,15 @@ KERNEL void matrix_turn(
 {
     const int m = sizes[0], n = sizes[1], symmetric = sizes[2];
     const real *A = arg[0];
-    int i, j, p, q;
+    int p, q;
     (void)w;
     (void)iw;
-    for (p = 0; p < m; p += matrix_turn_side)
-        for (q = 0; q < n; q += matrix_turn_side)
-            for (i = p; i < m && i < p + matrix_turn_side; ++i)
-                for (j = q; j < n && j < q + matrix_turn_side; ++j)
-                    res[0][j + i * n] =
-                        symmetric ? (A[i + j * m] + A[j + i * m]) / 2 : A[i + j * m];
+    for (q = 0; q < n; q += matrix_turn_side)
+        for (p = 0; p < m; p += matrix_turn_side) {
+            const int rows = matrix_turn_left(p, m), columns = matrix_turn_left(q, n);
+            if (symmetric)
+                matrix_turn_halves(A + p + q * m, A + q + p * m, m, res[0] + p + q * m, rows, columns);
+            else
+                matrix_turn_square(A + p + q * m, m, res[0] + q + p * n, n, rows, columns);
+        }
 }

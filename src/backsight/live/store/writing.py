@@ -87,10 +87,12 @@ class LiveStore:
         part = self.folder / f".{target.name}.part"
         with writing(self.folder):
             try:
-                with part.open("wb") as file:
-                    with self._parquet.ParquetWriter(file, schema, **_FORM) as writer:
-                        writer.write_table(table)
-                        writer.add_key_value_metadata({_KEY: base64.b64encode(memory)})
+                with (
+                    part.open("wb") as file,
+                    self._parquet.ParquetWriter(file, schema, **_FORM) as writer,
+                ):
+                    writer.write_table(table)
+                    writer.add_key_value_metadata({_KEY: base64.b64encode(memory)})
                 put_in_place(part, target)
             finally:
                 part.unlink(missing_ok=True)

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import xarray as xr
@@ -172,20 +172,35 @@ def carry_out_smoothing(
         prepare(one, chosen)
     started = time.perf_counter()
     values = _smoothed(passes, task.data, engine=chosen, progress=progress)
+    seconds = time.perf_counter() - started
+    result = smoothed_result(task, values, engine=chosen, seconds=seconds)
+    if throw and (message := failure(result)):
+        raise EstimationError(message, result)
+    return result
+
+
+def smoothed_result(
+    task: SmoothingTask,
+    values: Mapping[str, Array],
+    *,
+    engine: str,
+    seconds: float,
+    largest: Array | None = None,
+) -> xr.Dataset:
+    """What `smooth` returns; of a part of a recording with the size of its outputs in all of it."""
     result = as_result(
         list(values.values()),
-        [_channels(passes)[name] for name in values],
+        [_channels(task.passes)[name] for name in values],
         task.estimator,
         task.model,
         task.recording,
-        engine=chosen,
-        seconds=time.perf_counter() - started,
+        engine=engine,
+        seconds=seconds,
+        largest=largest,
     )
     result["v"] = result["y"] - result["y_hat"]
     result["v"].attrs["long_name"] = "residual: measurement minus the output computed from x_hat"
     result.attrs["smoothed"] = 1
-    if throw and (message := failure(result)):
-        raise EstimationError(message, result)
     return result
 
 
@@ -196,26 +211,61 @@ def _smoothed(
     engine: str,
     progress: Callable[[int], None],
 ) -> dict[str, Array]:
-    """Forward once to keep the memory at the start of every block, then back block by block."""
+    carries = passes.forward.carry0, passes.backward.carry0
+    return smoothed_between(
+        passes, data, carries, u_after=data[0][-1], engine=engine, progress=progress
+    )[0]
+
+
+def smoothed_between(
+    passes: ForwardBackward,
+    data: tuple[Array, Array, Array],
+    carries: tuple[Array, Array],
+    *,
+    u_after: Array,
+    engine: str,
+    progress: Callable[[int], None] = lambda _: None,
+) -> tuple[dict[str, Array], Array]:
+    """Forward once to keep the memory at the start of every block, then back block by block.
+
+    Parameters
+    ----------
+    passes : ForwardBackward
+    data : tuple of arrays
+        Inputs, outputs and mask of samples that follow each other.
+    carries : tuple of arrays
+        Memory of the pass forward before the first of them, and of the pass back after the last.
+    u_after : (nu,) array
+        Inputs of the sample after the last one.
+    engine : str
+    progress : callable
+        Told the number of samples done.
+
+    Returns
+    -------
+    values : dict
+        Results by name, one row per sample.
+    carry : array
+        Memory of the pass back before the first sample.
+    """
     u, y, mask = data
     n, forward, backward = len(u), passes.forward, passes.backward
     size = max(LEAST_BLOCK, math.isqrt(n), KEPT // sum(forward.output_sizes))
     blocks = [slice(start, min(start + size, n)) for start in range(0, n, size)]
-    carries = [forward.carry0]
+    starts, carry = [carries[0]], carries[1]
     for part in blocks[:-1]:
         rows = [a[part] for a in data]
-        carries.append(run_part(forward, carries[-1], rows, engine=engine)[0])
+        starts.append(run_part(forward, starts[-1], rows, engine=engine)[0])
         progress(part.stop // 2)
     values = {name: np.empty((n, length)) for name, length in _lengths(passes).items()}
-    carry = backward.carry0
-    for part, start in zip(reversed(blocks), reversed(carries), strict=True):
+    after = np.vstack([u[1:], u_after[None]])
+    for part, start in zip(reversed(blocks), reversed(starts), strict=True):
         _, outputs = run_part(forward, start, [a[part] for a in data], engine=engine)
         handed, own = outputs[: passes.handed], outputs[passes.handed :]
-        after = np.minimum(np.arange(part.start + 1, part.stop + 1), n - 1)
         weighed = mask[part]
         if passes.weights is not None:
             weighed = weighed * outputs[passes.weights]
-        rows = [*handed, u[part], u[after], y[part], weighed]
+        rows = [*handed, u[part], after[part], y[part], weighed]
         carry, estimates = run_part(backward, carry, [a[::-1] for a in rows], engine=engine)
         found = {c.name: v[::-1] for c, v in zip(backward.channels, estimates, strict=True)}
         for channel, value in zip(forward.channels[passes.handed :], own, strict=True):
@@ -224,7 +274,7 @@ def _smoothed(
         for name, value in found.items():
             values[name][part] = value
         progress(n - part.start // 2 - part.start % 2)
-    return values
+    return values, carry
 
 
 def _either(a: Array, b: Array) -> Array:

@@ -10,8 +10,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.data.parts import RecordingParts
-from backsight.data.parts.parts import LATE
-from backsight.description import checked, digest
+from backsight.description import checked
 from backsight.engine.dense import UNROLL
 from backsight.engine.execute import Engine, prepare, run_part
 from backsight.engine.recursion import Recursion
@@ -23,7 +22,6 @@ from backsight.run.estimation import (
     Kept,
     Made,
     Measured,
-    Outputs,
     Prepared,
     Thinning,
     as_outputs,
@@ -36,6 +34,7 @@ from backsight.run.estimation import (
     run_on,
     sensed_outputs,
 )
+from backsight.run.parts._pace import Pace, check_unchanged, in_step, said_of, stamps_of
 from backsight.run.parts._state import PartsRun, State
 from backsight.run.parts._store import PartStore, opened_store
 from backsight.run.summaries import USED, Totals, largest, summed_up, totalling
@@ -113,24 +112,26 @@ def estimate_parts(
             f"{model.ny}"
         )
     kept = as_outputs(outputs)
-    stamps = np.array([[*map(str, parts.stamp(k))] for k in range(parts.count)])
-    said = _said(estimator, model, parts, kept)
+    stamps = stamps_of(parts)
+    said = said_of(estimator, model, parts, kept)
     first = parts.recording(0)
     dt = float(first.attrs["dt"])
     match(model, first, estimator=estimator)
     compiled = compile_once(estimator, model, dt, outputs=kept, needed=USED)
     recursion, totals = _with_totals(compiled, model)
     prepare(recursion, engine)
-    run = PartsRun(estimator, model, compiled, kept, dt, parts.time is not None or parts.rows > 0)
+    run = PartsRun(estimator, model, compiled, kept, Pace.of(parts, dt))
     with opened_store(Path(out), said=said) as store:
         kept_memory = store.memory()
         state = State.begin(recursion, run) if kept_memory is None else State.of(kept_memory)
-        _check_unchanged(state, stamps, recursion)
+        check_unchanged(state.stamps, stamps)
+        if recursion.lag and state.parts and not len(state.time) and state.parts < len(stamps):
+            raise DataError("the recording has grown since it was estimated; take another folder")
         for k in range(state.parts, parts.count):
             progress(k, parts.count)
             recording = first if k == 0 else parts.recording(k)
             state = _advance(
-                store, state, run, _following(recording, state, run),
+                store, state, run, in_step(recording, state.parts, state.end, run.pace),
                 last=k == parts.count - 1, engine=engine, stamps=stamps[: k + 1],
             )  # fmt: skip
         progress(parts.count, parts.count)
@@ -151,58 +152,6 @@ def estimate_parts(
 @functools.lru_cache(maxsize=16)
 def _with_totals(compiled: Prepared, model: Model) -> tuple[Recursion, Totals]:
     return totalling(compiled.recursion, model, outputs=True)
-
-
-def _said(
-    estimator: AbstractEstimator, model: Model, parts: RecordingParts, outputs: Outputs
-) -> str:
-    """Digest of what is estimated; how many parts there are may grow, their cuts may not move."""
-    cuts = dataclasses.replace(parts, files=parts.files[:1], rows=min(parts.rows, 1))
-    try:
-        return digest(estimator, model, {**vars(cuts), "files": str(parts.files[0])}, outputs)
-    except TypeError as error:
-        raise TuningError(f"the estimator cannot be told from others: {error}") from None
-
-
-def _check_unchanged(state: State, stamps: np.ndarray, recursion: Recursion) -> None:
-    """Raise `DataError` if the file of a part that is done is another one now.
-
-    Further files may have come, but not for an estimator that looks back: it has already said of
-    the last samples what could be said without them.
-    """
-    if not state.parts:
-        return
-    now = stamps[: state.parts]
-    if len(now) < state.parts:
-        raise DataError("the recording has fewer parts than were estimated already")
-    if recursion.lag and not len(state.time) and state.parts < len(stamps):
-        raise DataError("the recording has grown since it was estimated; take another folder")
-    changed = np.flatnonzero((now != state.stamps).any(axis=1))
-    if len(changed):
-        raise DataError(
-            f"{now[changed[0], 0]} has changed since it was estimated; begin anew in another folder"
-        )
-
-
-def _following(recording: xr.Dataset, state: State, run: PartsRun) -> xr.Dataset:
-    """The recording of a part, with times that go on where the one before ends."""
-    dt = float(recording.attrs["dt"])
-    if abs(dt / run.dt - 1) > 1e-6:
-        raise DataError(
-            f"part {state.parts} has the sampling period {dt:g} s, the first one {run.dt:g} s"
-        )
-    if not state.samples:
-        return recording
-    time, expected = recording["time"].values, state.end + run.dt
-    if run.timed:
-        if abs(time[0] - expected) > LATE * run.dt:
-            raise DataError(
-                f"part {state.parts} begins at {time[0]:.9g} s, but the one before ends so that "
-                f"{expected:.9g} s would be next; fill the gap (NaN in outputs), or estimate what "
-                "comes after it by itself"
-            )
-        return recording
-    return recording.assign_coords(time=expected + run.dt * np.arange(len(time)))
 
 
 def _advance(
@@ -269,7 +218,7 @@ def _result(
         y=y,
         inputs={s.name: s.unit for s in model.inputs},
         outputs={s.name: s.unit for s in model.outputs},
-        dt=run.dt,
+        dt=run.pace.dt,
     )
     made = Made(
         run.estimator,
@@ -285,4 +234,4 @@ def _result(
     result = result_of(values, channels, made, outputs=kept, engine="native", seconds=np.nan)
     for name in ("seconds", "us_per_sample", "engine"):
         del result.attrs[name]
-    return result.assign_attrs(dt=run.dt * run.outputs.every)
+    return result.assign_attrs(dt=run.pace.dt * run.outputs.every)

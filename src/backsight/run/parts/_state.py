@@ -9,6 +9,7 @@ from backsight.engine.recursion import Recursion
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation import Outputs, Prepared
+from backsight.run.parts._pace import Pace
 from backsight.types import Array
 
 
@@ -20,9 +21,7 @@ class PartsRun:
     model: Model
     compiled: Prepared
     outputs: Outputs
-    dt: float
-    timed: bool
-    """Whether the parts say their times; else they follow each other."""
+    pace: Pace
 
 
 @dataclasses.dataclass(frozen=True)

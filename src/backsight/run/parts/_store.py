@@ -22,6 +22,7 @@ from backsight.output import (
     contents,
     holding,
     make_folder,
+    netcdf_file,
     put_in_place,
     tidy,
     write_whole,
@@ -40,22 +41,27 @@ class PartStore:
 
     def memory(self) -> dict[str, np.ndarray] | None:
         """What was kept after the last whole part; None at the beginning."""
-        path = self.folder / MEMORY
-        if not path.exists():
-            return None
-        with np.load(path, allow_pickle=False) as file:
-            return dict(file)
+        return self.read(MEMORY) if (self.folder / MEMORY).exists() else None
 
     def add(self, k: int, result: xr.Dataset | None, memory: Mapping[str, np.ndarray]) -> None:
         """Keep the results of part k, None if none of its samples are kept, and the memory."""
         if result is not None:
             self._write(f"part-{k:06}.nc", result)
-        part = self.folder / f".{MEMORY}.{secrets.token_hex(4)}.part"
+        self.write(MEMORY, memory)
+
+    def read(self, name: str) -> dict[str, np.ndarray]:
+        """Arrays that were written under a name."""
+        with np.load(self.folder / name, allow_pickle=False) as file:
+            return dict(file)
+
+    def write(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write arrays under a name, all of them or nothing."""
+        part = self.folder / f".{name}.{secrets.token_hex(4)}.part"
         with writing(self.folder):
             try:
                 with part.open("wb") as file:
-                    _save(file, memory)
-                put_in_place(part, self.folder / MEMORY)
+                    _save(file, arrays)
+                put_in_place(part, self.folder / name)
             finally:
                 part.unlink(missing_ok=True)
 
@@ -67,7 +73,8 @@ class PartStore:
         part = self.folder / f".{name}.{secrets.token_hex(4)}.part"
         with writing(self.folder):
             try:
-                dataset.to_netcdf(part, engine="h5netcdf")
+                with netcdf_file(part) as file:
+                    file.add(dataset)
                 put_in_place(part, self.folder / name)
             finally:
                 part.unlink(missing_ok=True)

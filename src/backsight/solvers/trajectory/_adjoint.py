@@ -2,8 +2,8 @@
 
 import casadi as ca
 
-from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
+from backsight.solvers.trajectory import many_states
 from backsight.solvers.trajectory.chain import VIOLATED, Chain, Stage, constant, naming
 
 COLUMNS = ("x", "eta", "nu", "side", "value", "broken")
@@ -39,6 +39,8 @@ def adjoint(chain: Chain) -> ca.Function:
 
 def _backward(chain: Chain) -> ca.Function:
     """One sample of the backward pass; the carry is the adjoint after its update."""
+    if chain.dense:
+        return many_states.backward_of_many(chain, _told(chain))
     nx, z = chain.nx, Stage.of(chain)
     lam, enter = ca.SX.sym("lam", nx), ca.SX.sym("enter")
     wrong, residual = ca.SX.sym("wrong"), ca.SX.sym("residual")
@@ -47,8 +49,7 @@ def _backward(chain: Chain) -> ca.Function:
     K, K_y = ca.reshape(past["K"], nx, chain.n), ca.reshape(past["K_y"], nx, chain.ny)
     A, H, F = ca.SX(chain.A, z.A), ca.SX(chain.H, z.H), ca.SX(chain.F, z.F)
     # Given the whole window the mean is x = d + P lam, with lam after the sample's updates.
-    moved = ca.SX.sym("moved", nx) if chain.dense else chain.matrix(vP) @ lam
-    x = d + moved
+    x = d + chain.matrix(vP) @ lam
     left, adj = residual, lam
     # Before an update with gain K and innovation nu0 the adjoint is lam + a (nu0 - K' lam): the
     # last output first, then the limits on the state.
@@ -74,15 +75,16 @@ def _backward(chain: Chain) -> ca.Function:
     back = ca.densify(F.T @ adj)
     results = [back, wrong + change, left, x, eta, nu, side, value, broken]
     inputs = [lam, wrong, residual, *past.values(), *z.symbols, enter]
-    if not chain.dense:
-        return ca.Function("backward", inputs, results)
-    at = 3 + list(past).index("P")
-    inputs[at] = moved
-    leaf = ca.Function("backward_leaf", inputs, results)
-    given = [ca.MX.sym("i", *k.shape) for k in inputs]
-    given[at] = ca.MX.sym("P", chain.size_P)
-    product = product_of(ca.reshape(given[at], nx, nx), given[0])
-    return ca.Function("backward", given, leaf.call([*given[:at], product, *given[at + 1 :]]))
+    return ca.Function("backward", inputs, results)
+
+
+def _told(chain: Chain) -> ca.Function:
+    """``(low, high, side, nu, g, value, enter) -> (side, wrong, broken)`` of the limits."""
+    z, enter = Stage.of(chain), ca.SX.sym("enter")
+    nu, g, value = (ca.SX.sym(k, chain.n) for k in ("nu", "g", "value"))
+    side, change = _sides(chain, z, nu, g, value, enter)
+    given = [z.low, z.high, z.side, nu, g, value, enter]
+    return ca.Function("limits_told", given, [side, change, _broken(chain, z, value)])
 
 
 def _sides(

@@ -116,7 +116,7 @@ def _offset(chain: Chain, proximal: bool) -> ca.Function:
 
 
 def _moved(chain: Chain) -> ca.Function:
-    a, b = (ca.SX.sym(k, chain.nx, chain.N + 1) for k in "ab")
+    a, b = (ca.MX.sym(k, chain.nx, chain.N + 1) for k in "ab")
     return ca.Function("moved_window", [a, b], [a + b])
 
 
@@ -140,7 +140,7 @@ def _controlled(
     found = by_name(inner, [offset, P, *stages, side])
     dX, eta_next = found["x"], found["eta"]
     sums = merit(chain, proximal)(offset, P, free, *stages, eta, dX, eta_next, found["nu"])
-    judged = _judge(chain, method)(*numbers, found["P_end"], *sums)
+    judged = _judge(chain, method)(*numbers, chain.variances(found["P_end"]), *sums)
     accept, restart, *after = judged
     point = {"along": X, "eta": eta, "dX": dX, "deta": eta_next - eta, "side": found["side"]}
     problem = dict(zip(chain.sizes, stages, strict=True)) | {"offset": offset}
@@ -210,7 +210,7 @@ def _judge(chain: Chain, method: GaussNewton) -> ca.Function:
     nx = chain.nx
     numbers = [ca.SX.sym(k, size) for k, size in _numbers(chain).items()]
     _, t, J, slope, defects, rho, count, rejected, restarted = numbers
-    vP = ca.SX.sym("P", chain.size_P)
+    variances = ca.SX.sym("variances", nx)
     sizes = {
         "J_try": 1,
         "slope_try": 1,
@@ -229,7 +229,7 @@ def _judge(chain: Chain, method: GaussNewton) -> ca.Function:
     finite = now < np.inf
     accept = ca.logic_and(accept, finite)
     restart = ca.logic_and(ca.logic_not(finite), ca.logic_and(count == 0, restarted == 0))
-    deviation = ca.sqrt(ca.fmax(ca.diag(chain.matrix(vP)), 0)) + LEAST_DEVIATION
+    deviation = ca.sqrt(ca.fmax(variances, 0)) + LEAST_DEVIATION
     done = ca.mmax(steps / deviation) < method.tolerance
     halved = t / 2
     stalled = ca.logic_and(ca.logic_not(ca.logic_or(accept, restart)), halved < SHORTEST)
@@ -247,4 +247,4 @@ def _judge(chain: Chain, method: GaussNewton) -> ca.Function:
         ca.fmax(rejected, stalled),
         ca.fmax(restarted, restart),
     ]
-    return ca.Function("judge", [*numbers, vP, *tried], [accept, restart, *after])
+    return ca.Function("judge", [*numbers, variances, *tried], [accept, restart, *after])

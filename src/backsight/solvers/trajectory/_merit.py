@@ -6,6 +6,7 @@ import casadi as ca
 
 from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
+from backsight.solvers.trajectory import many_states
 from backsight.solvers.trajectory.chain import Chain, constant
 
 
@@ -55,6 +56,8 @@ def _of_start(chain: Chain, proximal: bool) -> ca.Function:
 
 def _of_sample(chain: Chain) -> ca.Function:
     """Add one sample to the sums of `merit`."""
+    if chain.dense:
+        return many_states.merit_of_many(chain, _of_limits(chain))
     nx, n = chain.nx, chain.n
     J, slope, nu = ca.SX.sym("J"), ca.SX.sym("slope"), ca.SX.sym("nu", n)
     lengths = {"defects": nx + n, "adjoints": nx + n, "steps": nx}
@@ -62,29 +65,37 @@ def _of_sample(chain: Chain) -> ca.Function:
     defects, adjoints, steps = sums
     _, c, before, vH, e, vA, low, high = stage = [ca.SX.sym(k, n) for k, n in chain.sizes.items()]
     eta, x, eta_next = paths = [ca.SX.sym(k, nx) for k in ("eta", "dX", "eta_next")]
-    Q = constant(chain.Q)
+    Q, noise = constant(chain.Q), constant(chain.noise)
     w = before * (Q @ eta)
     dw = before * (Q @ (eta_next - eta))
     J_next = J + ca.sumsqr(e) / 2 + ca.dot(eta, w) / 2
     slope_next = slope - ca.dot(e, ca.SX(chain.H, vH) @ x) + ca.dot(eta, dw)
-    A, violated = ca.SX(chain.A, vA), ca.SX.zeros(n)
     # The noise is Q (lam + a nu): of its adjoint only lam is the multiplier of the defects. Where a
     # limit holds the noise against the data, lam is much larger than the sum.
-    lam = eta_next - constant(chain.noise).T @ nu
-    for r in range(n):
-        a = constant(chain.noise[r]).T
-        value, change = a @ w, a @ dw + A[r, :] @ x
-        excess = ca.fmin(value - low[r], 0) + ca.fmax(value - high[r], 0)
-        if chain.softness[r] == 0:
-            violated[r] = ca.fabs(excess)
-        else:
-            J_next += excess**2 / (2 * chain.softness[r])
-            slope_next += excess * change / chain.softness[r]
+    lam = eta_next - noise.T @ nu
+    change = noise @ dw + ca.SX(chain.A, vA) @ x
+    more, steeper, violated = _of_limits(chain)(low, high, noise @ w, change)
     results = [
-        J_next,
-        slope_next,
+        J_next + more,
+        slope_next + steeper,
         defects + ca.vertcat(ca.fabs(c + w), violated),
         ca.fmax(adjoints, ca.fabs(ca.vertcat(lam, nu))),
         ca.fmax(steps, ca.fabs(x)),
     ]
     return ca.Function("merit_of_sample", [J, slope, *sums, *stage, *paths, nu], results)
+
+
+def _of_limits(chain: Chain) -> ca.Function:
+    """``(low, high, value, change) -> (J, slope, violated)`` of a sample's limits."""
+    low, high, value, change = given = [
+        ca.SX.sym(k, chain.n) for k in ("low", "high", "value", "change")
+    ]
+    J, slope, violated = ca.SX(0), ca.SX(0), ca.SX.zeros(chain.n)
+    for r in range(chain.n):
+        excess = ca.fmin(value[r] - low[r], 0) + ca.fmax(value[r] - high[r], 0)
+        if chain.softness[r] == 0:
+            violated[r] = ca.fabs(excess)
+        else:
+            J += excess**2 / (2 * chain.softness[r])
+            slope += excess * change[r] / chain.softness[r]
+    return ca.Function("merit_of_limits", given, [J, slope, violated])

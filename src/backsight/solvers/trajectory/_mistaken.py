@@ -19,6 +19,7 @@ import casadi as ca
 
 from backsight.algebra.symmetric import vech
 from backsight.engine.loops import scan
+from backsight.solvers.trajectory import many_states
 from backsight.solvers.trajectory._imposed import limited_noise
 from backsight.solvers.trajectory.chain import Chain, Stage, constant
 from backsight.solvers.trajectory.smoother import forward_pass
@@ -43,8 +44,7 @@ def mistaken(chain: Chain, back: int, more: Array) -> ca.Function:
     at = n - back
 
     # Up to the wanted sample; from there with its error beside the newest one.
-    stored = ca.SX.sym("P", chain.size_P)
-    whole = ca.Function("unpack", [stored], [ca.vec(chain.matrix(stored))])
+    whole = _unpack(chain)
     (T,), _ = scan(_newest(chain, more), at, carry=[whole(P)], xs=[k[:, :at] for k in columns])
     if back:
         C = whole(records[1][:, at - 1])
@@ -55,10 +55,25 @@ def mistaken(chain: Chain, back: int, more: Array) -> ca.Function:
     return ca.Function("mistaken", [delta, P, *stages], [_pack(chain)(T)])
 
 
+def _unpack(chain: Chain) -> ca.Function:
+    """A stored covariance to its matrix, column by column."""
+    if chain.dense:
+        return _as_it_is(chain)
+    stored = ca.SX.sym("P", chain.size_P)
+    return ca.Function("unpack", [stored], [ca.vec(chain.matrix(stored))])
+
+
 def _pack(chain: Chain) -> ca.Function:
     """A matrix column by column to how covariances are stored."""
+    if chain.dense:
+        return _as_it_is(chain)
     T = ca.SX.sym("T", chain.nx, chain.nx)
-    return ca.Function("pack", [ca.vec(T)], [ca.vec(T) if chain.dense else vech(T)])
+    return ca.Function("pack", [ca.vec(T)], [vech(T)])
+
+
+def _as_it_is(chain: Chain) -> ca.Function:
+    stored = ca.MX.sym("P", chain.size_P)
+    return ca.Function("as_it_is", [stored], [stored])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,6 +104,8 @@ class _Sample:
 
 def _newest(chain: Chain, more: Array) -> ca.Function:
     """Covariance of the newest sample's error, over a transition and its updates."""
+    if chain.dense:
+        return many_states.newest_of_many(chain, more)
     nx, s = chain.nx, _Sample.of(chain, more)
     T0 = ca.SX.sym("T", nx, nx)
     T = s.F @ T0 @ s.F.T + s.Q
@@ -104,6 +121,8 @@ def _beside(chain: Chain, more: Array) -> ca.Function:
     C is the covariance of the earlier error with the newest one that the window believes in, D the
     true one, and V that of the earlier error.
     """
+    if chain.dense:
+        return many_states.beside_of_many(chain, more)
     nx, s = chain.nx, _Sample.of(chain, more)
     T0, C0, D0, V0 = before = [ca.SX.sym(k, nx, nx) for k in "TCDV"]
     T, C, D, V = s.F @ T0 @ s.F.T + s.Q, C0 @ s.F.T, D0 @ s.F.T, V0

@@ -3,8 +3,8 @@
 import casadi as ca
 
 from backsight.algebra.symmetric import unvech, vech
-from backsight.engine.dense import add_product, symmetrise, transpose
 from backsight.engine.loops import scan
+from backsight.solvers.trajectory import many_states
 from backsight.solvers.trajectory._imposed import symmetric
 from backsight.solvers.trajectory.chain import Chain, Stage
 from backsight.solvers.trajectory.smoother import forward_pass
@@ -57,7 +57,7 @@ def smoothed_all(chain: Chain) -> ca.Function:
 def _information(chain: Chain) -> ca.Function:
     """Information of the adjoint, from after the update of a sample back to the sample before."""
     if chain.dense:
-        return _information_dense(chain)
+        return many_states.information_of_many(chain)
     z, vL = Stage.of(chain), ca.SX.sym("L", chain.size_P)
     records = [ca.SX.sym(k, size) for k, size in chain.records.items()]
     F, L = ca.SX(chain.F, z.F), chain.matrix(vL)
@@ -82,28 +82,10 @@ def _rows(chain: Chain, records: list, A, H) -> list[tuple]:
     return [*limits, *outputs][::-1]
 
 
-def _information_dense(chain: Chain) -> ca.Function:
-    nx, vL = chain.nx, ca.MX.sym("L", chain.size_P)
-    records = [ca.MX.sym(k, size) for k, size in chain.records.items()]
-    stage = [ca.MX.sym(k, size) for k, size in chain.inputs.items()]
-    F, L = ca.MX(chain.F, stage[0]), ca.reshape(vL, nx, nx)
-    for K, a, g in _rows(chain, records, ca.MX(chain.A, stage[5]), ca.MX(chain.H, stage[3])):
-        row, zeros = ca.densify(a), ca.MX.zeros(nx, 1)
-        left = add_product(L, -row, add_product(zeros, L, K.T))
-        L = add_product(left, g * row - add_product(zeros, left, K.T), row)
-    half = transpose(add_product(ca.MX.zeros(nx, nx), L, F.T))
-    back = symmetrise(add_product(ca.MX.zeros(nx, nx), half, F.T))
-    return ca.Function("information", [vL, *records, *stage], [ca.vec(back)])
-
-
 def _reduced(chain: Chain) -> ca.Function:
     """P - P L P."""
-    nx = chain.nx
     if chain.dense:
-        vP, vL = (ca.MX.sym(k, chain.size_P) for k in "PL")
-        P, L = (ca.reshape(k, nx, nx) for k in (vP, vL))
-        half = add_product(ca.MX.zeros(nx, nx), P, L)
-        return ca.Function("reduced", [vP, vL], [ca.vec(symmetrise(add_product(P, -half, P)))])
+        return many_states.reduced_of_many(chain)
     vP, vL = (ca.SX.sym(k, chain.size_P) for k in "PL")
     P, L = unvech(vP), unvech(vL)
     return ca.Function("reduced", [vP, vL], [vech(P - P @ L @ P)])

@@ -88,7 +88,8 @@ class Chain:
         nx, ny, n = self.nx, self.ny, self.n
         return {
             "delta": nx, "P": self.size_P, "K": nx * n, "nu": n, "g": n,
-            "K_y": nx * ny, "nu_y": ny, "g_y": ny, "conflict": n, "size": n,
+            "K_y": nx * ny, "nu_y": ny, "g_y": ny * ny if self.dense else ny, "conflict": n,
+            "size": n,
         }  # fmt: skip
 
     @property
@@ -108,6 +109,12 @@ class Chain:
     def matrix(self, stored: ca.SX) -> ca.SX:
         """A stored covariance as a matrix."""
         return ca.reshape(stored, self.nx, self.nx) if self.dense else unvech(stored)
+
+    def variances(self, stored: ca.MX) -> ca.MX:
+        """Diagonal (nx,) of a stored covariance."""
+        if self.dense:
+            return stored[:: self.nx + 1]
+        return stored[np.cumsum([0, *range(self.nx, 1, -1)]).tolist()]
 
     def triangle(self) -> ca.Function:
         """From a stored covariance to its lower triangle."""

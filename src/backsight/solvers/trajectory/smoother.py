@@ -19,7 +19,7 @@ import casadi as ca
 
 from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.loops import scan
-from backsight.solvers.trajectory import _smoother_dense as dense
+from backsight.solvers.trajectory import many_states
 from backsight.solvers.trajectory._imposed import impose, limited_noise, limited_sizes, symmetric
 from backsight.solvers.trajectory.chain import Chain, Stage, naming
 
@@ -64,15 +64,16 @@ def transit(chain: Chain) -> ca.Function:
 
     ``K``, ``nu`` and ``conflict`` are those of limits on the noise, see `filtered`.
     """
-    return dense.dense_transit(chain) if chain.dense else _transit(chain)
+    return many_states.transit_of_many(chain) if chain.dense else _transit(chain)
 
 
 def update(chain: Chain) -> ca.Function:
     """``(delta, P, size, K, nu, conflict, *stage) -> records``, see `filtered`.
 
-    First the limits on the state, then the outputs, one row after the other.
+    First the limits on the state, then the outputs, one row after the other; of many states all
+    outputs at once, see `many_states`.
     """
-    return dense.dense_update(chain) if chain.dense else _update(chain)
+    return many_states.update_of_many(chain) if chain.dense else _update(chain)
 
 
 def _transit(chain: Chain) -> ca.Function:

@@ -71,6 +71,7 @@ def as_result(
     *,
     engine: str,
     seconds: float,
+    largest: Array | None = None,
 ) -> xr.Dataset:
     """Name the outputs, add units, standard deviations, the recording and what made them.
 
@@ -85,6 +86,8 @@ def as_result(
     engine : str
     seconds : float
         Time that the run took.
+    largest : (ny,) array, optional
+        Size of every output in all of the recording, if this is a part of one.
     """
     values = named(outputs, channels)
     y = measured_outputs(model, recording)
@@ -101,7 +104,8 @@ def as_result(
         integrator=estimator.chosen(model, float(recording.attrs["dt"])),
         coordinates=coordinates(model, channels),
     )
-    believed = looked_at(values, Measured.of(measured), model)
+    seen = Measured.of(measured) if largest is None else Measured(measured, largest)
+    believed = looked_at(values, seen, model)
     return result_of(believed, channels, made, outputs=Outputs(), engine=engine, seconds=seconds)
 
 
