@@ -1,4 +1,4 @@
-"""Write docs/promises.md: what is promised, and by which tests, with the figures of the last time."""
+"""Write docs/promises.md: what is promised, by which tests, and how well these bite."""
 
 import json
 import tomllib
@@ -9,12 +9,15 @@ ROOT = Path(__file__).parents[1]
 PAGE = Path(__file__).with_name("promises.md")
 LISTED = Path(__file__).with_name("promises.toml")
 MEASURED = ROOT / "tests" / "measured"
+BAR = "\\|"
+"""A bar inside a table."""
 
 HEAD = """# What is promised, and how it is tested
 
-Each promise names the files of `tests/` that break if it does not hold; many of them run over every estimator,
-format or command. `make test` runs what is fast, `make test-all` all of it, and the figures below are written by
-the commands beside them. [Trust in files](trust.md) says what is not promised.
+Each promise names the files of `tests/` that break if it does not hold; many of them run over every
+estimator, format or command. `make test` runs what is fast, `make test-all` all of it, and the
+figures below are written by the commands beside them. [Trust in files](trust.md) says what is not
+promised.
 """
 
 
@@ -42,9 +45,10 @@ def measured(name: str) -> Any:
 
 def _figures() -> list[str]:
     coverage, lowest, fuzz = measured("coverage"), measured("lowest"), measured("fuzz")
-    parts = [
-        f"`make coverage`: {coverage['branches']:.1f} % of the branches and {coverage['lines']:.1f} % "
-        "of the lines of the package, drawing aside, are run by the fast tests.\n",
+    return [
+        f"`make coverage`: {coverage['branches']:.1f} % of the branches and "
+        f"{coverage['lines']:.1f} % of the lines of the package, drawing aside, are run by the "
+        "fast tests.\n",
         f"`make lowest`: the fast tests pass with the oldest versions that are allowed: "
         f"{lowest['passed']} passed, {lowest['failed']} failed "
         f"({', '.join(f'{n} {v}' for n, v in lowest['versions'].items())}).\n",
@@ -55,7 +59,6 @@ def _figures() -> list[str]:
         "",
         *_mutants(measured("mutation")),
     ]
-    return parts
 
 
 def _mutants(found: dict[str, Any]) -> list[str]:
@@ -65,15 +68,15 @@ def _mutants(found: dict[str, Any]) -> list[str]:
         for area, f in found.items()
     ]
     survivors = [
-        f"| `{s['file']}:{s['line']}` | `{s['code'].replace('|', chr(92) + '|')}` | {s['change']} | "
+        f"| `{s['file']}:{s['line']}` | `{s['code'].replace('|', BAR)}` | {s['change']} | "
         f"{s.get('reason', s['why'])} |"
         for f in found.values()
         for s in f["survivors"]
     ]
     return [
-        "`make mutation`: a sample of all small changes of the program (another operator, comparison or "
-        "number, a condition that never holds), and how many of them a test notices. The error is that "
-        "of the sample.\n",
+        "`make mutation`: a sample of all small changes of the program (another operator, "
+        "comparison or number, a condition that never holds), and how many of them a test notices. "
+        "The error is that of the sample.\n",
         "| area | changes | tried | noticed |\n|---|---:|---:|---:|",
         *rows,
         "\nThose that no test noticed:\n",

@@ -3,7 +3,7 @@
 import sys
 
 
-def command() -> None:
+def command_line() -> None:
     """Run the command line; an interrupt before it has begun is no traceback."""
     try:
         from backsight.cli import app
@@ -14,4 +14,4 @@ def command() -> None:
 
 
 if __name__ == "__main__":
-    command()
+    command_line()

@@ -9,7 +9,7 @@ import backsight as bs
 
 WORDS = ["q", "v", "u", "k", "b", "pi", "sin", "exp", "log", "sqrt", "abs", "max", "min", "sign",
          "tanh", "where", "delay", "(", ")", "(", ")", "+", "-", "*", "/", "^", "**", ",", "<", ">",
-         "==", "1", "2.5", "1e3", "1e999", "0", ".", "and", "if", "é", "²", "·", "'", "[", "]", ";"]  # fmt: skip
+         "==", "1", "2.5", "1e999", "0", ".", "and", "if", "é", "²", "'", "[", ";"]  # fmt: skip
 
 RIGHT = ["u - k*q - b*v", "u - k*q^3 - b*tanh(v/0.01)", "-k*sin(q) + max(u, 0)", "sqrt(abs(q)) - v"]
 

@@ -6,10 +6,10 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import small_problem
 from tests.fuzz.isolated import Area
 from tests.fuzz.mutating import mutated_text, mutated_tree, text_of
 
+import small_problem
 from backsight.problem import load, run_problem
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -74,7 +74,9 @@ def main() -> None:
                 verdict = judge(mutant, tests, Path(folder))
                 verdicts.append(verdict)
                 place = f"{mutant.file.relative_to(PACKAGE)}:{mutant.line}"
-                print(f"{verdict.why:9} {verdict.seconds:5.1f} s  {place} {mutant.change}", flush=True)
+                print(
+                    f"{verdict.why:9} {verdict.seconds:5.1f} s  {place} {mutant.change}", flush=True
+                )
         tried = [v for v in verdicts if v.why != "not run"]
         killed = sum(v.killed for v in tried)
         share = killed / max(len(tried), 1)

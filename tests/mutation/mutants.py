@@ -168,9 +168,9 @@ def _new(node: ast.AST, kind: str) -> ast.AST:
         case "number", ast.Constant():
             assert isinstance(node.value, int | float)
             return ast.Constant(_other(node.value))
-        case ("never" | "always"), ast.If():
+        case (("never" | "always"), ast.If()):
             return ast.If(ast.Constant(kind == "always"), node.body, node.orelse)
-        case ("never" | "always"), ast.IfExp():
+        case (("never" | "always"), ast.IfExp()):
             return ast.IfExp(ast.Constant(kind == "always"), node.body, node.orelse)
         case "argument", ast.Call():
             return node.args[0]

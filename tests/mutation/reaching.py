@@ -6,7 +6,6 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import coverage
-
 from tests.mutation.mutants import Mutant
 
 LONGEST = 60.0

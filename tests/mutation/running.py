@@ -57,10 +57,9 @@ class _Changed(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
         if name != self._name:
             return None
         inside = [str(self._file.parent)] if self._file.name == "__init__.py" else None
-        spec = importlib.util.spec_from_file_location(
+        return importlib.util.spec_from_file_location(
             name, self._file, loader=self, submodule_search_locations=inside
         )
-        return spec
 
     def get_source(self, fullname: str) -> str:
         return self._file.read_text(encoding="utf-8")
@@ -85,8 +84,8 @@ def load_all_but_the_package() -> None:
     import pint  # noqa: F401
     import pydantic  # noqa: F401
     import pytest  # noqa: F401
-    import scipy.linalg  # noqa: F401
-    import scipy.optimize  # noqa: F401
+    import scipy.linalg
+    import scipy.optimize
     import scipy.signal  # noqa: F401
     import typer.testing  # noqa: F401
     import xarray  # noqa: F401

@@ -126,13 +126,13 @@ def test_a_process_that_is_killed_loses_the_running_part_only(tmp_path):
         import test_parts as t
         from backsight.run.parts import _store
         parts = t.read_parts({str(tmp_path / "r.h5")!r}, **t.NAMES, samples=50)
-        whole = _store.xr.Dataset.to_netcdf
-        def killed(self, path, **more):
-            whole(self, path, **more)
-            if "part-000001" in str(path):
-                os.truncate(path, 100)
+        whole = _store.put_in_place
+        def killed(part, target):
+            if "part-000001" in str(part):
+                os.truncate(part, 100)
                 os.kill(os.getpid(), signal.SIGKILL)
-        _store.xr.Dataset.to_netcdf = killed
+            whole(part, target)
+        _store.put_in_place = killed
         t.estimate_parts(t.METHOD, t.PROBLEM.model, parts, {str(tmp_path / "out")!r}, engine="vm")
         """
     )

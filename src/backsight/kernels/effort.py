@@ -8,68 +8,70 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from backsight.kernels._operations import Operations
-from backsight.kernels._window_effort import window_effort
+from backsight.kernels._window_effort import motion_effort, stages_effort, window_effort
+from backsight.kernels._work import KernelWork
 
 
-def kernel_effort(name: str, sizes: Sequence[int]) -> Operations:
+def kernel_effort(name: str, sizes: Sequence[int]) -> KernelWork:
     """Largest number of operations of one call."""
     return KERNELS[name](*sizes)
 
 
-def _factor(n: int) -> Operations:
+def _factor(n: int) -> KernelWork:
     inner = sum(2 * j * (n - j) + 2 + (n - j) for j in range(n))
-    return Operations(inner, n, n)
+    return KernelWork(inner, n, n)
 
 
-def _divide(n: int, m: int) -> Operations:
-    return Operations(m * n * (n - 1), m * n)
+def _divide(n: int, m: int) -> KernelWork:
+    return KernelWork(m * n * (n - 1), m * n)
 
 
-def _cholesky(n: int) -> Operations:
+def _cholesky(n: int) -> KernelWork:
     return _factor(n)
 
 
-def _product(m: int, n: int, k: int, *_: int) -> Operations:
-    return Operations(2 * m * n * k + max(n * k, 2 * m * n))
+def _product(m: int, n: int, k: int, *_: int) -> KernelWork:
+    return KernelWork(2 * m * n * k + max(n * k, 2 * m * n))
 
 
-def _solve(n: int, m: int, transposed: int) -> Operations:
+def _solve(n: int, m: int, transposed: int) -> KernelWork:
     found = _divide(n, m)
     if transposed:  # and whether a direction has no variance, for each pass of the solution
-        found += Operations(n * (n + 1) + 3 * n + n * m, 0, n)
+        found += KernelWork(n * (n + 1) + 3 * n + n * m, 0, n)
     return found
 
 
-def _compress(n: int, m: int) -> Operations:
+def _compress(n: int, m: int) -> KernelWork:
     size = n * (2 * m + m)
-    return Operations(size + 2 * m * n * (n - 1), n * m, n)
+    return KernelWork(size + 2 * m * n * (n - 1), n * m, n)
 
 
-def _downdate(n: int) -> Operations:
+def _downdate(n: int) -> KernelWork:
     apart = n * (n - 1) // 2
-    return Operations(5 * n + 5 * apart, 2 * n + apart, n)
+    return KernelWork(5 * n + 5 * apart, 2 * n + apart, n)
 
 
-def _gain(nx: int, ny: int) -> Operations:
-    of_pairs = Operations(12 * ny * ny, 2 * ny * ny)
-    return of_pairs + _factor(ny) + Operations(2 * nx * ny) + 2 * _divide(ny, nx)
+def _gain(nx: int, ny: int) -> KernelWork:
+    of_pairs = KernelWork(12 * ny * ny, 2 * ny * ny)
+    return of_pairs + _factor(ny) + KernelWork(2 * nx * ny) + 2 * _divide(ny, nx)
 
 
-def _near(n: int) -> Operations:
-    return Operations(4 * n * n + 5 * n + 2, n)
+def _near(n: int) -> KernelWork:
+    return KernelWork(4 * n * n + 5 * n + 2, n)
 
 
-def _triangle(n: int, _: int) -> Operations:
-    return Operations(n * (n + 1))
+def _triangle(n: int, _: int) -> KernelWork:
+    return KernelWork(n * (n + 1))
 
 
-def _turn(m: int, n: int, symmetric: int) -> Operations:
-    return Operations(m * n, m * n) if symmetric else Operations(0)
+def _turn(m: int, n: int, symmetric: int) -> KernelWork:
+    return KernelWork(m * n, m * n) if symmetric else KernelWork(0)
 
 
-KERNELS: dict[str, Callable[..., Operations]] = {
+KERNELS: dict[str, Callable[..., KernelWork]] = {
     "cs_window": window_effort,
+    "cs_window_motion": motion_effort,
+    "cs_window_stages": stages_effort,
     "matrix_cholesky": _cholesky,
     "matrix_compress": _compress,
     "matrix_downdate": _downdate,

@@ -6,6 +6,7 @@ from backsight.output._disk import writing as writing
 from backsight.output._locking import holding as holding
 from backsight.output._moving import contents as contents
 from backsight.output._moving import tidy as tidy
+from backsight.output._netcdf import netcdf_file as netcdf_file
 from backsight.output._whole import MARKER as MARKER
 from backsight.output._whole import whole as whole
 from backsight.output._whole import write_whole as write_whole

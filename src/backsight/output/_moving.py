@@ -23,6 +23,9 @@ from typing import NamedTuple
 from backsight.output._disk import to_disk
 from backsight.output._locking import HOLD, locked
 
+PART = ".backsight-*.part"
+"""Pattern of the names of parts."""
+
 OWNER, KEPT = ".backsight-owner", ".backsight-kept"
 """In a part: that its owner has a lock; the folder of old files."""
 
@@ -56,11 +59,15 @@ def part_in(folder: Path) -> Iterator[Path]:
 def _owned(folder: Path, stack: contextlib.ExitStack) -> Path | None:
     """Make a part and lock it; None if another has tidied it up before it was locked."""
     part = folder / f".backsight-{secrets.token_hex(4)}.part"
-    part.mkdir()
-    lock = stack.enter_context(locked(part, wait=True))
-    with contextlib.suppress(FileNotFoundError):
-        if lock == "held":
-            (part / OWNER).touch()
+    try:
+        part.mkdir()
+        lock = stack.enter_context(locked(part, wait=True))
+        with contextlib.suppress(FileNotFoundError):
+            if lock == "held":
+                (part / OWNER).touch()
+    except BaseException:
+        _clear(part)
+        raise
     return part if part.exists() else None
 
 
@@ -95,8 +102,9 @@ def exchange(names: Sequence[str], part: Path, target: Path) -> None:
 
 def settle(folder: Path) -> None:
     """Finish or undo what a process that was killed had begun in a folder, and clear it away."""
-    (folder / OWNER).unlink(missing_ok=True)  # of one that appeared whole
-    for part in sorted(folder.glob(".backsight-*.part")):
+    if not folder.match(PART):
+        (folder / OWNER).unlink(missing_ok=True)  # of a part that has become this folder
+    for part in sorted(folder.glob(PART)):
         if not _is_own(part):
             continue
         with locked(part, wait=False) as lock:
@@ -120,7 +128,7 @@ def tidy(folder: Path) -> None:
 def contents(folder: Path) -> list[str]:
     """Names in a folder, without locks and what is unfinished."""
     ours = {HOLD, *INTERNAL}
-    unfinished = {path.name for path in folder.glob(".backsight-*.part")}
+    unfinished = {path.name for path in folder.glob(PART)}
     return sorted({path.name for path in folder.iterdir()} - ours - unfinished)
 
 

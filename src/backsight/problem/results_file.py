@@ -12,12 +12,11 @@ import xarray as xr
 
 from backsight.data.formats import check_dataset, check_links
 from backsight.errors import DataError
+from backsight.output import netcdf_file
 from backsight.schema import check_estimates
 
 if TYPE_CHECKING:
     import h5py
-
-_COMPRESSED = {"zlib": True, "complevel": 4, "shuffle": True}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,17 +54,11 @@ def write_estimates(
         always written.
     """
     about = {"title": title, "problem": problem, "backsight": version("backsight")}
-    xr.Dataset(attrs=about).to_netcdf(path, engine="h5netcdf")
-    for name, result in results.items():
-        kept = result if covariance else result.drop_vars("P", errors="ignore")
-        numbers = [n for n, v in kept.data_vars.items() if v.dtype.kind in "fi" and v.size]
-        kept.to_netcdf(
-            path,
-            group=name,
-            mode="a",
-            engine="h5netcdf",
-            encoding=dict.fromkeys(numbers, _COMPRESSED),
-        )
+    with netcdf_file(path) as file:
+        file.add(xr.Dataset(attrs=about))
+        for name, result in results.items():
+            kept = result if covariance else result.drop_vars("P", errors="ignore")
+            file.add(kept, group=name, compressed=True)
 
 
 def _check_group(group: "h5py.Group", name: str) -> None:

@@ -22,6 +22,7 @@ from backsight.output import (
     contents,
     holding,
     make_folder,
+    netcdf_file,
     put_in_place,
     tidy,
     write_whole,
@@ -72,7 +73,8 @@ class PartStore:
         part = self.folder / f".{name}.{secrets.token_hex(4)}.part"
         with writing(self.folder):
             try:
-                dataset.to_netcdf(part, engine="h5netcdf")
+                with netcdf_file(part) as file:
+                    file.add(dataset)
                 put_in_place(part, self.folder / name)
             finally:
                 part.unlink(missing_ok=True)

@@ -1,5 +1,5 @@
-"""Programs whose constants follow settings: which do, how, and what computes them."""
+"""Programs whose constants follow settings."""
 
-from backsight.engine.program.following._moved import FollowingStart as FollowingStart
-from backsight.engine.program.following._moved import following as following
-from backsight.engine.program.following._moved import starting as starting
+from backsight.engine.program.following._following import Beginning as Beginning
+from backsight.engine.program.following._following import following as following
+from backsight.engine.program.following._following import starting as starting

@@ -2,7 +2,7 @@
 
 A number of a description (a weight, a bound, a standard deviation) goes into a program as
 constants. Three programs of other numbers show which constants these are and how they follow
-(`_rules`); in the result they are computed from inputs at the beginning of a step. So no method
+(`Rules`); in the result they are computed from inputs at the beginning of a step. So no method
 needs to know which of its numbers are changed, and what does not follow simply, a gain that solves
 a Riccati equation, is refused.
 """
@@ -39,7 +39,7 @@ BEGINS = "memory_before"
 
 
 @dataclasses.dataclass(frozen=True)
-class FollowingStart:
+class Beginning:
     """How the memory before the first sample follows settings.
 
     Parameters
@@ -99,7 +99,7 @@ def following(
 
 def starting(
     memories: Sequence[Array], settings: Array, fields: Mapping[str, int], *, what: str
-) -> FollowingStart | None:
+) -> Beginning | None:
     """How the memory before the first sample follows settings; None if it does not.
 
     Parameters
@@ -127,7 +127,7 @@ def starting(
         moving[place] = rule
     if not moving:
         return None
-    return FollowingStart(_leaf(BEGINS, fields, [*moving.values()]), tuple(moving))
+    return Beginning(_leaf(BEGINS, fields, [*moving.values()]), tuple(moving))
 
 
 def _same(values: Sequence[float]) -> bool:
