@@ -2,6 +2,7 @@
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from backsight.description import Count, Whole, checked
 from backsight.estimators.force_estimator import AbstractForceEstimator
@@ -112,16 +113,18 @@ def lambda_from_pairs(
     return LambdaChoice(float(grid[first]), table, first > 0 and best < points - 1)
 
 
-def _found(copy: Regression, weights: Array) -> list[Array]:
+def _found(copy: Regression, weights: Array) -> list[NDArray[np.intp]]:
     """Atoms that the l1 norm finds at falling weights."""
     path = l1_path(copy, float(weights[-1]))
     return [
-        path.at(max(lam, path.lam[-1]))[0] if lam < path.lam[0] else np.zeros(0, int)
+        path.at(max(lam, path.lam[-1]))[0] if lam < path.lam[0] else np.zeros(0, np.intp)
         for lam in weights
     ]
 
 
-def _near(which: Array, other: Array, moments: Array, apart: int) -> int:
+def _near(
+    which: NDArray[np.intp], other: NDArray[np.intp], moments: NDArray[np.intp], apart: int
+) -> int:
     """How many atoms are among others, at most a step away; `moments` are steps times `apart`."""
     there = moments[other]
     return sum(bool(np.isin(moments[k] + np.array([-apart, 0, apart]), there).any()) for k in which)
