@@ -39,26 +39,36 @@ def _named(pattern: str) -> str:
 
 
 def measured(name: str) -> Any:
-    """Figures that a command has written."""
-    return json.loads((MEASURED / f"{name}.json").read_text(encoding="utf-8"))
+    """Figures that a command has written; None if it has not been run."""
+    file = MEASURED / f"{name}.json"
+    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else None
 
 
 def _figures() -> list[str]:
-    coverage, lowest, fuzz = measured("coverage"), measured("lowest"), measured("fuzz")
-    return [
-        f"`make coverage`: {coverage['branches']:.1f} % of the branches and "
-        f"{coverage['lines']:.1f} % of the lines of the package, drawing aside, are run by the "
-        "fast tests.\n",
-        f"`make lowest`: the fast tests pass with the oldest versions that are allowed: "
-        f"{lowest['passed']} passed, {lowest['failed']} failed "
-        f"({', '.join(f'{n} {v}' for n, v in lowest['versions'].items())}).\n",
-        "`make fuzz-long`: changed input, and how much of it led to anything but a result or one "
-        "clear line.\n",
-        "| area | cases | found |\n|---|---:|---:|",
-        *(f"| {name} | {f['cases']} | {f['found']} |" for name, f in fuzz.items()),
-        "",
-        *_mutants(measured("mutation")),
-    ]
+    parts = []
+    if coverage := measured("coverage"):
+        parts += [
+            f"`make coverage`: {coverage['branches']:.1f} % of the branches and "
+            f"{coverage['lines']:.1f} % of the lines of the package, drawing aside, are run by the "
+            "fast tests.\n"
+        ]
+    if lowest := measured("lowest"):
+        versions = ", ".join(f"{name} {version}" for name, version in lowest["versions"].items())
+        parts += [
+            f"`make lowest`: with the oldest versions that are allowed ({versions}) "
+            f"{lowest['passed']} tests passed and {lowest['failed']} failed.\n"
+        ]
+    if fuzz := measured("fuzz"):
+        parts += [
+            "`make fuzz-long`: changed input, and how much of it led to anything but a result or "
+            "one clear line.\n",
+            "| area | cases | found |\n|---|---:|---:|",
+            *(f"| {name} | {f['cases']} | {f['found']} |" for name, f in fuzz.items()),
+            "",
+        ]
+    if mutants := measured("mutation"):
+        parts += _mutants(mutants)
+    return parts
 
 
 def _mutants(found: dict[str, Any]) -> list[str]:

@@ -57,7 +57,7 @@ def main() -> None:
     asked.add_argument("--count", type=int, default=60, help="mutants of an area")
     asked.add_argument("--seed", type=int, default=1)
     asked.add_argument("--measured", type=Path, default=ROOT / "out" / "coverage")
-    asked.add_argument("--out", type=Path, default=ROOT / "tests" / "mutation" / "found.json")
+    asked.add_argument("--out", type=Path, default=ROOT / "tests" / "measured" / "mutation.json")
     given = asked.parse_args()
     reached = Reached(
         sorted(given.measured.glob("*.coverage")), sorted(given.measured.glob("*.xml"))

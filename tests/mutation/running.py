@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -113,7 +114,7 @@ def judge(mutant: Mutant, tests: Sequence[str], folder: Path) -> Verdict:
     child = os.fork()
     if not child:
         os.setpgid(0, 0)
-        _child(mutant, tests, kernels)
+        _child(mutant, tests, kernels, folder)
     code = _waited(child)
     known = {None: "no end", 0: "survived", 1: "failed", NOT_RUN: "not run"}
     killed = code not in (0, NOT_RUN)
@@ -132,8 +133,8 @@ def _waited(child: int) -> int | None:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def _child(mutant: Mutant, tests: Sequence[str], kernels: Path | None) -> None:
-    code = 3
+def _child(mutant: Mutant, tests: Sequence[str], kernels: Path | None, folder: Path) -> None:
+    code = NOT_RUN
     try:
         silent = os.open(os.devnull, os.O_WRONLY)
         os.dup2(silent, 1)
@@ -154,6 +155,9 @@ def _child(mutant: Mutant, tests: Sequence[str], kernels: Path | None) -> None:
         code = NOT_RUN if found in (4, 5) else int(found != 0)
     except SystemExit:
         code = 1
+    except BaseException:
+        # Ours, not the mutant's: what a mutant raises pytest has caught.
+        (folder / "error.txt").write_text(traceback.format_exc(), encoding="utf-8")
     finally:
         os._exit(code)
 
