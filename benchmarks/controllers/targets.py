@@ -68,9 +68,9 @@ def estimators() -> Iterator[tuple[str, AbstractEstimator, Model, object]]:
 
 def _limited(estimator: AbstractEstimator) -> AbstractEstimator:
     if hasattr(estimator, "optimiser"):
-        return dataclasses.replace(estimator, **{"optimiser": FIXED})
+        return dataclasses.replace(estimator, optimiser=FIXED)
     if hasattr(estimator, "max_steps"):
-        return dataclasses.replace(estimator, **{"max_steps": 10})
+        return dataclasses.replace(estimator, max_steps=10)
     return estimator
 
 

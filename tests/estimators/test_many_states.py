@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backsight.engine import vm
-from backsight.estimators import MHE, MHO, LinearMHE, Noise, Prior
+from backsight.estimators import EKF, IEKF, MHE, MHO, UKF, LinearMHE, Noise, Prior
 from backsight.models.lti import lti
 from backsight.models.model import Model
 from closeness import assert_close
@@ -62,3 +62,57 @@ def test_oscillators_in_one_model(estimator, lower, close):
         assert_close(together["x_hat"][:, part], alone["x_hat"], close)
         assert_close(together["P"][:, part, part], alone["P"], close)
         assert lower == -np.inf or (alone["x_hat"][:, 0] == lower).any()
+
+
+def large(kind: str, *, states: int = 50, outputs: int = 8) -> tuple[Model, dict[str, np.ndarray]]:
+    """A discrete-time model, every state of which moves a few others, or all of them."""
+    rng = np.random.default_rng(2)
+    A = np.kron(np.diag(rng.uniform(0.8, 0.99, states // 2)), [[0.8, 0.6], [-0.6, 0.8]])
+    if kind == "dense":
+        turn, _ = np.linalg.qr(rng.standard_normal((states, states)))
+        A = turn @ A @ turn.T
+    B, C = rng.standard_normal((states, 1)), rng.standard_normal((outputs, states))
+    model = lti(
+        A, B, C, states={f"x{i}": "" for i in range(states)}, inputs={"u": ""},
+        outputs={f"y{i}": "" for i in range(outputs)}, dt=DT,
+    )  # fmt: skip
+    return model, {"A": A, "B": B, "C": C}
+
+
+def filtered(m: dict[str, np.ndarray], u, y, *, q: float, R, p: float):
+    """Means and variances after every sample, in the plainest way."""
+    n = len(m["A"])
+    x, P = np.zeros(n), p * np.eye(n)
+    for k in range(len(y)):
+        rows = np.isfinite(y[k])
+        C = m["C"][rows]
+        K = np.linalg.solve(C @ P @ C.T + R[np.ix_(rows, rows)], C @ P).T
+        x = x + K @ (y[k, rows] - C @ x)
+        P = P - K @ C @ P
+        yield x, np.diag(P)
+        x, P = m["A"] @ x + m["B"] @ u[k], m["A"] @ P @ m["A"].T + q * np.eye(n)
+
+
+@pytest.mark.parametrize(
+    ("method", "kind", "joint"),
+    [
+        (EKF, "few", False),
+        (IEKF, "few", True),
+        (UKF, "dense", True),
+        (MHE, "few", False),
+        (MHE, "dense", True),
+    ],
+)
+def test_fifty_states_against_the_filter_of_the_textbooks(method, kind, joint):
+    """Of a linear model all of them are the Kalman filter, gaps and correlated noise included."""
+    model, matrices = large(kind)
+    rng = np.random.default_rng(3)
+    u, y = rng.standard_normal((9, 1)), rng.standard_normal((9, 8))
+    y[4, 2:5] = y[6] = np.nan
+    R = 0.04 * (np.eye(8) + 0.5 * joint)
+    settings = {"N": 3} if method is MHE else {}
+    found = run(method(Noise(R=R, sigma_w=0.1), Prior(sigma_x0=0.5), **settings), model, u, y)
+    expected = list(filtered(matrices, u, y, q=0.01, R=R, p=0.25))
+    for k, (x, variances) in enumerate(expected):
+        np.testing.assert_allclose(found["x_hat"][k], x, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(np.diag(found["P"][k]), variances, rtol=1e-9)

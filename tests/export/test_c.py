@@ -137,7 +137,9 @@ def test_single_precision(tmp_path):
 @needs_compiler
 def test_single_precision_is_refused_where_it_is_too_coarse(tmp_path):
     problem = TrialProblem()
-    noise = dataclasses.replace(problem.noise, R=1e-10 * problem.noise.measurement(problem.model), sigma_w={"k": 1e-4})
+    noise = dataclasses.replace(
+        problem.noise, R=1e-10 * problem.noise.measurement(problem.model), sigma_w={"k": 1e-4}
+    )
     ekf, recording = EKF(noise, problem.prior), recorded(problem)
     arguments = ekf, problem.model, recording, tmp_path / "ekf"
     with pytest.raises(EngineError, match=r"condition number .* times its standard deviation"):

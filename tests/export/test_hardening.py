@@ -27,6 +27,7 @@ needs_compilers = pytest.mark.skipif(
 )
 EXAMPLES = Path(__file__).parents[2] / "examples"
 QUICK = {"ekf", "csmhe", "mho"}
+MORE = [k for k in CASES if k != "ekf"]
 SEARCHING = {"mhe", "csmhe"}
 """Whose searches may take far more passes than they need, unless their effort is fixed."""
 
@@ -72,9 +73,7 @@ def run(command, folder):
 def exported(on, folder, precision: Literal["double", "float"] = "double"):
     """Export an estimator; what was written."""
     estimator, model, recording = on
-    export_c(
-        estimator, model, recording, folder, name="it", precision=precision, accuracy=math.inf
-    )
+    export_c(estimator, model, recording, folder, name="it", precision=precision, accuracy=math.inf)
     return code_of(
         estimator, model, recording, name="it", precision=precision, names=None, restart=False
     )
@@ -152,7 +151,7 @@ def test_examples_cost_what_is_told(example, name, tmp_path):
 
 
 @needs_compilers
-@pytest.mark.parametrize("key", cases(CASES))
+@pytest.mark.parametrize("key", ["ekf", *(pytest.param(k, marks=pytest.mark.slow) for k in MORE)])
 def test_memory_and_stack_are_what_is_told(key, tmp_path):
     """A painted stack; glibc's functions included, which are linked before."""
     code = exported(tried(key), tmp_path)

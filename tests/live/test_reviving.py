@@ -23,7 +23,7 @@ from tests.live.test_brokers import (
 )
 from tests.live.test_order import check, message
 
-from backsight.live import reviving
+from backsight.live import _reviving as reviving
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux")
 

@@ -57,6 +57,11 @@ CASES = {
     "alpha": (bs.MHO(NOISE, PRIOR, N=4, alpha=0.1), ["alpha", "sigma_w", "sigma_y"]),
     "alpha, filters": (bs.MHO(NOISE, PRIOR, N=4, alpha=0.1, bands="filters"), ["alpha"]),
     "arrival": (bs.LinearMHE(NOISE, PRIOR, N=6, arrival_weight=0.5), ["arrival_weight"]),
+    "walks of a window": (
+        bs.LinearMHE(NOISE, PRIOR, N=6, arrival_weight=0.5),
+        ["sigma_w", "sigma_y"],
+    ),
+    "full Q of a window": (bs.LinearMHE(FULL, PRIOR, N=6), [Free("Q", structure="full")]),
     "gain": (bs.HGO(NOISE, PRIOR, gain=20.0), ["gain"]),
     "nu": (bs.KalmanFilter(TAILS, PRIOR), ["noise.outliers.nu", "sigma_w"]),
     "k": (bs.EKF(HUBER, PRIOR, bs.Integrator("rk4", 2)), ["noise.outliers.k"]),

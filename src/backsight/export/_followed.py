@@ -56,7 +56,7 @@ class Followed:
         return self.values + self.sizes * rng.uniform(FAR / 8, FAR, (3, len(self.signals)))
 
 
-def words(estimator: AbstractEstimator, model: Model) -> list[str]:
+def changeable(estimator: AbstractEstimator, model: Model) -> list[str]:
     """What of an estimator and its model may be asked for."""
     found = []
     try:
@@ -73,7 +73,7 @@ def words(estimator: AbstractEstimator, model: Model) -> list[str]:
 
 
 def followed(name: str, estimator: AbstractEstimator, model: Model) -> Followed:
-    """Settings by their word, see `words`."""
+    """Settings by their word, see `changeable`."""
     if name in (LOWER, UPPER):
         return _bounds(name, model)
     if name in _numbers(estimator):

@@ -1,4 +1,4 @@
-"""What a window of ``cs_window.c`` costs at most: its functions, in its order, under their names.
+"""What a window of ``cs_window`` costs at most: its functions, in their order, under their names.
 
 Everything that may be active is: as many atoms as there is room for.
 """
@@ -6,7 +6,7 @@ Everything that may be active is: as many atoms as there is room for.
 import dataclasses
 from functools import cached_property
 
-from backsight.kernels._work import Work
+from backsight.kernels._work import KernelWork
 
 NONE, FILTERED = 0, 2
 """Arrival costs as `cs_window_tables.h` counts them."""
@@ -14,45 +14,69 @@ NONE, FILTERED = 0, 2
 PLACES = 3
 
 
-def window_effort(*sizes: int) -> Work:
+def window_effort(*sizes: int) -> KernelWork:
     """Largest number of operations of one window."""
     return Window(*sizes).whole
 
 
-def _product(rows: int, n: int) -> Work:
-    return Work(n * (2 * rows + 1))
+def stages_effort(nx: int, ny: int, p: int, steps: int, N: int, _: int) -> KernelWork:
+    """The same of its problem, ``cs_window_stages``."""
+    d = p * steps
+    noise = p * (_product(ny, nx) + _product(nx, p) + _product(ny, p))
+    noise += (nx + ny) * (_product(nx, p) + _product(ny, p)) + 2 * ny * _product(nx, nx)
+    noise += nx * _product(ny, nx) + ny * _product(ny, nx)
+    outputs = (nx + d + N * ny + nx + ny) * _product(ny, nx) + KernelWork(2 * p * ny)
+    ahead = (2 * nx + d + nx + ny) * _product(nx, nx) + KernelWork(2 * p * nx)
+    ahead += KernelWork(2 * nx * nx * N * ny)
+    after = (N + 1) * nx * (_product(ny, nx) + _product(nx, nx))
+    return (N + 1) * (noise + outputs + ahead) + 2 * after
 
 
-def _dot(n: int) -> Work:
-    return Work(2 * n + 1)
+def motion_effort(nx: int, ny: int, p: int, steps: int, N: int, _: int) -> KernelWork:
+    """The same of the motion of its solution, ``cs_window_motion``."""
+    del steps
+    back = nx * (_dot(nx) + _dot(ny) + KernelWork(1))
+    forces = (
+        nx * (_dot(ny) + KernelWork(1)) + p * (_dot(nx) + _dot(ny) + KernelWork(1)) + _product(p, p)
+    )
+    ahead = 2 * _product(nx, nx) + _product(nx, p) + KernelWork(p)
+    return (N + 1) * (back + forces + ahead)
 
 
-def _factor(n: int) -> Work:
-    return Work(sum(2 + j + 2 * (n - j) * j + n - j for j in range(n)), n, n)
+def _product(rows: int, n: int) -> KernelWork:
+    return KernelWork(n * (2 * rows + 1))
 
 
-def _ready(n: int) -> Work:
-    return Work(n, n)
+def _dot(n: int) -> KernelWork:
+    return KernelWork(2 * n + 1)
 
 
-def _forward(n: int) -> Work:
-    return Work(n * n + n + 1)
+def _factor(n: int) -> KernelWork:
+    return KernelWork(sum(2 + j + 2 * (n - j) * j + n - j for j in range(n)), n, n)
 
 
-def _backward(first: int, n: int) -> Work:
-    return Work(n * n - first * first + n + first + 2)
+def _ready(n: int) -> KernelWork:
+    return KernelWork(n, n)
 
 
-def _posterior(n: int) -> Work:
+def _forward(n: int) -> KernelWork:
+    return KernelWork(n * n + n + 1)
+
+
+def _backward(first: int, n: int) -> KernelWork:
+    return KernelWork(n * n - first * first + n + first + 2)
+
+
+def _posterior(n: int) -> KernelWork:
     """`cs_window_posterior`."""
-    right = sum((_product(n, n - j) for j in range(n)), Work(0))
-    both = sum(((i + 1) * (_dot(n - i) + Work(1)) for i in range(n)), Work(0))
+    right = sum((_product(n, n - j) for j in range(n)), KernelWork(0))
+    both = sum(((i + 1) * (_dot(n - i) + KernelWork(1)) for i in range(n)), KernelWork(0))
     return 2 * _factor(n) + right + both + _ready(n) + n * _forward(n)
 
 
-def _unknown(n: int) -> Work:
+def _unknown(n: int) -> KernelWork:
     """`cs_window_unknown`."""
-    return _factor(n) + Work(3 * n) + _ready(n) + n * _forward(n)
+    return _factor(n) + KernelWork(3 * n) + _ready(n) + n * _forward(n)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +103,7 @@ class Window:
 
     @property
     def m(self) -> int:
-        """Rows of all measurements."""
+        """Rows of all measurements and limited sums."""
         return self.ny * (self.N + 1)
 
     @property
@@ -93,6 +117,11 @@ class Window:
         return self.atoms * self.steps
 
     @property
+    def columns(self) -> int:
+        """Atoms and their extra states."""
+        return self.n * (1 + self.carries)
+
+    @property
     def rows(self) -> int:
         """Rows of the tables."""
         return self.nx + self.d + PLACES * self.nx
@@ -102,118 +131,165 @@ class Window:
         """Modal forces of an atom."""
         return self.width * self.p
 
-    def _prepare(self, m: int, d: int, places: int) -> Work:
+    def _prepare(self, m: int, d: int, places: int) -> KernelWork:
         nx = self.nx
         rows = nx + d + places * nx
-        first = sum((Work(2 * rows) + _product(rows, i) for i in range(m)), Work(0))
-        second = sum((_product(rows - j, m) for j in range(rows)), Work(0))
-        last = sum((_product(rows, m - 1 - i) + Work(rows) for i in range(m)), Work(0))
-        covariances = Work(places * nx * (2 * nx + d))
-        noise = Work(7 * m * m)
-        return noise + _factor(m) + _ready(m) + first + second + covariances + last
+        first = sum((KernelWork(2 * rows) + _product(rows, i) for i in range(m)), KernelWork(0))
+        known = nx + d  # of the states only what is of one of them
+        ends = [rows if j < known else known + ((j - known) // nx + 1) * nx for j in range(rows)]
+        second = sum((_product(end - j, m) for j, end in enumerate(ends)), KernelWork(0))
+        covariances = KernelWork(places * nx * (2 * nx + d))
+        noise = KernelWork(7 * m * (m + 1) // 2)
+        return noise + _factor(m) + _ready(m) + first + second + covariances
 
-    def _append(self, s: int) -> Work:
+    @cached_property
+    def _look(self) -> KernelWork:
+        nx, m = self.nx, self.m
+        found = KernelWork(m) + self._prepare(m, self.d, PLACES) + _posterior(nx) + _forward(m)
+        if self.arrival == NONE:
+            found += _unknown(nx)
+        if self.bounded:
+            found += self.columns * (_product(self.rows, self.length) + KernelWork(1))
+        return found + _product(self.rows, m) + _product(nx, nx)
+
+    def _append(self, s: int) -> KernelWork:
         nx, length = self.nx, self.length
         effect = _product(self.rows, length) + _product(nx, nx) + s * _dot(length)
         row = _product(s, nx) + _forward(s)
-        pivot = 2 * _dot(length) + 2 * _dot(nx) + _dot(s) + _dot(nx + s) + Work(13, 2, 1)
+        pivot = 2 * _dot(length) + 2 * _dot(nx) + _dot(s) + _dot(nx + s) + KernelWork(13, 2, 1)
         return effect + row + pivot
 
-    def _remove(self, s: int) -> Work:
-        return Work(3 * s * s + 11 * s, s, s)
+    def _remove(self, s: int) -> KernelWork:
+        return KernelWork(3 * s * s + 11 * s, s, s)
 
-    def _minimise(self, s: int) -> Work:
+    def _minimise(self, s: int) -> KernelWork:
         return _backward(self.nx, self.nx + s)
 
-    def _move(self, s: int) -> Work:
-        return Work(10 * s, s)
+    def _move(self, s: int) -> KernelWork:
+        return KernelWork(10 * s, s)
 
-    def _enter(self, s: int) -> Work:
-        leaves = Work(2 * (self.nx + s)) + self._minimise(s) + self._move(s) + self._remove(s)
+    def _enter(self, s: int) -> KernelWork:
+        leaves = KernelWork(2 * (self.nx + s)) + self._minimise(s) + self._move(s) + self._remove(s)
         return 2 * self._append(s) + leaves
 
-    def _first(self) -> Work:
+    def _first(self) -> KernelWork:
         return _product(self.nx, self.most) + self.nx * _dot(self.nx)
 
-    def _explain(self, rows: int) -> Work:
+    def _explain(self, rows: int) -> KernelWork:
         return _product(rows, self.nx) + _product(rows, self.most)
 
-    def _gradients(self) -> Work:
+    def _gradients(self) -> KernelWork:
         return self.steps * _product(self.atoms, self.length)
 
-    def _violated(self) -> Work:
-        return Work(7 * self.n + 3)
+    def _violated(self) -> KernelWork:
+        return KernelWork(7 * self.n + 3)
 
     @cached_property
-    def _start(self) -> Work:
-        entering = sum((self._append(s) for s in range(self.most)), Work(0))
-        return Work(8 * self.n) + entering
+    def _appended(self) -> KernelWork:
+        return sum((self._append(s) for s in range(self.most)), KernelWork(0))
 
-    def _search(self) -> Work:
+    @cached_property
+    def _optimum(self) -> KernelWork:
+        """Start, search, factors of the atoms, what they leave."""
         s = self.most
         checked = self._first() + self._explain(self.d) + self._gradients() + self._violated()
         turn = self._remove(s).or_(checked + self._enter(s))
-        every = self._minimise(s) + self._move(s) + turn + Work(2)
-        return self.limit * every + self._first() + self._explain(self.d) + self._gradients()
+        every = self._minimise(s) + self._move(s) + turn + KernelWork(2)
+        end = self._first() + self._explain(self.d) + self._gradients()
+        return (
+            KernelWork(8 * self.n) + self._appended + self.limit * every + end + self._residuals()
+        )
 
-    def _refit(self) -> Work:
+    def _residuals(self) -> KernelWork:
+        m, d = self.m, self.d
+        forces = KernelWork(self.n * (2 + 2 * self.length))
+        found = self._first() + forces + m * (_dot(self.nx) + _dot(d) + KernelWork(2))
+        if self.bounded or self.varying:
+            found += (
+                m * (_dot(m) + KernelWork(2)) + _product(m, self.nx) + d * KernelWork(1 + 2 * m)
+            )
+        return found
+
+    def _gap(self) -> KernelWork:
+        nx, c = self.nx, self.columns * self.bounded
+        least_squares = _dot(self.m) + self._explain(nx) + _dot(nx) + KernelWork(2)
+        return least_squares + KernelWork(30 * self.n + 60 * c + 12, self.n + 1)
+
+    def _within(self) -> KernelWork:
+        """Limits: one after the other, each with a search of its own."""
+        m, c, nx = self.m, self.columns, self.nx
+        sizes = m * KernelWork(3 * nx * nx + 6, 0, 1)
+        value = KernelWork(3 * m + 1)
+        enter = m * (value + KernelWork(9, 2)) + c * KernelWork(20, 2)
+        leave = KernelWork(4 * m + 20 * c + 12 * (m + c), 2 * c + m + c)
+        again = self._look + self._optimum
+        ends = m * (value + KernelWork(3)) + 4 * (KernelWork(4 * m) + again)
+        return sizes + self._residuals() + self.limit * (enter + leave + again) + ends
+
+    def _refit(self) -> KernelWork:
         s = self.most  # only an atom that would pass zero needs another pass
         counts = range(s + 1) if self.sided else (s,)
-        passes = (self._minimise(s) + Work(8 * s, s) + self._remove(s) for s in counts)
-        pull = Work(2 * self.most, self.most) + _forward(self.most)
-        return pull + sum(passes, Work(0))
+        passes = (self._minimise(s) + KernelWork(8 * s, s) + self._remove(s) for s in counts)
+        pull = KernelWork(2 * self.most, self.most) + _forward(self.most)
+        return pull + sum(passes, KernelWork(0))
 
-    def _alternatives(self) -> Work:
+    def _unbiased(self) -> KernelWork:
+        moved = self._first() + self._explain(2 * self.nx) + KernelWork(2 * self.nx + self.columns)
+        return self._refit() + KernelWork(self.most) + self._forces() + moved
+
+    def _alternatives(self) -> KernelWork:
         free = min(self.n, self.most)
-        tried = sum((self._append(s) for s in range(self.most - free, self.most)), Work(0))
-        return Work(8 * self.n, self.n) + tried + (self.n - free) * self._append(self.most)
+        tried = sum((self._append(s) for s in range(self.most - free, self.most)), KernelWork(0))
+        return KernelWork(8 * self.n, self.n) + tried + (self.n - free) * self._append(self.most)
 
-    def _spread(self) -> Work:
-        return self.forces * (Work(self.most) + _forward(self.most) + _dot(self.most))
+    def _spread(self) -> KernelWork:
+        return self.forces * (KernelWork(self.most) + _forward(self.most) + _dot(self.most))
 
-    def _covariances(self, rows: int) -> Work:
+    def _covariances(self, rows: int) -> KernelWork:
         nx, s = self.nx, self.most
-        effects = sum((_product(rows, i) for i in range(s)), Work(0))
-        own = nx * _product(rows, nx) + s * _product(rows, nx) + effects + Work(s * rows)
-        block = sum((_product(nx - j, nx + s) for j in range(nx)), Work(0))
+        effects = sum((_product(rows, i) for i in range(s)), KernelWork(0))
+        own = nx * _product(rows, nx) + s * _product(rows, nx) + effects + KernelWork(s * rows)
+        block = sum((_product(nx - j, nx + s) for j in range(nx)), KernelWork(0))
         return own + rows // nx * block
 
-    def _filtered(self) -> Work:
-        nx, s = self.nx, self.most
+    def _filtered(self) -> KernelWork:
+        nx, s, outputs = self.nx, self.most, self.ny - self.limits
         rows = 2 * nx + self.p
         each = _product(rows, self.length) + _product(nx, nx)
-        solved = _product(rows, self.ny) + s * each + _product(rows, s)
+        solved = _product(rows, outputs) + KernelWork(outputs) + s * each + _product(rows, s)
         states = 2 * _product(nx, nx) + nx * _dot(nx)
-        tables = self._prepare(self.ny, self.p, 1) + _posterior(nx)
+        tables = self._prepare(outputs, self.p, 1) + _forward(outputs) + _posterior(nx)
+        if self.bounded:
+            tables += self.columns * (_product(rows, self.p) + KernelWork(2))
         return tables + solved + states + self._covariances(nx)
 
-    def _variances(self) -> Work:
+    def _variances(self) -> KernelWork:
         s = self.most
-        inverse = sum((_product(i, i) + Work(4 * (i + 1)) for i in range(s)), Work(0))
-        return inverse + Work(s + s * (2 * s + 2))
+        inverse = sum((_product(i, i) + KernelWork(4 * (i + 1)) for i in range(s)), KernelWork(0))
+        return inverse + KernelWork(s + s * (2 * s + 2))
 
-    def _forces(self) -> Work:
-        spread_over = Work(4 * self.n if self.correction else 0, 1, 1)
-        each = Work(4 + 4 * self.forces)
-        return spread_over + Work(4) + self.width * self.atoms * each
+    def _forces(self) -> KernelWork:
+        spread_over = KernelWork(4 * self.n if self.correction else 0, 1, 1)
+        each = KernelWork(4 + 4 * self.forces)
+        return spread_over + KernelWork(4) + self.width * self.atoms * each
 
-    def _kkt(self) -> Work:
-        return self._violated() + Work(9 * self.most, self.most)
+    def _kkt(self) -> KernelWork:
+        return self._violated() + KernelWork(9 * self.most, self.most)
 
     @cached_property
-    def whole(self) -> Work:
+    def whole(self) -> KernelWork:
         """All of ``cs_window``."""
         nx, own = self.nx, self.arrival in (NONE, FILTERED)
-        begin = Work(3 * self.m) + self._prepare(self.m, self.d, PLACES) + _posterior(nx)
-        if self.arrival == NONE:
-            begin += _unknown(nx)
-        begin += _product(self.rows, self.m) + _product(nx, nx)
-        begin += self._first() + self._explain(self.d) + self._gradients() + Work(4 * self.n + 3)
-        states = self._filtered() if own else Work(0)
+        found = KernelWork(2 * self.m) + self._look + self._first() + self._explain(self.d)
+        found += self._gradients() + KernelWork(4 * self.n + 3) + self._optimum
+        if self.bounded:
+            found += self._within() + self._look + self._appended + KernelWork(3 * self.columns)
+        found += self._kkt() + self._gap() + KernelWork(self.m if self.varying else 0)
         shown = (PLACES - own) * nx
-        states += self._first() + self._explain(shown) + self._covariances(shown) + self._kkt()
-        forces = Work(3 * self.n) + 2 * self._forces() + 2 * self._spread()
-        fitted = self._refit() + self._first() + self._explain(2 * nx) + self._alternatives()
-        fitted += self._covariances(2 * nx) + Work(2 * nx * nx + 2 * nx + 4 * self.forces + self.n)
-        carried = self._variances() if self.carries else Work(0)
-        return begin + self._start + self._search() + carried + states + forces + fitted
+        states = self._filtered() if own else KernelWork(0)
+        states += self._explain(shown) + self._covariances(shown)
+        forces = KernelWork(3 * self.n) + self._forces() + 2 * self._spread()
+        fitted = self._unbiased() + self._alternatives() + self._covariances(2 * nx)
+        fitted += KernelWork(2 * nx * nx + 4 * self.forces + self.n)
+        carried = self._variances() if self.carries else KernelWork(0)
+        return found + carried + states + forces + fitted

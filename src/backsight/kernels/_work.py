@@ -6,7 +6,7 @@ import dataclasses
 
 
 @dataclasses.dataclass(frozen=True)
-class Work:
+class KernelWork:
     """Numbers of operations.
 
     Parameters
@@ -20,17 +20,17 @@ class Work:
     divisions: int = 0
     roots: int = 0
 
-    def __add__(self, other: Work) -> Work:
-        return Work(
+    def __add__(self, other: KernelWork) -> KernelWork:
+        return KernelWork(
             self.plain + other.plain, self.divisions + other.divisions, self.roots + other.roots
         )
 
-    def __rmul__(self, times: int) -> Work:
-        return Work(times * self.plain, times * self.divisions, times * self.roots)
+    def __rmul__(self, times: int) -> KernelWork:
+        return KernelWork(times * self.plain, times * self.divisions, times * self.roots)
 
-    def or_(self, other: Work) -> Work:
+    def or_(self, other: KernelWork) -> KernelWork:
         """At least as much as either."""
-        return Work(
+        return KernelWork(
             max(self.plain, other.plain),
             max(self.divisions, other.divisions),
             max(self.roots, other.roots),

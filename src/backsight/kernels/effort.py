@@ -8,68 +8,70 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from backsight.kernels._window_effort import window_effort
-from backsight.kernels._work import Work
+from backsight.kernels._window_effort import motion_effort, stages_effort, window_effort
+from backsight.kernels._work import KernelWork
 
 
-def kernel_effort(name: str, sizes: Sequence[int]) -> Work:
+def kernel_effort(name: str, sizes: Sequence[int]) -> KernelWork:
     """Largest number of operations of one call."""
     return KERNELS[name](*sizes)
 
 
-def _factor(n: int) -> Work:
+def _factor(n: int) -> KernelWork:
     inner = sum(2 * j * (n - j) + 2 + (n - j) for j in range(n))
-    return Work(inner, n, n)
+    return KernelWork(inner, n, n)
 
 
-def _divide(n: int, m: int) -> Work:
-    return Work(m * n * (n - 1), m * n)
+def _divide(n: int, m: int) -> KernelWork:
+    return KernelWork(m * n * (n - 1), m * n)
 
 
-def _cholesky(n: int) -> Work:
+def _cholesky(n: int) -> KernelWork:
     return _factor(n)
 
 
-def _product(m: int, n: int, k: int, *_: int) -> Work:
-    return Work(2 * m * n * k + max(n * k, 2 * m * n))
+def _product(m: int, n: int, k: int, *_: int) -> KernelWork:
+    return KernelWork(2 * m * n * k + max(n * k, 2 * m * n))
 
 
-def _solve(n: int, m: int, transposed: int) -> Work:
+def _solve(n: int, m: int, transposed: int) -> KernelWork:
     found = _divide(n, m)
     if transposed:  # and whether a direction has no variance, for each pass of the solution
-        found += Work(n * (n + 1) + 3 * n + n * m, 0, n)
+        found += KernelWork(n * (n + 1) + 3 * n + n * m, 0, n)
     return found
 
 
-def _compress(n: int, m: int) -> Work:
+def _compress(n: int, m: int) -> KernelWork:
     size = n * (2 * m + m)
-    return Work(size + 2 * m * n * (n - 1), n * m, n)
+    return KernelWork(size + 2 * m * n * (n - 1), n * m, n)
 
 
-def _downdate(n: int) -> Work:
+def _downdate(n: int) -> KernelWork:
     apart = n * (n - 1) // 2
-    return Work(5 * n + 5 * apart, 2 * n + apart, n)
+    return KernelWork(5 * n + 5 * apart, 2 * n + apart, n)
 
 
-def _gain(nx: int, ny: int) -> Work:
-    of_pairs = Work(12 * ny * ny, 2 * ny * ny)
-    return of_pairs + _factor(ny) + Work(2 * nx * ny) + 2 * _divide(ny, nx)
+def _gain(nx: int, ny: int) -> KernelWork:
+    of_pairs = KernelWork(12 * ny * ny, 2 * ny * ny)
+    return of_pairs + _factor(ny) + KernelWork(2 * nx * ny) + 2 * _divide(ny, nx)
 
 
-def _near(n: int) -> Work:
-    return Work(4 * n * n + 5 * n + 2, n)
+def _near(n: int) -> KernelWork:
+    return KernelWork(4 * n * n + 5 * n + 2, n)
 
 
-def _triangle(n: int, _: int) -> Work:
-    return Work(n * (n + 1))
+def _triangle(n: int, _: int) -> KernelWork:
+    return KernelWork(n * (n + 1))
 
 
-def _turn(m: int, n: int, symmetric: int) -> Work:
-    return Work(m * n, m * n) if symmetric else Work(0)
+def _turn(m: int, n: int, symmetric: int) -> KernelWork:
+    return KernelWork(m * n, m * n) if symmetric else KernelWork(0)
 
 
-KERNELS: dict[str, Callable[..., Work]] = {
+KERNELS: dict[str, Callable[..., KernelWork]] = {
     "cs_window": window_effort,
+    "cs_window_motion": motion_effort,
+    "cs_window_stages": stages_effort,
     "matrix_cholesky": _cholesky,
     "matrix_compress": _compress,
     "matrix_downdate": _downdate,

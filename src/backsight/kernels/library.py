@@ -76,19 +76,19 @@ def handle() -> ctypes.CDLL:
     EngineError
         If the kernels have not been compiled from these sources.
     """
-    return _loaded(path(), _known(sources.FOLDER)[0])
+    return _loaded(path(), _known(sources.state())[0])
 
 
-@functools.cache
-def _known(folder: Path) -> tuple[str, tuple[str, ...]]:  # noqa: ARG001 - they are those of it
-    """Fingerprint of the sources, and names of the kernels: read once."""
+@functools.lru_cache(maxsize=4)
+def _known(state: sources.State) -> tuple[str, tuple[str, ...]]:  # noqa: ARG001 - that of files
+    """Fingerprint of the sources, and names of the kernels: read anew when a file changes."""
     return sources.fingerprint(), tuple(sources.names())
 
 
 def _with(kernel: str) -> ctypes.CDLL:
     """The library, if it has that kernel."""
     path()
-    known = _known(sources.FOLDER)[1]
+    known = _known(sources.state())[1]
     if kernel not in known:
         raise EngineError(f"there is no kernel '{kernel}': {nearest(kernel, known)}")
     return handle()

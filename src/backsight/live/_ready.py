@@ -1,6 +1,6 @@
 """What a run needs before its first sample, and what a second run of the same file can take over.
 
-A run that was killed begins again with all of this at hand (`backsight.live.reviving`): machine
+A run that was killed begins again with all of this at hand (`backsight.live._reviving`): machine
 code, and the ports that are listened on, at which datagrams wait meanwhile.
 """
 

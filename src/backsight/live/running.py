@@ -13,10 +13,10 @@ from backsight.live._lanes import Lane
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
 from backsight.live._ready import made_ready
+from backsight.live._reviving import can_revive, revive
 from backsight.live._session import LiveSession
 from backsight.live._status import LiveStatus
 from backsight.live.dashboard import Board, placed_board, served_board
-from backsight.live.reviving import can_revive, revive
 from backsight.problem.reading.tables import DashboardTable
 
 ROUNDS = 4
@@ -57,7 +57,7 @@ def run_live(
     engine : {"native", "vm"}
     survive : bool
         Go on from the last part of the store when the run is killed: it is done in copies of this
-        process, which itself does nothing but begin another one, see `backsight.live.reviving`.
+        process, which itself does nothing but begin another one, see `backsight.live._reviving`.
 
     Returns
     -------

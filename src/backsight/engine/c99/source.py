@@ -13,7 +13,7 @@ from backsight.engine.c99._interface import (
 )
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
 from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
-from backsight.engine.program import Buffer, Program, Start
+from backsight.engine.program import Beginning, Buffer, Program
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +52,7 @@ def write_c99(
     precision: Precision,
     about: str,
     settings: Sequence[SettingsField] = (),
-    begin: Start | None = None,
+    begin: Beginning | None = None,
 ) -> Source:
     """Write a program as C99.
 
@@ -70,7 +70,7 @@ def write_c99(
         Comment at the top of both files.
     settings : sequence of SettingsField
         Inputs that become a struct with defaults.
-    begin : Start, optional
+    begin : Beginning, optional
         How the memory before the first sample follows them.
     """
     begins = begin is not None
@@ -149,7 +149,7 @@ def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
     )
 
 
-def _code(program: Program, to: Interface, start: Sequence[float], begin: Start | None) -> str:
+def _code(program: Program, to: Interface, start: Sequence[float], begin: Beginning | None) -> str:
     name, kind = to.name, to.kind
     place = {b: f"work->{identifier(b.name)}" for b in program.buffers if b.values is None}
     place |= {b: identifier(b.name) for b in program.buffers if b.values is not None}
@@ -158,7 +158,7 @@ def _code(program: Program, to: Interface, start: Sequence[float], begin: Start 
     place |= {b: f"settings->{b.name}" for b in program.inputs if b.name in kept}
     place |= dict(zip(program.outputs, to.results, strict=True))
     place[program.carry] = "memory->carry"
-    writer = Writer(place, f"{name}_real")
+    writer = Writer(place, f"{name}_real", kind.number(0.0))
     constants = [
         f"    static const {name}_real {identifier(b.name)}[{max(b.size, 1)}] = "
         f"{{{listed(kind.number(v) for v in b.values or (0.0,))}}};"
@@ -190,7 +190,7 @@ def _code(program: Program, to: Interface, start: Sequence[float], begin: Start 
     )
 
 
-def _setter(to: Interface, start: Sequence[float], begin: Start | None) -> str:
+def _setter(to: Interface, start: Sequence[float], begin: Beginning | None) -> str:
     """Definition of what sets the memory."""
     name, kind = to.name, to.kind
     values = listed(kind.number(v) for v in start)
@@ -200,8 +200,9 @@ def _setter(to: Interface, start: Sequence[float], begin: Start | None) -> str:
         f"    static const {name}_real start[{len(start)}] = {{{values}}};",
         *([f"    {name}_real own[{len(begin.places)}];"] if begin else []),
         "    int i;",
-        f"    for (i = 0; i < {len(start)}; ++i)",
+        f"    for (i = 0; i < {len(start)}; ++i) {{",
         "        memory->carry[i] = start[i];",
+        "    }",
     ]
     if begin:
         given = (f"settings->{n}" for n in begin.leaf.names[: len(begin.leaf.inputs)])

@@ -1,5 +1,6 @@
 """Statements of a loop program in LLVM's language."""
 
+from backsight.engine.llvm._shared import SharedLoops
 from backsight.engine.llvm._text import LARGEST_UNROLLED, Text
 from backsight.engine.llvm.foreign import SPACE, called
 from backsight.engine.llvm.width import Width
@@ -25,12 +26,17 @@ class Statements:
     width : Width
     base : dict of Buffer to str
         Address of every buffer.
+    shared : SharedLoops
+        Where long loops are written.
     """
 
-    def __init__(self, text: Text, width: Width, base: dict[Buffer, str]) -> None:
+    def __init__(
+        self, text: Text, width: Width, base: dict[Buffer, str], shared: SharedLoops
+    ) -> None:
         self._text = text
         self._width = width
         self._base = base
+        self._shared = shared
         self.active: str | None = None
         """Condition that holds in the lanes whose results count here; None with one lane."""
 
@@ -45,6 +51,8 @@ class Statements:
                     self._foreign(statement)
                 case Copy():
                     self._copy(statement)
+                case Loop() if self._shared.write(statement, self._text, self._at):
+                    pass
                 case Loop(counter, length, body):
                     self._text.repeat(counter, str(length), lambda b=body: self.write(b))
                 case While():

@@ -4,6 +4,7 @@ import numpy as np
 
 from backsight.engine.llvm._lanes import Lanes
 from backsight.engine.llvm._leaf import declarations, write_llvm_leaf
+from backsight.engine.llvm._shared import SharedLoops
 from backsight.engine.llvm._statements import Statements
 from backsight.engine.llvm._text import Text
 from backsight.engine.llvm.foreign import space, write_foreign
@@ -23,14 +24,16 @@ def write_llvm(program: Program, width: Width) -> str:
     ``pointers`` holds the addresses of the memory (numbers of the lanes side by side), of the
     buffers of `given`, and for every data and result buffer of the rows of each lane's recording.
     """
-    constants = [b for b in program.buffers if b.values is not None]
+    constants, shared = [b for b in program.buffers if b.values is not None], SharedLoops(width)
+    steps = _steps(program, width, shared)
     parts = [
         declarations(program.leaves, width),
         *(_constant(b, width) for b in constants),
         *(_table(t) for t in program.tables),
         *(write_llvm_leaf(f, width, inline=_inline(f, program)) for f in program.leaves),
         *write_foreign(program, width),
-        _steps(program, width),
+        *shared.functions,
+        steps,
         _run(program, width),
     ]
     return "\n\n".join(parts) + "\n"
@@ -92,7 +95,7 @@ def _run(program: Program, width: Width) -> str:
     return text.function("define void @run(i64 %.n, ptr %.pointers) nounwind")
 
 
-def _steps(program: Program, width: Width) -> str:
+def _steps(program: Program, width: Width, shared: SharedLoops) -> str:
     """The loop over the samples, in a function that knows that the buffers are distinct."""
     text = Text()
     own = [program.carry, *given(program, width)]
@@ -108,7 +111,7 @@ def _steps(program: Program, width: Width) -> str:
     rows = {
         b: [text.pointer("%.rows", n * i + lane) for lane in range(n)] for i, b in enumerate(data)
     }
-    statements = Statements(text, width, base)
+    statements = Statements(text, width, base, shared)
     if n == 1:
         text.repeat(".sample", "%.n", lambda: _sample(program, text, statements, rows))
     else:

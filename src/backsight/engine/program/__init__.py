@@ -3,7 +3,7 @@
 from backsight.engine.program._walk import walk as walk
 from backsight.engine.program.effort import Effort as Effort
 from backsight.engine.program.effort import effort as effort
-from backsight.engine.program.following import Start as Start
+from backsight.engine.program.following import Beginning as Beginning
 from backsight.engine.program.following import following as following
 from backsight.engine.program.following import starting as starting
 from backsight.engine.program.leaf import Leaf as Leaf

@@ -94,10 +94,8 @@ class Solver:
         Of states, residuals and noise.
     caps : (2, atoms) array
         Largest factors, and largest changes of those that are expected.
-    most_steps : int, optional
-        Steps of the active set, fewer than always suffice.
-    most_active : int, optional
-        Atoms that may be active, fewer than can be.
+    at_most : (int, int), optional
+        Steps of the active set and atoms in it, fewer than can be.
     """
 
     forced: Forced
@@ -114,8 +112,7 @@ class Solver:
     refits: bool
     limits: Limits
     caps: Array
-    most_steps: int | None = None
-    most_active: int | None = None
+    at_most: tuple[int | None, int | None] = (None, None)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -130,8 +127,9 @@ class Solver:
         nx, ny = len(system.A), len(system.C) + limits
         parts = 2 if self.carries else 1
         most = min(parts * min(atoms, t.modal) * t.steps + MARGIN, parts * atoms * t.steps)
-        most = min(most, self.most_active or most)
-        limit = self.most_steps or STEPS_PER_ATOM * t.modal * t.steps + 100
+        steps, active = self.at_most
+        most = min(most, active or most)
+        limit = steps or STEPS_PER_ATOM * t.modal * t.steps + 100
         options = limit, counted(self.arrival), self.correction, int(self.carries)
         bounded = bool(limits or self.caps.min() < NO_LIMIT)
         known = nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options

@@ -32,16 +32,17 @@ def least_squares(
     """Solve a window without its limits: 1 if its measurements do not suffice, x and P of samples.
 
     The samples are the last one, or the last and the first. A full window without gaps of a model
-    with constant coefficients is a product with constant gains; others are gone through sample
-    by sample.
+    with constant coefficients and noise is a product with constant gains; others are gone through
+    sample by sample.
     """
     U, Y, M, present = window
     through = window_filter(system, N)
-    whole = _all(M) if isinstance(system, Linear) else ca.MX(0)
+    constant = isinstance(system, Linear) and not system.s.parts
+    whole = _all(M) if constant else ca.MX(0)
     go, diffuse, P_lead = start_of(system.s, arrival_weight)(whole, present[0], start[1], U[:, -1])
     results = [through.size_out(i) for i in range(through.n_out()) if i != DEFICIENT]
     found = [ca.MX.zeros(*size) for size in results[: 2 * len(samples)]]
-    if arrival_weight == 0 and isinstance(system, Linear):
+    if arrival_weight == 0 and isinstance(system, Linear) and constant:
         fixed = [gains(system, N, at=at) for at in samples]
         found = [
             k

@@ -13,6 +13,7 @@ from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.triangular import compress, forward
 from backsight.algebra.update import gain, joseph, masked
 from backsight.engine.loops import scan
+from backsight.estimators.kalman.prediction import per_sample
 from backsight.estimators.linear_windows._window_filter_dense import (
     NEGLIGIBLE,
     dense_absorb,
@@ -108,11 +109,11 @@ def _advance(system: Linear | Varying) -> ca.Function:
     if isinstance(system, Varying):
         return _advance_varying(system)
     A, B, B_next = _sparse(system.A), _sparse(system.B), _sparse(system.B_next)
-    Q = _sparse(system.s.Q)
 
     def formula(
         x: ca.SX, P: ca.SX, X: ca.SX, L: ca.SX, u: ca.SX, u_next: ca.SX, before: ca.SX
     ) -> Results:
+        Q = ca.sparsify(per_sample(system.s, u))
         ahead = ca.mtimes(A, x) + ca.mtimes(B, u) + ca.mtimes(B_next, u_next)
         return {
             "x": ca.if_else(before, ahead, x),

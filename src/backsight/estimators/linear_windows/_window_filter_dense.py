@@ -10,6 +10,7 @@ import numpy as np
 from backsight.algebra.update import measured
 from backsight.engine import dense
 from backsight.engine.dense import few_entries
+from backsight.estimators.kalman.prediction import per_sample
 from backsight.estimators.parts.covariance import (
     Covariance,
     congruence,
@@ -77,7 +78,7 @@ def dense_advance(system: Linear | Varying) -> ca.Function:
         A, b, Q = system.transitions(u, v)
         A = ca.densify(A)
     else:
-        A, Q = ca.MX(few_entries(system.A)), ca.MX(ca.DM(s.Q))
+        A, Q = ca.MX(few_entries(system.A)), ca.MX(per_sample(s, u))
         b = matrix_product(few_entries(system.B), u) + matrix_product(few_entries(system.B_next), v)
     moved = [
         matrix_product(A, x) + b,

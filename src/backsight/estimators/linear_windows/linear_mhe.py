@@ -100,6 +100,7 @@ class LinearMHE(AbstractEstimator):
     title: ClassVar[str] = "Least-squares moving horizon estimator"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q",)
     varied_settings: ClassVar[tuple[str, ...]] = ("arrival_weight",)
 
     noise: Noise
@@ -168,6 +169,8 @@ class LinearMHE(AbstractEstimator):
         # The window, with its limits if there are any.
         start = [x_start, kept.triangle()(P_start)]
         channels, named = ESTIMATE_CHANNELS, {}
+        if s.parts and (n or isinstance(system, Varying)):
+            raise TuningError("noise that inputs multiply goes with constant matrices, no limits")
         if n and isinstance(system, Varying):
             raise TuningError(
                 f"{', '.join(limits.names)}: limits go with constant coefficients, but those of "
@@ -199,11 +202,9 @@ class LinearMHE(AbstractEstimator):
 
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: the weights 1 and 0 of the arrival cost."""
-        weights = [w for w in (1.0, 0.0) if w != self.arrival_weight]
-        every = {f"arrival_weight = {self.arrival_weight:g}": self}
-        return every | {
-            f"arrival_weight = {w:g}": dataclasses.replace(self, arrival_weight=w) for w in weights
-        }
+        weights = dict.fromkeys((self.arrival_weight, 1.0, 0.0))
+        every = (dataclasses.replace(self, arrival_weight=w) for w in weights)
+        return {f"arrival_weight = {e.arrival_weight:g}": e for e in every}
 
     def _system(self, model: Model, dt: float) -> Linear | Varying:
         return in_time(

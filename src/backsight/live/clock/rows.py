@@ -65,7 +65,7 @@ class RowBuffer:
         while len(rest):  # once, unless a slot comes several times
             _, first = np.unique(slots[rest], return_index=True)
             chosen = rest[first]
-            where = np.ix_(slots[chosen] - self.base, columns)
+            where = np.ix_(slots[chosen] - self.base, np.array(columns, int))
             there, given = rows[where], values[chosen]
             free = np.isnan(there) & np.isfinite(given)
             rows[where] = np.where(free, given, there)

@@ -42,7 +42,7 @@ class Board:
         self._outputs = [k for k, s in enumerate(model.outputs) if s.dummy is None]
         virtual = () if model.virtual is None else model.virtual.signals
         self._forces = list(session.labels.get("d_hat", ()))
-        self.map = force_map(model, self._forces)
+        self.map = _map_of(model, self._forces)
         self._keys = [
             *(("state", s.name, s.unit) for s in model.states),
             *(("virtual", s.name, s.unit) for s in virtual),
@@ -152,7 +152,7 @@ class Board:
         return self._number
 
 
-def force_map(model: Model, forces: Sequence[str]) -> dict[str, Any] | None:
+def _map_of(model: Model, forces: Sequence[str]) -> dict[str, Any] | None:
     """Forces along a structure, in the order of their places; None if there are not several."""
     places = {s.name: s.position for s in model.parameters}
     walks = [n for n in model.resting if places.get(n) is not None]

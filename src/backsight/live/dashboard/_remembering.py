@@ -25,7 +25,7 @@ MOST_BYTES = 64 * 2**20
 
 
 @contextlib.contextmanager
-def remembered(
+def kept_history(
     history: History, store: LiveStore | None, columns: Sequence[tuple[str, str | None]]
 ) -> Iterator[None]:
     """Fill a history with what was before, and keep it, in the background.

@@ -11,7 +11,7 @@ from backsight.errors import OutputError, PluginError
 from backsight.live._session import LiveSession
 from backsight.live._status import LiveStatus
 from backsight.live.dashboard._board import Board
-from backsight.live.dashboard._remembering import remembered
+from backsight.live.dashboard._remembering import kept_history
 from backsight.live.dashboard._saving import Recent
 from backsight.problem.reading.tables import DashboardTable
 from backsight.web.listening import HERE, listening_on, token_of
@@ -120,7 +120,7 @@ def served_board(session: LiveSession, status: LiveStatus, place: Place) -> Iter
     thread.start()
     store = None if session.keeper is None else session.keeper.store
     try:
-        with remembered(board.history, store, board.columns()):
+        with kept_history(board.history, store, board.columns()):
             yield board
     finally:
         server.should_exit = True

@@ -17,7 +17,12 @@ from backsight.solvers.trajectory.many_states._symbols import SampleMatrices, re
 
 def information_of_many(chain: Chain) -> ca.Function:
     """Information of the adjoint, from after the update of a sample back to the sample before."""
-    nx, vL, past, z = chain.nx, ca.MX.sym("L", chain.size_P), recorded(chain), SampleMatrices.of(chain)
+    nx, vL, past, z = (
+        chain.nx,
+        ca.MX.sym("L", chain.size_P),
+        recorded(chain),
+        SampleMatrices.of(chain),
+    )
     K_y, L = ca.reshape(past["K_y"], nx, chain.ny), ca.reshape(vL, nx, nx)
     # The outputs, which were taken in last: (I - K H)' L (I - K H) + H' S^-1 H.
     H = all_entries(z.H)

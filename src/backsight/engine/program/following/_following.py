@@ -2,7 +2,7 @@
 
 A number of a description (a weight, a bound, a standard deviation) goes into a program as
 constants. Three programs of other numbers show which constants these are and how they follow
-(`_rules`); in the result they are computed from inputs at the beginning of a step. So no method
+(`Rules`); in the result they are computed from inputs at the beginning of a step. So no method
 needs to know which of its numbers are changed, and what does not follow simply, a gain that solves
 a Riccati equation, is refused.
 """
@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import casadi as ca
 
-from backsight.engine.program._rules import Rule, Rules
+from backsight.engine.program.following._rules import Rule, Rules
 from backsight.engine.program.leaf import Leaf, Operation, leaf_of
 from backsight.engine.program.program import (
     Buffer,
@@ -39,7 +39,7 @@ BEGINS = "memory_before"
 
 
 @dataclasses.dataclass(frozen=True)
-class Start:
+class Beginning:
     """How the memory before the first sample follows settings.
 
     Parameters
@@ -99,7 +99,7 @@ def following(
 
 def starting(
     memories: Sequence[Array], settings: Array, fields: Mapping[str, int], *, what: str
-) -> Start | None:
+) -> Beginning | None:
     """How the memory before the first sample follows settings; None if it does not.
 
     Parameters
@@ -127,7 +127,7 @@ def starting(
         moving[place] = rule
     if not moving:
         return None
-    return Start(_leaf(BEGINS, fields, [*moving.values()]), tuple(moving))
+    return Beginning(_leaf(BEGINS, fields, [*moving.values()]), tuple(moving))
 
 
 def _same(values: Sequence[float]) -> bool:
