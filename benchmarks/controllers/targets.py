@@ -19,7 +19,7 @@ from backsight.testing import CASES
 from benchmarks.controllers.cortex_m import BOARDS, Counted
 from benchmarks.controllers.examples import example
 
-SAMPLES = 40
+SAMPLES = 60
 
 FIXED = GaussNewton(2, tolerance=0.0, active_set_passes=3)
 

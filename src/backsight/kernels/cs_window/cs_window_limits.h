@@ -162,7 +162,8 @@ static int cs_window_contradicted(const cs_window_problem *k, const cs_window_li
     for (int i = 0; i < k->z->m && k->z->limits; ++i) {
         if (!k->row[i]) continue;
         if (!(real_fabs(cs_window_value(k, i) - k->r[i]) > MISSED * l->size[i])) continue;
-        which[i % k->z->ny - k->z->outputs] = some = 1;
+        which[i % k->z->ny - k->z->outputs] = 1;
+        some = 1;
     }
     return some;
 }
