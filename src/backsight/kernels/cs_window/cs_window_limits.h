@@ -12,9 +12,9 @@
 
 #include "cs_window_problem.h"
 
-#define SOFTNESS ((real)1e-9) /* variance of an active limit, as a share of what it limits */
+#define SOFTNESS ((real)1e-6) /* variance of an active limit, as a share of what it limits */
 #define SLACK ((real)1e-7) /* standard deviations by which a limit is missed and still kept */
-#define SHARPENED 2 /* times that active limits are aimed at anew */
+#define SHARPENED 3 /* times that active limits are aimed at anew */
 #define MISSED ((real)1e-4) /* the same of active limits: beyond it they contradict each other */
 
 typedef struct {
@@ -161,7 +161,8 @@ static int cs_window_contradicted(const cs_window_problem *k, const cs_window_li
     int some = 0;
     for (int i = 0; i < k->z->m && k->z->limits; ++i) {
         if (!k->row[i]) continue;
-        if (!(real_fabs(cs_window_value(k, i) - k->r[i]) > MISSED * l->size[i])) continue;
+        const real end = (k->row[i] < 0 ? l->low : l->high)[i];
+        if (!(real_fabs(cs_window_value(k, i) - end) > MISSED * l->size[i])) continue;
         which[i % k->z->ny - k->z->outputs] = 1;
         some = 1;
     }
