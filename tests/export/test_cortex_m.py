@@ -1,11 +1,11 @@
 """Exported code on Cortex-M processors, in an emulator."""
 
 import pytest
+from benchmarks.controllers.cortex_m import BOARDS
 
 from backsight.discrete.runge_kutta import Integrator
 from backsight.export import export_c
 from backsight.testing import CASES
-from benchmarks.controllers.cortex_m import BOARDS
 
 pytestmark = [
     pytest.mark.slow,
@@ -28,7 +28,7 @@ def test_selftest_passes_and_every_step_costs_the_same(key, precision, tmp_path)
     ran = board.selftest(tmp_path, "it")
     assert ran.returncode == 0, ran.stdout
     assert "it: 30 samples passed" in ran.stdout
-    recursion = estimator.compile(problem.model, problem.dt)
+    recursion = estimator.compile(problem.model, float(recording.attrs["dt"]))
     counted = board.count(tmp_path, "it", recursion, [data.u, data.y, 1.0 + 0 * data.y])
     assert 100 < counted.mean <= counted.most
     assert counted.code > 1000

@@ -39,9 +39,8 @@ def here(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    "what", ["methods | head -1", pytest.param("schema | true", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["methods | head -1", "schema | true"])
 def test_whoever_reads_may_go(here, what):
     done = shell(f"$BS {what}; echo ${{PIPESTATUS[0]}} >&2", here)
     *told, code = done.stderr.splitlines()
@@ -141,7 +140,8 @@ def test_memory_runs_out(here, verb):
 
 
 @pytest.mark.skipif(os.geteuid() == 0 and not shutil.which("setpriv"), reason="needs setpriv")
-@pytest.mark.parametrize("out", ["out", pytest.param("out/new", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("out", ["out", "out/new"])
 def test_folders_that_are_read_only(here, out):
     """Also for who owns the computer, without the right to write everywhere."""
     (here / "out").mkdir()

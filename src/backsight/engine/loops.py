@@ -9,7 +9,7 @@ is the only thing that survives pickling.
 import dataclasses
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import casadi as ca
 import numpy as np
@@ -188,24 +188,34 @@ def _unless_done(function: ca.Function, skip: ca.Function) -> ca.Function:
 
 
 PIECE = 64
-"""Numbers that `all_finite` looks at in one pass."""
+"""Numbers that `all_finite` and `smallest` look at in one pass."""
 
 
 def all_finite(values: ca.MX) -> ca.MX:
     """1 if no number is infinite or none, else 0; in a loop, so that the code for many is short."""
-    n = values.numel()
-    column = ca.vec(ca.densify(values))
-    pieces, rest = divmod(n, PIECE)
-    total = ca.MX(0)
-    if pieces:
-        so_far, piece = ca.SX.sym("so_far"), ca.SX.sym("piece", PIECE)
-        add = ca.Function("add_sizes", [so_far, piece], [so_far + ca.norm_1(piece)])
-        stack = ca.reshape(column[: n - rest], PIECE, pieces)
-        total = scan(add, pieces, carry=[total], xs=[stack])[0][0]
-    so_far, piece = ca.SX.sym("so_far"), ca.SX.sym("piece", rest)
     # NaN is not below infinity either.
-    found = ca.if_else(so_far + ca.norm_1(piece) < np.inf, 1, 0)
-    return ca.Function("all_finite", [so_far, piece], [found])(total, column[n - rest :])
+    return ca.if_else(_over_pieces(values, 0.0, lambda s, v: s + ca.norm_1(v)) < np.inf, 1, 0)
+
+
+def smallest(values: ca.MX) -> ca.MX:
+    """The smallest number; in a loop, as `all_finite`."""
+    return _over_pieces(values, np.inf, lambda s, v: ca.fmin(s, ca.mmin(v)))
+
+
+def _over_pieces(values: ca.MX, start: float, step: Callable[[ca.SX, ca.SX], ca.SX]) -> ca.MX:
+    """Numbers taken together, piece by piece."""
+    column = ca.vec(ca.densify(values))
+    pieces, rest = divmod(values.numel(), PIECE)
+    total, end = ca.MX(start), values.numel() - rest
+    if pieces:
+        stack = ca.reshape(column[:end], PIECE, pieces)
+        total = scan(_piece(PIECE, step), pieces, carry=[total], xs=[stack])[0][0]
+    return _piece(rest, step)(total, column[end:]) if rest else total
+
+
+def _piece(n: int, step: Callable[[ca.SX, ca.SX], ca.SX]) -> ca.Function:
+    so_far, piece = ca.SX.sym("so_far"), ca.SX.sym("piece", n)
+    return ca.Function("piece", [so_far, piece], [step(so_far, piece)])
 
 
 def loop_of(function: ca.Function) -> LoopFunction | None:

@@ -43,7 +43,7 @@ from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.stages import noise_seen
-from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.parts.substeps import within_bounds, within_bounds_of_many
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import columns_at
@@ -246,7 +246,10 @@ def _predict(s: Setting, points: SigmaPoints, integrator: Integrator) -> ca.Func
     """Sigma points through the model, ``(x, L, u, u_next) -> (x, L)``; Q is added per sample."""
     kept, noise, w = Factor(Covariance(s.model.nx)), _noise_root(s), points.weights
     roots = [(part.factor, cholesky_factor(part.Q)) for part in s.sampled().parts]
-    inside = leaf("within", notation(s), lambda x: {"x_in": within_bounds(s, x)})
+    few = leaf("within", notation(s), lambda x: {"x_in": within_bounds(s, x)})
+
+    def inside(x: Term) -> Term:
+        return within_bounds_of_many(s, x) if Covariance(s.model.nx).whole else few(x)
 
     def gathered(X: Term, spread: Term, u: Term) -> Results:
         mean, d = mean_and_deviations(X, w)

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.dense import UNROLL
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.arrival import Arrival, Leaving
 from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
@@ -24,7 +25,7 @@ from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.stages import covariance_of, equations_among
-from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.parts.substeps import within_bounds, within_bounds_of_many
 from backsight.estimators.parts.window import (
     empty_queue,
     moved_on,
@@ -253,6 +254,10 @@ def _leaving(w: Solved, chain: Chain) -> Leaving:
 
 def within(s: Setting) -> ca.Function:
     """``(x, not) -> x`` set to its hard bounds; with 1 it stays as it is."""
+    if s.model.nx > UNROLL:
+        x, stays = ca.MX.sym("x", s.model.nx), ca.MX.sym("stays")
+        inside = within_bounds_of_many(s, x)
+        return ca.Function("within", [x, stays], [ca.if_else(stays, x, inside)])
 
     def formula(x: ca.SX, stays: ca.SX) -> Results:
         return {"x": ca.if_else(stays, x, within_bounds(s, x))}

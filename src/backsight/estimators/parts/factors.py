@@ -198,25 +198,21 @@ def sigma_columns(x: Term, L: Term, spread: float) -> Term:
     """Sigma points side by side, see `backsight.algebra.sigma.sigma_points`."""
     if not isinstance(x, ca.MX):
         return sigma.sigma_points(x, L, spread)
-    d, centre = ca.SX.sym("d", x.numel()), ca.SX.sym("x", x.numel())
-    pair = ca.Function("pair", [d, centre], [centre + spread * d, centre - spread * d])
-    return ca.horzcat(x, *each_column(pair, ca.densify(L), x))
+    centre = dense.product_of(x, ca.MX.ones(1, L.shape[1]))
+    d = spread * ca.densify(L)
+    return ca.horzcat(x, centre + d, centre - d)
 
 
 def minus(X: Term, x: Term) -> Term:
     """Columns of X minus x."""
     if not isinstance(X, ca.MX):
         return X - x
-    column, middle = ca.SX.sym("column", x.numel()), ca.SX.sym("x", x.numel())
-    away = ca.Function("minus", [column, middle], [column - middle])
-    return each_column(away, X, x)[0]
+    return X - dense.product_of(x, ca.MX.ones(1, X.shape[1]))
 
 
 def on_top(parts: Sequence[Term]) -> Term:
     """Matrices of as many columns on top of each other."""
     if not isinstance(parts[0], ca.MX):
         return ca.vertcat(*parts)
-    columns = [ca.SX.sym("column", part.shape[0]) for part in parts]
-    stack = ca.Function("on_top", columns, [ca.vertcat(*columns)])
-    width = parts[0].shape[1]
-    return scan(stack, width, carry=[], xs=[ca.densify(part) for part in parts])[1][0]
+    turned = [dense.transpose(ca.densify(part)) for part in parts]
+    return dense.transpose(ca.horzcat(*turned))

@@ -271,13 +271,11 @@ def physical(
 def estimate_told(s: Setting, *, x: ca.MX, u: ca.MX, flags: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
     """Physical state and outputs, and the status, of a model of many states; see `physical`."""
     y_hat, _ = seen_outputs(s)(x, u)
-    xs, us, ys = (ca.SX.sym(n, v.numel()) for n, v in (("x", x), ("u", u), ("y", y_hat)))
+    xs, us = ca.SX.sym("x", x.numel()), ca.SX.sym("u", u.numel())
     raised, left = ca.SX.sym("flags", FLAGS), ca.SX.sym("left")
     unsolved = ca.Function("unsolved", [xs, us], [s.unsolved(xs, us)])
-    status = _status_of(s, raised, left)
-    leave = ca.Function("physical", [xs, ys, raised, left], [s.sx * xs, s.sy * ys, status])
-    x_hat, y_hat, status = leave(x, y_hat, flags, unsolved(x, u))
-    return x_hat, y_hat, status
+    status = ca.Function("status", [raised, left], [_status_of(s, raised, left)])
+    return ca.DM(s.sx) * x, ca.DM(s.sy) * y_hat, status(flags, unsolved(x, u))
 
 
 def _status_of(s: Setting, raised: ca.SX, unsolved: ca.SX) -> ca.SX:

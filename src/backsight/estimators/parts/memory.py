@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from backsight.engine.loops import all_finite
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import EngineError
 from backsight.schema import Status
@@ -168,15 +169,13 @@ def _not_finite(n: int) -> ca.Function:
 
     Other bits that could not be told either are left out.
     """
-    x, variances, status = ca.SX.sym("x", n), ca.SX.sym("variances", n), ca.SX.sym("status")
-    # NaN is not below infinity either.
-    finite = ca.sum1(ca.fabs(ca.vertcat(x, variances))) < np.inf
+    finite, status = ca.SX.sym("finite"), ca.SX.sym("status")
     known = ca.if_else(ca.fabs(status) < np.inf, status, 0)
-    return ca.Function(
-        "told_if_not_finite",
-        [x, variances, status],
-        [ca.if_else(finite, known, known + int(Status.NOT_FINITE))],
-    )
+    raised = ca.if_else(finite, known, known + int(Status.NOT_FINITE))
+    told = ca.Function("told_if_not_finite", [finite, status], [raised])
+    x, variances, given = ca.MX.sym("x", n), ca.MX.sym("variances", n), ca.MX.sym("status")
+    found = told(all_finite(ca.vertcat(x, variances)), given)
+    return ca.Function("status_if_not_finite", [x, variances, given], [found])
 
 
 def _shape(value: Array) -> tuple[int, int]:

@@ -13,7 +13,8 @@ from backsight.algebra import bounds
 from backsight.discrete.exact import foh, zoh
 from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import advanced
-from backsight.engine.dense import few_entries
+from backsight.engine.dense import UNROLL, few_entries
+from backsight.engine.loops import smallest
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import matrix_product
 from backsight.estimators.parts.flags import Flags
@@ -52,6 +53,8 @@ def within_bounds(s: Setting, x: ca.SX) -> ca.SX:
 
 def settled(s: Setting) -> ca.Function:
     """State within its bounds, and flags: ``(x, variances, of the innovation) -> (x, flags)``."""
+    if s.model.nx > UNROLL:
+        return _settled_of_many(s)
 
     def formula(x: ca.SX, variance: ca.SX, y: ca.SX) -> Results:
         inside = within_bounds(s, x)
@@ -61,6 +64,26 @@ def settled(s: Setting) -> ca.Function:
         return {"x_inside": inside, "flags": flags.vector()}
 
     return leaf("settled", {**notation(s), "variance": s.model.nx}, formula)
+
+
+def within_bounds_of_many(s: Setting, x: ca.MX) -> ca.MX:
+    """`within_bounds` of many states."""
+    if not (np.isfinite(s.lower).any() or np.isfinite(s.upper).any()):
+        return x
+    return ca.fmin(ca.fmax(x, ca.DM(s.lower)), ca.DM(s.upper))
+
+
+def _settled_of_many(s: Setting) -> ca.Function:
+    """`settled` of many states."""
+    x, variance, y = (ca.MX.sym("x", n) for n in (s.model.nx, s.model.nx, s.model.ny))
+    inside = within_bounds_of_many(s, x)
+    moved, least = ca.SX.sym("moved"), ca.SX.sym("least")
+    clipped, definite = ca.if_else(moved > 0, 1, 0), least >= 0
+    flags = Flags(clipped=clipped, not_positive_definite=ca.if_else(definite, 0, 1))
+    told = ca.Function("settled", [moved, least], [flags.vector()])
+    farthest = ca.MX(0) if inside is x else -smallest(-ca.fabs(inside - x))
+    raised = told(farthest, smallest(ca.vertcat(variance, y)))
+    return ca.Function("settled_of_many", [x, variance, y], [inside, raised])
 
 
 def seen_outputs(s: Setting) -> ca.Function:

@@ -108,7 +108,8 @@ def _fixed(
 
 def _offset(chain: Chain, proximal: bool) -> ca.Function:
     """Prior as a deviation from the guess, zero where the prior goes with the guess."""
-    x_bar, x, free = ca.SX.sym("x_bar", chain.nx), ca.SX.sym("x", chain.nx), ca.SX.sym("free")
+    kind = ca.MX if chain.dense else ca.SX
+    x_bar, x, free = kind.sym("x_bar", chain.nx), kind.sym("x", chain.nx), kind.sym("free")
     offset = x_bar - x
     return ca.Function(
         "offset", [x_bar, x, free], [ca.if_else(free, 0, offset) if proximal else offset]

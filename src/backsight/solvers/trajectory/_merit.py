@@ -4,7 +4,6 @@ from typing import Any
 
 import casadi as ca
 
-from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
 from backsight.solvers.trajectory import many_states
 from backsight.solvers.trajectory.chain import Chain, constant
@@ -35,23 +34,20 @@ def merit(chain: Chain, proximal: bool) -> ca.Function:
 
 def _of_start(chain: Chain, proximal: bool) -> ca.Function:
     """``(offset, P, free, eta, eta_next) -> (J, slope, defects)`` of the first sample."""
-    nx = chain.nx
-    sizes = {"offset": nx, "moved": nx, "free": 1, "eta": nx, "eta_next": nx}
-    offset, moved, free, eta, eta_next = symbols = [ca.SX.sym(k, n) for k, n in sizes.items()]
+    nx, kind = chain.nx, ca.MX if chain.dense else ca.SX
+    sizes = {"offset": nx, "P": chain.size_P, "free": 1, "eta": nx, "eta_next": nx}
+    given: list[Any] = [kind.sym(k, n) for k, n in sizes.items()]
+    offset, P, free, eta, eta_next = given
+    moved = many_states.times_stored(P, eta) if chain.dense else chain.matrix(P) @ eta
+    dot = many_states.inner if chain.dense else ca.dot
     results = [
-        ca.dot(eta, moved) / 2,
-        ca.dot(moved, eta_next - eta),
-        ca.vertcat(ca.fabs(offset + moved), ca.SX.zeros(chain.n)),
+        dot(eta, moved) / 2,
+        dot(moved, eta_next - eta),
+        ca.vertcat(ca.fabs(offset + moved), kind.zeros(chain.n, 1)),
     ]
     if proximal:
         results = [ca.if_else(free, 0, r) for r in results]
-    terms = ca.Function("merit_of_first", symbols, results)
-    kind = ca.MX if chain.dense else ca.SX
-    sizes = {"offset": nx, "P": chain.size_P, "free": 1, "eta": nx, "eta_next": nx}
-    given: list[Any] = [kind.sym(k, n) for k, n in sizes.items()]
-    at, P, unknown, now, after = given
-    product = product_of(ca.reshape(P, nx, nx), now) if chain.dense else chain.matrix(P) @ now
-    return ca.Function("merit_of_start", given, terms.call([at, product, unknown, now, after]))
+    return ca.Function("merit_of_start", given, results)
 
 
 def _of_sample(chain: Chain) -> ca.Function:

@@ -11,6 +11,8 @@ from backsight.solvers.trajectory.many_states._information import (
     information_of_many as information_of_many,
 )
 from backsight.solvers.trajectory.many_states._information import reduced_of_many as reduced_of_many
+from backsight.solvers.trajectory.many_states._merit import inner as inner
 from backsight.solvers.trajectory.many_states._merit import merit_of_many as merit_of_many
+from backsight.solvers.trajectory.many_states._merit import times_stored as times_stored
 from backsight.solvers.trajectory.many_states._mistaken import beside_of_many as beside_of_many
 from backsight.solvers.trajectory.many_states._mistaken import newest_of_many as newest_of_many

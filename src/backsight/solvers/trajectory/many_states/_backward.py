@@ -19,7 +19,7 @@ def backward_of_many(chain: Chain, told: ca.Function) -> ca.Function:
     nx, z, past = chain.nx, SampleMatrices.of(chain), recorded(chain)
     lam, enter = ca.MX.sym("lam", nx), ca.MX.sym("enter")
     wrong, residual = ca.MX.sym("wrong"), ca.MX.sym("residual")
-    # SampleMatrices the whole window the mean is x = d + P lam, with lam after the sample's updates.
+    # Given the whole window the mean is x = d + P lam, with lam after the sample's updates.
     x = past["delta"] + product_of(ca.reshape(past["P"], nx, nx), lam)
     # Before the update by all outputs the adjoint is lam + H' (S^-1 e - K' lam).
     K_y = ca.reshape(past["K_y"], nx, chain.ny)

@@ -23,8 +23,8 @@ def merit_of_many(chain: Chain, limits: ca.Function) -> ca.Function:
     eta, x, eta_next = paths = [ca.MX.sym(k, nx) for k in ("eta", "dX", "eta_next")]
     nu, Q = ca.MX.sym("nu", n), few_entries(chain.Q)
     w, dw = z.before * applied(Q, eta), z.before * applied(Q, eta_next - eta)
-    J_next = J + (_dot(z.e, z.e) + _dot(eta, w)) / 2
-    slope_next = slope - _dot(z.e, applied(z.H, x)) + _dot(eta, dw)
+    J_next = J + (inner(z.e, z.e) + inner(eta, w)) / 2
+    slope_next = slope - inner(z.e, applied(z.H, x)) + inner(eta, dw)
     # Of the adjoint of the noise only this is the multiplier of the defects, see `_merit`.
     lam, violated = eta_next, ca.MX.zeros(0, 1)
     if n:
@@ -43,5 +43,11 @@ def merit_of_many(chain: Chain, limits: ca.Function) -> ca.Function:
     return ca.Function("merit_of_many", [*sums, *stage, *paths, nu], results)
 
 
-def _dot(a: ca.MX, b: ca.MX) -> ca.MX:
+def inner(a: ca.MX, b: ca.MX) -> ca.MX:
+    """a' b of columns."""
     return product_of(a, b, turned=(True, False))
+
+
+def times_stored(P: ca.MX, eta: ca.MX) -> ca.MX:
+    """P eta of a stored covariance."""
+    return product_of(ca.reshape(P, eta.numel(), eta.numel()), eta)
