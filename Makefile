@@ -9,7 +9,10 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 OUT ?= out
 KERNELS := $(wildcard src/backsight/kernels/*.[ch] src/backsight/kernels/*/*.[ch])
 
-.PHONY: setup demo live test test-all fast-tests all-tests wheel-test lint bench docs clean
+# Random input; `--out` keeps what was found, tests/fuzz/kept what every run of the tests tries again.
+FUZZ := OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:tests $(BIN)/python -m tests.fuzz
+
+.PHONY: setup demo live test test-all fast-tests all-tests fuzz fuzz-long coverage mutation lowest audit wheel-test lint bench docs clean
 
 setup: $(VENV)/.dev
 
@@ -31,6 +34,37 @@ fast-tests: $(VENV)/.dev
 
 all-tests: $(VENV)/.dev
 	$(PYTEST)
+
+fuzz: $(VENV)/.dev
+	$(FUZZ) --seconds 60
+	$(MAKE) --no-print-directory $(OUT)/kernels-fuzz
+	$(OUT)/kernels-fuzz $$(date +%s) 300000
+
+fuzz-long: $(VENV)/.dev
+	$(FUZZ) --seconds 3600 --record tests/measured/fuzz.json
+	$(MAKE) --no-print-directory $(OUT)/kernels-fuzz
+	$(OUT)/kernels-fuzz $$(date +%s) 10000000
+
+# Without clang; with it, -fsanitize=fuzzer in place of -DMAIN makes a libFuzzer of the same file.
+$(OUT)/kernels-fuzz: tests/fuzz/kernels.c $(KERNELS)
+	@mkdir -p $(OUT)
+	$(CC) -std=c99 -O1 -g -DMAIN -fsanitize=address,undefined -fno-sanitize-recover=all \
+	  -Isrc/backsight/kernels -Isrc/backsight/kernels/matrix $< src/backsight/kernels/matrix/*.c -o $@ -lm
+
+coverage: $(VENV)/.measure
+	@mkdir -p $(OUT)/coverage
+	COVERAGE_FILE=$(OUT)/coverage/all.coverage OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -q \
+	  -p no:xdist --cov=backsight --cov-branch --cov-context=test --cov-report=term:skip-covered \
+	  --junitxml=$(OUT)/coverage/all.xml
+
+mutation: coverage
+	OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:tests $(BIN)/python -m tests.mutation
+
+lowest: $(VENV)/.lowest
+	OPENBLAS_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -m "not slow" -q -p no:xdist
+
+audit: $(VENV)/.measure
+	$(BIN)/python -m pip_audit --skip-editable
 
 wheel-test: $(VENV)/.wheel
 	$(BIN)/python tests/wheels/build.py $(OUT)/wheels
@@ -67,6 +101,16 @@ $(VENV)/.live: $(VENV)/.base
 
 $(VENV)/.wheel: $(VENV)/.base
 	$(PIP) --editable '.[wheel]'
+	@touch $@
+
+$(VENV)/.measure: $(VENV)/.dev
+	$(PIP) --editable '.[measure]'
+	@touch $@
+
+$(VENV)/.lowest: $(VENV)/.dev
+	$(PYTHON) -m venv $(VENV)-lowest
+	$(BIN)/python tests/lowest.py > $(OUT)/lowest.txt
+	$(VENV)-lowest/bin/python -m pip install --quiet --constraint $(OUT)/lowest.txt --editable . pytest hypothesis
 	@touch $@
 
 $(VENV)/.bench: $(VENV)/.dev

@@ -47,10 +47,10 @@ print(done.stdout[-400:])
 # %%
 # Tuned on the target
 # -------------------
-# Noise and damping are settings with the exported values as defaults: another sensor needs no new export.
+# Noise, prior and damping are settings with the exported values as defaults: another sensor needs no new export.
 
 tuned = bs.export.export_c(
-    ekf, model, recording, folder.with_name("tuned"), tunable=["sigma_y", "sigma_w", "b"]
+    ekf, model, recording, folder.with_name("tuned"), tunable=["sigma_y", "sigma_w", "sigma_x0", "b"]
 )
 header = (tuned / "estimator.h").read_text()
 print(header[header.index("/* What may be changed") : header.index("/* Process one sample")])

@@ -60,7 +60,7 @@ def valve():
 def test_a_window_finds_the_other_side_of_a_kink(case):
     model, true, force, noise, prior, dt = case()
     recording = bs.simulate(
-        model, force[:, None], dt=dt, parameters=true, sigma_y=noise.sigma_y, seed=2
+        model, force[:, None], dt=dt, parameters=true, sigma_y=noise.sigma_y or 1.0, seed=2
     )
     joint = bs.augment(model, list(true))
     integrator = bs.Integrator("rk4", 2)
@@ -92,7 +92,7 @@ def test_where_a_window_is_explained_the_prior_stays():
 def test_filters_without_a_slope_are_told():
     model, true, command, noise, prior, dt = valve()
     recording = bs.simulate(
-        model, command[:, None], dt=dt, parameters=true, sigma_y=noise.sigma_y, seed=2
+        model, command[:, None], dt=dt, parameters=true, sigma_y=noise.sigma_y or 1.0, seed=2
     )
     integrator = bs.Integrator("rk4", 2)
     rivals = {kind.key: kind(noise, prior, integrator=integrator) for kind in (bs.EKF, bs.UKF)}
@@ -149,7 +149,7 @@ def test_a_jump_has_no_slope_on_either_side_and_is_told(kind):
 def test_an_arrival_cost_with_one_slope_is_told():
     model, true, command, noise, prior, dt = valve()
     recording = bs.simulate(
-        model, command[:, None], dt=dt, parameters=true, sigma_y=noise.sigma_y, seed=2
+        model, command[:, None], dt=dt, parameters=true, sigma_y=noise.sigma_y or 1.0, seed=2
     )
     settings = {"N": 10, "integrator": bs.Integrator("rk4", 2)}
     joint, said = bs.augment(model, ["F_max"]), {}

@@ -72,8 +72,8 @@ def agrees(file, estimator, model, recording):
 
 
 @contextlib.contextmanager
-def instance(file):
-    """An FMU in step mode, with its variables by name."""
+def instance(file, given=None):
+    """An FMU in step mode, with its variables by name; parameters are given before."""
     described = fmpy.read_model_description(str(file))
     folder = tempfile.mkdtemp()
     fmpy.extract(str(file), unzipdir=folder)
@@ -85,9 +85,12 @@ def instance(file):
     )
     fmu.instantiate()
     fmu.enterInitializationMode(startTime=0.0)
+    references = {v.name: v.valueReference for v in described.modelVariables}
+    for name, value in (given or {}).items():
+        fmu.setFloat64([references[name]], [value])
     fmu.exitInitializationMode()
     try:
-        yield fmu, {v.name: v.valueReference for v in described.modelVariables}
+        yield fmu, references
         fmu.terminate()
     finally:
         fmu.freeInstance()

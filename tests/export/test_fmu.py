@@ -121,6 +121,44 @@ def test_parameters_are_tunable(ekf):
     assert model.outputs[1].unit == "length/s"
 
 
+@pytest.mark.slow
+def test_prior_and_walks_are_parameters(tmp_path):
+    """As a new export; the prior until the first step, the walks at any time."""
+    problem = CASES["ekf"].problem
+    scales = {"q": 0.05, "v": 0.5, "k": 40.0}
+    model = dataclasses.replace(
+        problem.model,
+        states=tuple(dataclasses.replace(s, scale=scales[s.name]) for s in problem.model.states),
+    )
+    estimator = CASES["ekf"].build(problem, Integrator("rk4", 1))
+    recording = recorded(problem)
+    file = export_fmu(
+        estimator, model, recording, tmp_path / "a.fmu", tunable=["sigma_w", "x0", "lower"]
+    )
+    assert validate_fmu(str(file)) == []
+    prior = dataclasses.replace(estimator.prior, x0={"q": 0.02, "v": 0.1, "k": 119.0})
+    noise = dataclasses.replace(estimator.noise, sigma_w={"q": 3e-3, "v": 2e-2})
+    other = dataclasses.replace(estimator, prior=prior, noise=noise)
+    wanted = expected(other, model, recording)
+    described = {v.name: v for v in fmpy.read_model_description(str(file)).modelVariables}
+    assert described["x0.q"].variability == "fixed"
+    assert described["sigma_w.q"].variability == "tunable"
+    assert described["lower.k"].variability == "tunable"
+    walks = {"sigma_w.q": 3e-3, "sigma_w.v": 2e-2}
+    with instance(file, {"x0.q": 0.02, "x0.v": 0.1, "x0.k": 119.0, **walks}) as (fmu, at):
+        assert fmu.getFloat64([at["x_hat.q"], at["x_hat.k"]]) == [0.02, 119.0]
+        samples = zip(recording["u"].values[:, 0], recording["y"].values, strict=True)
+        found = []
+        for k, (u, y) in enumerate(samples):
+            fmu.setFloat64([at[n] for n in ("u.F", "y.position", "y.speed")], [u, *y])
+            fmu.doStep(currentCommunicationPoint=k * 0.02, communicationStepSize=0.02)
+            found.append(fmu.getFloat64([at["x_hat.q"], at["x_hat.k"]]))
+        with pytest.raises(FMICallException):
+            fmu.setFloat64([at["x0.q"]], [0.0])
+    for column, name in zip(np.array(found).T, ("x_hat.q", "x_hat.k"), strict=True):
+        np.testing.assert_allclose(column, wanted[name], rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("name", "value"), [("u.F", np.nan), ("y.speed", np.inf), ("mask.speed", -1.0)]
 )

@@ -27,6 +27,7 @@ needs_compilers = pytest.mark.skipif(
 )
 EXAMPLES = Path(__file__).parents[2] / "examples"
 QUICK = {"ekf", "csmhe", "mho"}
+MORE = [k for k in CASES if k != "ekf"]
 SEARCHING = {"mhe", "csmhe"}
 """Whose searches may take far more passes than they need, unless their effort is fixed."""
 
@@ -150,7 +151,7 @@ def test_examples_cost_what_is_told(example, name, tmp_path):
 
 
 @needs_compilers
-@pytest.mark.parametrize("key", cases(CASES))
+@pytest.mark.parametrize("key", ["ekf", *(pytest.param(k, marks=pytest.mark.slow) for k in MORE)])
 def test_memory_and_stack_are_what_is_told(key, tmp_path):
     """A painted stack; glibc's functions included, which are linked before."""
     code = exported(tried(key), tmp_path)

@@ -53,8 +53,22 @@ def steps(disk, out):
     return done.trace
 
 
-@pytest.mark.parametrize("fresh", [False, True], ids=["over old files", "a new folder"])
-@pytest.mark.parametrize("kind", ["kill", "interrupt", "broken"])
+@pytest.mark.parametrize(
+    ("kind", "fresh"),
+    [
+        ("kill", False),
+        ("broken", False),
+        *(
+            pytest.param(kind, fresh, marks=pytest.mark.slow)
+            for kind, fresh in [
+                ("kill", True),
+                ("broken", True),
+                ("interrupt", False),
+                ("interrupt", True),
+            ]
+        ),
+    ],
+)
 def test_at_every_step(disk, out, kind, fresh):
     if fresh:
         shutil.rmtree(out)

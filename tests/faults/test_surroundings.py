@@ -1,6 +1,5 @@
 """What surrounds a command fails: memory, pipes, folders that are read only, others at work."""
 
-import contextlib
 import json
 import os
 import shutil
@@ -35,11 +34,13 @@ def shell(text: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def here(tmp_path):
-    small_problem.write(tmp_path, small_problem.TEXT.replace('kind = "mho"', 'kind = "ekf"\n#'))
+    one, _, rest = small_problem.TEXT.partition("[estimators.MHO]")
+    small_problem.write(tmp_path, one + rest.partition("N = 5\n")[2])
     return tmp_path
 
 
-@pytest.mark.parametrize("what", ["methods | head -1", "schema | head -1", "methods | true"])
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["methods | head -1", "schema | true"])
 def test_whoever_reads_may_go(here, what):
     done = shell(f"$BS {what}; echo ${{PIPESTATUS[0]}} >&2", here)
     *told, code = done.stderr.splitlines()
@@ -47,6 +48,7 @@ def test_whoever_reads_may_go(here, what):
     assert code in ("0", "1")
 
 
+@pytest.mark.slow
 def test_a_result_is_there_though_nobody_reads(here):
     done = shell("$BS run problem.toml -o out | true; echo ${PIPESTATUS[0]} >&2", here)
     *told, code = done.stderr.splitlines()
@@ -55,6 +57,7 @@ def test_a_result_is_there_though_nobody_reads(here):
     assert json.loads((here / "out" / "summary.json").read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_terminal_that_takes_nothing_is_one_line(here):
     done = shell("$BS methods > /dev/full", here)
@@ -62,6 +65,7 @@ def test_a_terminal_that_takes_nothing_is_one_line(here):
     assert done.stderr == "backsight: No space left on device\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stream", [">&-", "2>&-", "<&-"])
 def test_a_closed_stream_is_no_reason_to_fail(here, stream):
     done = shell(f"$BS run problem.toml -o out {stream}", here)
@@ -70,7 +74,14 @@ def test_a_closed_stream_is_no_reason_to_fail(here, stream):
     assert (here / "out" / "report.html").exists()
 
 
-@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [
+        ("SIGTERM", 143),
+        pytest.param("SIGINT", 130, marks=pytest.mark.slow),
+        pytest.param("SIGHUP", 129, marks=pytest.mark.slow),
+    ],
+)
 def test_a_request_to_end_leaves_what_was_there(here, name, code):
     """It comes when the results are begun."""
     (here / "out").mkdir()
@@ -128,34 +139,23 @@ def test_memory_runs_out(here, verb):
     assert codes[-1] in (0, 1)
 
 
-@pytest.mark.skipif(os.name == "nt" or os.geteuid() != 0, reason="needs another user to become")
-def test_folders_that_are_read_only(here):
-    """As a user who owns nothing; who owns the computer may write anywhere."""
+@pytest.mark.skipif(os.geteuid() == 0 and not shutil.which("setpriv"), reason="needs setpriv")
+@pytest.mark.slow
+@pytest.mark.parametrize("out", ["out", "out/new"])
+def test_folders_that_are_read_only(here, out):
+    """Also for who owns the computer, without the right to write everywhere."""
     (here / "out").mkdir()
-    for path in here.rglob("*"):
-        path.chmod(0o755 if path.is_dir() else 0o644)
-    os.chmod(here, 0o755)
-    with contextlib.ExitStack() as stack:
-        for folder in here.parents:  # pytest's folders are for one user alone
-            mode = folder.stat().st_mode & 0o777
-            if mode & 0o005 == 0o005 or folder == Path("/"):
-                continue
-            os.chmod(folder, mode | 0o055)
-            stack.callback(os.chmod, folder, mode)
-        for out in ("out", "new", "out/new"):
-            done = subprocess.run(
-                words("run", "problem.toml", "-o", out),
-                cwd=here, capture_output=True, text=True, user=65534, group=65534,
-                extra_groups=[], env=os.environ | HERE | {"HOME": "/nonexistent"},
-            )  # fmt: skip
-            assert done.returncode == 2, done.stderr
-            last = done.stderr.splitlines()[-1]
-            assert last == (
-                f"backsight: cannot write to the folder '{out}': Permission denied; choose "
-                "another one"
-            )
+    (here / "out").chmod(0o555)
+    plain = ["setpriv", "--bounding-set=-dac_override"] if os.geteuid() == 0 else []
+    done = subprocess.run(
+        [*plain, *words("run", "problem.toml", "-o", out)],
+        cwd=here, capture_output=True, text=True, env=os.environ | HERE,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"backsight: cannot write to the folder '{out}': Permission denied; choose another one\n"
+    )
     assert not list((here / "out").iterdir())
-    assert not (here / "new").exists()
 
 
 @pytest.mark.slow

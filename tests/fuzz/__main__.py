@@ -6,6 +6,7 @@ Prints what was tried and what nobody should see, with the bytes of each in a fi
 
 import argparse
 import collections
+import json
 import sys
 import tempfile
 import time
@@ -25,19 +26,30 @@ def main() -> int:
     asked.add_argument("--seed", type=int, default=int(time.time()) % 10**6 * 10**6)
     asked.add_argument("--only", choices=areas.NAMES, action="append")
     asked.add_argument("--out", type=Path, default=Path("out/fuzz"))
+    asked.add_argument("--record", type=Path, help="JSON to which the counts are added")
     given = asked.parse_args()
     names = given.only or areas.NAMES
     bad = 0
     with tempfile.TemporaryDirectory() as folder:
-        for k, name in enumerate(names):
+        for name in names:
             area = areas.area(name, Path(folder, name))
             share = given.seconds / len(names)
             found = list(
                 tried(area, first=given.seed, count=given.count, until=time.monotonic() + share)
             )
-            bad += told(area, found, given.out, given.seed)
-            print(end="\n" if k + 1 < len(names) else "", flush=True)
+            worse = told(area, found, given.out, given.seed)
+            bad += worse
+            if given.record is not None:
+                record(given.record, name, len(found), worse)
     return int(bad > 0)
+
+
+def record(file: Path, name: str, cases: int, bad: int) -> None:
+    """Add counts to those of earlier runs."""
+    known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    before = known.get(name, {"cases": 0, "found": 0})
+    known[name] = {"cases": before["cases"] + cases, "found": before["found"] + bad}
+    file.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
 
 
 def told(area: Area, found: list[Found], out: Path, seed: int) -> int:

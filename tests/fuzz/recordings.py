@@ -44,7 +44,7 @@ def sound(path: Path) -> None:
 
 def bag(path: Path) -> None:
     """The file inside a bag of ROS 2."""
-    folder = path.with_suffix("")
+    folder = path.with_name(f"{path.name} folder")
     kind = {".mcap": "MCAP", ".db3": "SQLITE3"}[path.suffix]
     test_robots.write_bag(folder, kind)
     (inside,) = (p for p in folder.iterdir() if p.suffix == path.suffix)

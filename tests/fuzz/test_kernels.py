@@ -9,7 +9,7 @@ import pytest
 HERE = Path(__file__).parent
 KERNELS = HERE.parents[1] / "src" / "backsight" / "kernels"
 CHECKS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-CALLS = 100_000
+CALLS = 20_000
 
 
 def build(folder: Path, *flags: str) -> Path:
@@ -26,7 +26,7 @@ def build(folder: Path, *flags: str) -> Path:
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
-@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("precision", ["double", pytest.param("float", marks=pytest.mark.slow)])
 def test_they_touch_only_what_is_theirs(tmp_path, precision):
     program = build(tmp_path, *(["-DBACKSIGHT_FLOAT"] if precision == "float" else []))
     done = subprocess.run([program, "1", str(CALLS)], capture_output=True, text=True)

@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 from tests.live.conftest import COLUMNS, DT, PROBLEM, RIG, STORED, N, fed, message, stored
 
+import backsight as bs
 from backsight.errors import ProblemError
+from backsight.live.alarms import Quantities, condition_of
+from backsight.live.engine import LiveRows
+from backsight.problem.reading.tables import HitAlarm
 
 IN_ORDER = RIG.replace("reorder = 0.1", "reorder = 0.0").replace("lag = 1.0", "lag = 0.2")
 
@@ -86,6 +90,39 @@ def test_a_hit_with_its_size(tmp_path, samples):
     assert events(live)[0] == ("blow", "raised")
     assert live.session.alarms.events[0]["time"] == pytest.approx(5.05, abs=0.1)
     assert abs(live.session.alarms.events[0]["value"]) > 3.0
+
+
+def test_a_hit_has_a_place_a_size_and_a_unit():
+    forces = {"F1": bs.Signal("N", position=0.2), "F2": bs.Signal("N", position=0.7)}
+    model = bs.from_equations(
+        states={"q": "m", "v": "m/s"}, outputs={"y": "m"}, parameters=forces,
+        equations={"q": "v", "v": "F1 + F2 - 40*q"}, output_equations={"y": "q"},
+    )  # fmt: skip
+    quantities = Quantities(model, {"d_hat": ("F1", "F2"), "d_std": ("F1", "F2")})
+    table = HitAlarm(kind="hit", threshold=5.0, sigmas=3.0)
+    condition = condition_of(table, quantities, model, dt=DT, where="alarm.blow")
+    empty = np.empty((3, 0))
+
+    def seen(sizes, spread):
+        values = {"d_hat": np.array(sizes), "d_std": np.full((3, 2), spread)}
+        return condition.see(LiveRows(0, empty, np.empty((3, 1)), values))
+
+    hit = seen([[0.0, 1.0], [4.0, -7.5], [0.0, 0.0]], 0.5)
+    assert hit.there
+    assert (hit.value, hit.place, hit.sentence) == (-7.5, 0.7, "F2 is -7.5 N at 0.7 m")
+    assert not seen([[0.0, 1.0], [4.0, -7.5], [0.0, 0.0]], 3.0).there  # within three deviations
+    assert seen([[0.0, 0.0]] * 3, 0.5).sentence == "no force is larger than its band"
+
+
+def test_a_status_bit_and_its_end(tmp_path, samples):
+    """The estimator is told a reading that no machine has, and begins anew."""
+    alarm = '[alarm.failed]\nkind = "status"\nbits = ["not_finite"]\n'
+    wild = samples.copy()
+    wild[500, 2] = 1e200
+    with fed(tmp_path, IN_ORDER + COLUMNS + alarm) as live:
+        live.feed(map(message, wild), at_once=5)
+    assert events(live) == [("failed", "raised"), ("failed", "cleared")]
+    assert "not finite" in live.session.alarms.events[0]["sentence"]
 
 
 def test_a_command_and_a_webhook_get_it(tmp_path, samples):

@@ -209,10 +209,10 @@ def test_the_page_shows_what_is_published(tmp_path, samples):
             assert float(band.split()[0]) == pytest.approx(2 * k["std"], rel=0.05)
             drawn = page.value("charts.find((c) => c.name === 'k').plot.data[3].slice(-1)[0]")
             assert drawn == pytest.approx(k["value"], rel=1e-4)
-            assert (
-                page.value("document.querySelectorAll('.u-wrap canvas').length")
-                == len(board.described()["series"]) - 1
-            )  # the prediction is drawn with what was measured
+            # The prediction is drawn with what was measured, and what is out of sight not yet.
+            page.value("window.scrollTo(0, document.body.scrollHeight)")
+            count = len(board.described()["series"]) - 1
+            page.wait(f"document.querySelectorAll('.u-wrap canvas').length === {count}")
             page.click("#alarms button")
             page.wait("document.querySelector('#alarms button').hidden")
             assert live.session.alarms.alarms["stiff"].acknowledged

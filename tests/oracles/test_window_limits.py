@@ -133,3 +133,34 @@ def test_limits_are_refused_where_nothing_keeps_them():
         with pytest.raises(TuningError, match="kept by the moving window only"):
             bs.forces.find_sparse_forces(method, model, data)
     estimator(of).compile(bounded, struck.DT)
+
+
+def test_limits_that_contradict_each_other_are_named():
+    """The estimate is then the one without limits."""
+    of = struck.system()
+    model = struck.model(of)
+    low, high = LIMIT("low", {"a": 1.0}, lower=0.02), LIMIT("high", {"a": 1.0}, upper=0.01)
+    u, y = struck.record(of, 9, seed=3)
+    found = run(estimator(of, limits=(low, high)), model, u, y)
+    free = run(estimator(of), model, u, y)
+    assert (found["status"].astype(int) & int(schema.Status.INFEASIBLE)).all()
+    assert (found["infeasible"] == 1).all()
+    for name in ("x_hat", "P", "d_raw", "d_std"):
+        size = np.abs(free[name]).max()
+        np.testing.assert_allclose(found[name], free[name], rtol=0, atol=1e-9 * size)
+
+
+def test_an_expected_force_moves_no_further_than_its_change():
+    """With hardly any change a force keeps its first value while it is in the window."""
+    of = struck.system(accelerations=True)
+    u, y = struck.record(of, 20, seed=3)
+    values = {}
+    for change in (1e-6, np.inf):
+        carry = bs.forces.Carryover((2.0, 30.0), change=change)
+        made = estimator(of, carryover=carry, threshold=0.5)
+        found = [run(dataclasses.replace(made, lag=lag), struck.model(of), u, y) for lag in (2, 3)]
+        early, late = (k["d_raw"][lag:] for lag, k in zip((2, 3), found, strict=True))
+        n = len(late) - 1
+        shared = (early[N:n] != 0) & (late[N:n] != 0)
+        values[change] = np.abs(early[N:n] - late[N:n])[shared].max()
+    assert values[1e-6] < values[np.inf]

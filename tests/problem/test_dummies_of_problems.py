@@ -63,6 +63,16 @@ def test_check_proposes_what_can_be_pasted(tmp_path):
     assert "without a sensor, but measured as zero: tip_stays (dummy)" in output
 
 
+def test_check_proposes_the_high_pass_by_name_beside_the_dummy(tmp_path):
+    _, output = checked(write(tmp_path))
+    cutoff = re.search(r"high_pass = ([0-9.]+) in \[recording\] \(Hz\)", output)[1]
+    assert float(cutoff) == pytest.approx(8.0 / 5, rel=0.05)
+    filtered = BEAM.replace("dt = 0.002", f"dt = 0.002\nhigh_pass = {cutoff}")
+    _, output = checked(write(tmp_path, text=filtered))
+    assert "a dummy measurement of tip would do" in output
+    assert "high_pass" not in output
+
+
 def test_the_table_makes_outputs_with_their_noise(tmp_path):
     more = '[dummy]\nroot = { kind = "displacement", at = [0.5, 0.0], sigma = 0.01 }\n'
     problem = load(write(tmp_path, more))

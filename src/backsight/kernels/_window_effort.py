@@ -223,7 +223,7 @@ class Window:
         enter = m * (value + KernelWork(9, 2)) + c * KernelWork(20, 2)
         leave = KernelWork(4 * m + 20 * c + 12 * (m + c), 2 * c + m + c)
         again = self._look + self._optimum
-        ends = m * (value + KernelWork(3)) + 2 * (KernelWork(4 * m) + again)
+        ends = m * (value + KernelWork(3)) + 4 * (KernelWork(4 * m) + again)
         return sizes + self._residuals() + self.limit * (enter + leave + again) + ends
 
     def _refit(self) -> KernelWork:

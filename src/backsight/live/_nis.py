@@ -20,7 +20,7 @@ def with_nis(rows: LiveRows) -> LiveRows:
     if S is not None:
         found = _whitened_squares(e, S, measured)
     elif "e_std" in values:
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             found = np.nansum((e / values["e_std"]) ** 2, axis=1)
     else:
         found = np.full(len(rows), np.nan)
@@ -40,4 +40,5 @@ def _whitened_squares(e: Array, S: Array, measured: np.ndarray) -> Array:
         solved = np.linalg.solve(sound, right[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
         return np.full(len(e), np.nan)
-    return (right * solved).sum(axis=1)
+    with np.errstate(over="ignore"):  # of a reading that no machine has
+        return (right * solved).sum(axis=1)

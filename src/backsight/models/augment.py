@@ -11,10 +11,10 @@ import casadi as ca
 
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
-from backsight.models.forces.processes import Driven, Process
+from backsight.models.forces.changing import driven_by, motion
+from backsight.models.forces.processes import Process
 from backsight.models.model import Model
-from backsight.models.signals import Named, Signal, along
-from backsight.types import Array
+from backsight.models.signals import Signal, along
 
 
 @checked(ModelError)
@@ -123,9 +123,9 @@ def augment(
     for name, process in forces.items():
         names = [name + ending for ending in process.endings]
         chain = [of_state[n] for n in names]
-        moves, noise = _motion(process, model, new[name], chain, full_u)
+        moves, noise = motion(process, model, new[name].value, chain, full_u)
         still |= dict(zip(names, ca.vertsplit(moves), strict=True))
-        driven.append(Driven(tuple(names), noise, process.stationary, f"{name}: {process.words}"))
+        driven.append(driven_by(process, tuple(names), noise, new[name].value))
     changes = [still[s.name] for s in states[model.nx :]]
     seen = ca.vertcat(model.h.call(given)[0], *(of_state[s.name] for s in held))
     return dataclasses.replace(
@@ -140,19 +140,6 @@ def augment(
         unsolved=model.unsolved_at([z, u, p], given),
         virtual=along(model.virtual, [z, u, p, w], [*given, w[: model.nx] + push]),
     )
-
-
-def _motion(
-    process: Process, model: Model, force: Signal, z: list[ca.SX], u: ca.SX
-) -> tuple[ca.SX, Array]:
-    """Rates or next values of a process around the mean of the force, and its noise."""
-    mean = ca.vertcat(force.value, *[0.0] * (len(z) - 1))
-    named = Named("input", [s.name for s in model.inputs], u)
-    deviation = ca.vertcat(*z) - mean
-    if model.dt is None:
-        return process.rates(deviation, named), process.density
-    after, noise = process.ahead(deviation, named, dt=model.dt)
-    return after + mean, noise
 
 
 def _in_order(signals: Sequence[Signal], known: Mapping[str, ca.SX]) -> ca.SX:

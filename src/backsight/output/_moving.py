@@ -59,8 +59,8 @@ def part_in(folder: Path) -> Iterator[Path]:
 def _owned(folder: Path, stack: contextlib.ExitStack) -> Path | None:
     """Make a part and lock it; None if another has tidied it up before it was locked."""
     part = folder / f".backsight-{secrets.token_hex(4)}.part"
-    part.mkdir()
     try:
+        part.mkdir()
         lock = stack.enter_context(locked(part, wait=True))
         with contextlib.suppress(FileNotFoundError):
             if lock == "held":
@@ -125,7 +125,7 @@ def tidy(folder: Path) -> None:
             rest.unlink(missing_ok=True)
 
 
-def contents(folder: Path) -> list[str]:
+def listed_in(folder: Path) -> list[str]:
     """Names in a folder, without locks and what is unfinished."""
     ours = {HOLD, *INTERNAL}
     unfinished = {path.name for path in folder.glob(PART)}

@@ -66,6 +66,9 @@ def written(problem: Problem, name: str, tuned: Tuned, *, folder: Path) -> str:
                 _by_state(document, table, "sigma_x0", "sigma", chosen)
         elif value in parameters:
             _parameter(document["model"], value, number)
+        elif group in document.get("forces", {}):
+            force: Any = document["forces"][group]  # type: ignore[index]
+            force["time" if entry == "length" and "time" in force else entry] = _number(number)
         elif value in tuned.estimators[0].multiplied_settings:
             own[value] = _plain(getattr(tuned.estimators[0], value))
         else:

@@ -107,21 +107,40 @@ def remedies(problem: Problem, data: xr.Dataset) -> list[str]:
         for name in names
     ]
     one = len(names) == 1
-    return [
+    told = [
         f"without a further sensor, {'a dummy measurement' if one else 'dummy measurements'} of "
         f"{', '.join(names)} would do, if {'it stays' if one else 'they stay'} near zero; s is the "
         f"size (RMS) that you expect: {'; '.join(lines)}"
     ]
+    if problem.recording.high_pass is None:
+        slowest = _slowest(problem.model, float(data.attrs["dt"]))
+        cutoff = significant(slowest / (2 * np.pi * BELOW), 2) if slowest else "..."
+        told.append(
+            f"what drifts more slowly than that goes out of all signals alike by high_pass = "
+            f"{cutoff} in [recording] (Hz), of the estimates, too: beside "
+            f"{'the dummy measurement' if one else 'dummy measurements'}, not in their place"
+        )
+    return told
+
+
+BELOW = 5.0
+"""How far below the slowest oscillation the corner of a high-pass is proposed."""
+
+
+def _slowest(model: Model, dt: float) -> float:
+    """Smallest natural frequency of what oscillates [rad/s], 0 if nothing does."""
+    A = state_space(model)[0]
+    values = np.linalg.eigvals(A) if model.continuous else np.log(np.linalg.eigvals(A) + 0j) / dt
+    slow = np.abs(values[np.abs(values.imag) > 1e-6 * np.abs(values).max(initial=0.0)])
+    return float(slow.min(initial=np.inf)) if slow.size else 0.0
 
 
 def _samples_on_one_side(model: Model, dt: float) -> str:
     """Deviation per sample of a dummy measurement, for its slowest oscillation; in words."""
-    A = state_space(model)[0]
-    values = np.linalg.eigvals(A) if model.continuous else np.log(np.linalg.eigvals(A) + 0j) / dt
-    slow = np.abs(values[np.abs(values.imag) > 1e-6 * np.abs(values).max(initial=0.0)])
-    if not slow.size:
+    slowest = _slowest(model, dt)
+    if not slowest:
         return "s * sqrt(2 * T / dt) (T: the time that it stays on one side)"
-    return f"{significant(max(1.0, float(np.sqrt(2 / (slow.min() * dt)))), 2)} * s"
+    return f"{significant(max(1.0, float(np.sqrt(2 / (slowest * dt)))), 2)} * s"
 
 
 def _unused(name: str, taken: set[str]) -> str:

@@ -186,8 +186,9 @@ def _by(
 ) -> tuple[AbstractEstimator, str]:
     """Who is tuned."""
     parameters = {s.name for s in problem.model.parameters}
+    groups = {*OF_NOISE, *(g.states[0] for g in problem.model.driven)}
     shared = all(
-        isinstance(f, Free) and (f.name.partition(".")[0] in OF_NOISE or f.name in parameters)
+        isinstance(f, Free) and (f.name.partition(".")[0] in groups or f.name in parameters)
         for f in free
     )
     if _is_filter(estimator) or not shared:

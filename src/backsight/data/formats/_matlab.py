@@ -18,6 +18,7 @@ from backsight.data._pick import list_arrays, pick
 from backsight.data._request import Contents, Listed, Request
 from backsight.data._room import check_density, check_room
 from backsight.data.formats._hdf5 import check_sources, datasets, leaves, wanted_names
+from backsight.data.formats._mat_elements import check_elements
 from backsight.data.formats._matlab_objects import MatlabObject, Objects, read_objects
 from backsight.data.times.clock import seconds
 from backsight.errors import DataError
@@ -42,6 +43,7 @@ def read_mat(path: Path, request: Request) -> Contents:
         with h5py.File(path) as file:
             return _picked(_modern(file, path, request), request)
     check_room(_mat_bytes(path), "the file")
+    check_elements(path)
     return _picked(_classic(path, request.wanted), request)
 
 
@@ -56,6 +58,7 @@ def list_mat(path: Path, request: Request) -> list[Listed]:
             own = _objects_of(file, path, roots, request).leaves if roots else {}
             return _listed({**own, **plain}, request)
     check_room(_mat_bytes(path), "the file")
+    check_elements(path)
     found = _load(path, None)
     if "None" in found or any(isinstance(v, MatlabObject) for v in _flat(found).values()):
         return _listed(read_objects(path, None).leaves, request)
@@ -245,4 +248,5 @@ class _Sparse:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """Fill it up."""
         check_room(math.prod(self.shape) * np.dtype(float).itemsize, "a sparse matrix")
+        self.matrix.check_format(full_check=True)  # else rows of a damaged file may lie outside
         return np.array(self.matrix.toarray(), dtype=dtype, copy=copy)

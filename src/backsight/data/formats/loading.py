@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -182,7 +183,9 @@ def _readable(path: Path, kind: str) -> Iterator[None]:
     try:
         if kind in TEXT:
             check_room(path.stat().st_size, "the file")
-        with READERS.blamed(kind, but=UNREADABLE):
+        with READERS.blamed(kind, but=UNREADABLE), warnings.catch_warnings():
+            if kind in READERS.own:
+                warnings.simplefilter("ignore")  # of libraries, about files that are cut off
             yield
     except PluginError:
         raise

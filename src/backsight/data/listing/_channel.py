@@ -60,6 +60,7 @@ class ChannelLook:
     remarks: tuple[str, ...]
 
 
+@np.errstate(invalid="ignore", over="ignore")  # of infinite ones
 def look(values: Array, dt: float | None) -> ChannelLook:
     """Look at the samples of a channel, (n,); `dt` [s] serves to say times if it is known."""
     known = np.flatnonzero(~np.isnan(values))
@@ -87,8 +88,10 @@ def look(values: Array, dt: float | None) -> ChannelLook:
     missing = 0 if every > 1 else len(values) - len(known)
     if missing:
         remarks += _dropouts(known, len(values), dt)
-    noise = _noise(measured)
-    walk = _walk(measured, noise)
+    # A power of two changes no digit, and squares of large numbers do not overflow.
+    unit = 2.0 ** (np.frexp(np.abs(measured).max())[1] - 1)
+    noise = unit * _noise(measured / unit)
+    walk = unit * _walk(measured / unit, noise / unit)
     return ChannelLook(low, high, missing, every, noise, walk, code, tuple(remarks))
 
 

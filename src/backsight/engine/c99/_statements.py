@@ -26,13 +26,14 @@ class Writer:
     ----------
     place : dict of Buffer to str
         Expression for the address of every buffer.
-    real : str
-        Type of a number.
+    real, zero : str
+        Type of a number, and how it writes none.
     """
 
-    def __init__(self, place: dict[Buffer, str], real: str) -> None:
+    def __init__(self, place: dict[Buffer, str], real: str, zero: str) -> None:
         self._place = place
         self._real = real
+        self._zero = zero
         self._searches = 0
 
     def lines(self, statements: Iterable[Statement], depth: int) -> list[str]:
@@ -60,13 +61,13 @@ class Writer:
                     f"{indent}}}",
                 ]
             case While(flag, limit, body, update):
-                test, count = f"{self._at(flag)}[0] != 0", self._searches
+                test, count = f"({self._item(flag)} != {self._zero})", self._searches
                 # A search within a search counts by itself.
                 counter = f"pass_{count + 1}" if count else "pass"
                 self._searches += 1
                 inside = [*self.lines(body, depth + 1), *self.copies(update, depth + 1)]
                 self._searches -= 1
-                head = f"for (int {counter} = 0; {counter} < {limit} && {test}; ++{counter}) {{"
+                head = f"for (int {counter} = 0; ({counter} < {limit}) && {test}; ++{counter}) {{"
                 return [f"{indent}{head}", *inside, f"{indent}}}"]
 
     def _foreign(self, call: Foreign, depth: int) -> list[str]:
@@ -83,36 +84,47 @@ class Writer:
 
     def _copy(self, copy: Copy, depth: int) -> list[str]:
         indent, n = "    " * depth, copy.source.size
-        to, source = self._at(copy.target), self._at(copy.source)
+        to, source = copy.target, copy.source
         if n == 1:
-            return [f"{indent}{to}[0] = {source}[0];"]
-        same = copy.source.buffer == copy.target.buffer
-        if same and (copy.source.strides or copy.target.strides):
+            return [f"{indent}{self._item(to)} = {self._item(source)};"]
+        moved = f"{self._item(to, 'i')} = {self._item(source, 'i')};"
+        same = source.buffer == to.buffer
+        if same and (source.strides or to.strides):
             return [
                 f"{indent}{{",
                 f"{indent}    {self._real} held[{n}];",
-                f"{indent}    for (int i = 0; i < {n}; ++i)",
-                f"{indent}        held[i] = {source}[i];",
-                f"{indent}    for (int i = 0; i < {n}; ++i)",
-                f"{indent}        {to}[i] = held[i];",
+                f"{indent}    for (int i = 0; i < {n}; ++i) {{",
+                f"{indent}        held[i] = {self._item(source, 'i')};",
+                f"{indent}    }}",
+                f"{indent}    for (int i = 0; i < {n}; ++i) {{",
+                f"{indent}        {self._item(to, 'i')} = held[i];",
+                f"{indent}    }}",
                 f"{indent}}}",
             ]
-        upwards = not (same and copy.target.offset > copy.source.offset)
+        upwards = not (same and to.offset > source.offset)
         order = f"int i = 0; i < {n}; ++i" if upwards else f"int i = {n - 1}; i >= 0; --i"
-        return [f"{indent}for ({order})", f"{indent}    {to}[i] = {source}[i];"]
+        return [f"{indent}for ({order}) {{", f"{indent}    {moved}", f"{indent}}}"]
 
     def _at(self, place: Slice) -> str:
-        terms = [str(place.offset)] if place.offset or not place.strides else []
-        for counter, stride in place.strides:
-            moved = (
-                f"table_{stride.name}[{counter}]"
-                if isinstance(stride, Table)
-                else f"{stride} * {counter}"
-            )
-            terms.append(moved)
-        index = " + ".join(terms)
+        """Address of the first number."""
+        index = self._index(place)
         base = self._place[place.buffer]
-        return base if index == "0" else f"({base} + {index})"
+        return f"&{base}[{' + '.join(index)}]" if index else base
+
+    def _item(self, place: Slice, number: str = "") -> str:
+        """A number, the first one or that of a counter."""
+        index = [*self._index(place), number] if number else self._index(place)
+        return f"{self._place[place.buffer]}[{' + '.join(index) or '0'}]"
+
+    def _index(self, place: Slice) -> list[str]:
+        """Where a slice begins in its buffer, as a sum; empty at the beginning."""
+        terms = [str(place.offset)] if place.offset else []
+        for counter, stride in place.strides:
+            if isinstance(stride, Table):
+                terms.append(f"table_{stride.name}[{counter}]")
+            elif stride:
+                terms.append(counter if stride == 1 else f"({stride} * {counter})")
+        return terms
 
 
 def listed(values: Iterable[str]) -> str:

@@ -86,6 +86,7 @@ def _expression(operation: Operation, inputs: list[str], values: list[str], kind
         argument, number = operation.arguments
         return f"{inputs[argument]}[{number}]"
     x = [values[a] for a in operation.arguments]
+    zero, one = kind.number(0.0), kind.number(1.0)
     if what in INFIX:
         return f"{x[0]} {INFIX[what]} {x[1]}"
     if what == "neg":
@@ -93,15 +94,15 @@ def _expression(operation: Operation, inputs: list[str], values: list[str], kind
     if what in FUNCTIONS:
         return f"{what}{kind.suffix}({', '.join(x)})"
     if what == "select":
-        return f"{x[0]} != 0 ? {x[1]} : {x[2]}"
+        return f"({x[0]} != {zero}) ? {x[1]} : {x[2]}"
     if what == "sign":
-        return f"{x[0]} > 0 ? 1 : ({x[0]} < 0 ? -1 : {x[0]})"
+        return f"({x[0]} > {zero}) ? {one} : (({x[0]} < {zero}) ? -{one} : {x[0]})"
     if what == "not":
-        return f"{x[0]} == 0"
+        return f"({x[0]} == {zero}) ? {one} : {zero}"
     if what in COMPARE:
-        return f"{x[0]} {COMPARE[what]} {x[1]}"
+        return f"({x[0]} {COMPARE[what]} {x[1]}) ? {one} : {zero}"
     if what in LOGIC:
-        return f"{x[0]} != 0 {LOGIC[what]} {x[1]} != 0"
+        return f"(({x[0]} != {zero}) {LOGIC[what]} ({x[1]} != {zero})) ? {one} : {zero}"
     raise EngineError(f"the operation '{what}' cannot be written in C")
 
 

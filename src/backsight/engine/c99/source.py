@@ -158,7 +158,7 @@ def _code(program: Program, to: Interface, start: Sequence[float], begin: Beginn
     place |= {b: f"settings->{b.name}" for b in program.inputs if b.name in kept}
     place |= dict(zip(program.outputs, to.results, strict=True))
     place[program.carry] = "memory->carry"
-    writer = Writer(place, f"{name}_real")
+    writer = Writer(place, f"{name}_real", kind.number(0.0))
     constants = [
         f"    static const {name}_real {identifier(b.name)}[{max(b.size, 1)}] = "
         f"{{{listed(kind.number(v) for v in b.values or (0.0,))}}};"
@@ -200,8 +200,9 @@ def _setter(to: Interface, start: Sequence[float], begin: Beginning | None) -> s
         f"    static const {name}_real start[{len(start)}] = {{{values}}};",
         *([f"    {name}_real own[{len(begin.places)}];"] if begin else []),
         "    int i;",
-        f"    for (i = 0; i < {len(start)}; ++i)",
+        f"    for (i = 0; i < {len(start)}; ++i) {{",
         "        memory->carry[i] = start[i];",
+        "    }",
     ]
     if begin:
         given = (f"settings->{n}" for n in begin.leaf.names[: len(begin.leaf.inputs)])

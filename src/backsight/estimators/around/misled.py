@@ -18,7 +18,6 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.symmetric import unvech
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.around.robust import innovation_alone
@@ -47,6 +46,10 @@ SOON = 20
 
 ABSURD = 1e12
 """Deviations of an innovation of which an estimate keeps no digits."""
+
+
+MOST_STATES = 100
+"""Equations of more states take seconds to look through."""
 
 
 class Believing(Protocol):
@@ -92,7 +95,9 @@ def watched(plain: Recursion, estimator: Believing, model: Model) -> Recursion:
 
 
 def _constants(model: Model, noise: Noise) -> list[int]:
-    """Places of states that nothing moves, neither equations nor noise."""
+    """Places of states that nothing moves, neither equations nor noise; none of many states."""
+    if model.nx > MOST_STATES:
+        return []
     walks = np.diag(noise.process(model) + noise.density(model)) > 0
     return sorted(set(range(model.nx)) - set(moving_states(model)) - set(np.flatnonzero(walks)))
 
@@ -117,14 +122,15 @@ class _Watch:
     soon: int
 
     def over(self, plain: Recursion) -> Recursion:
-        """With constants and their variances before the last such reading behind the memory.
+        """With the flag behind the memory, and what it takes.
 
-        Then the samples for which it is still felt, and those that are watched more closely, and
-        the flag.
+        If there are constants: they and their variances before the last such reading, the samples
+        for which it is still felt, and those that are watched more closely.
         """
-        sizes, n = (len(plain.carry0), *plain.input_sizes), len(self.still)
+        sizes = (len(plain.carry0), *plain.input_sizes)
         data = [ca.MX.sym(f"d{i}", size) for i, size in enumerate(sizes[1:])]
-        carry = ca.MX.sym("carry", sizes[0] + 2 * n + 3)
+        begun, again = self._memory(0.0), self._memory(SOON)
+        carry = ca.MX.sym("carry", sizes[0] + len(begun))
         inside, kept = ca.vertsplit(carry, [0, sizes[0], carry.numel()])
         after, *values = plain.step.call([inside, *data], True, False)
         named = dict(zip([c.name for c in plain.channels], values, strict=True))
@@ -140,47 +146,51 @@ class _Watch:
         named["status"] = named["status"] + int(Status.MISLED) * flag
         innovation = plain.innovation
         if innovation is not None:
-            again = innovation.call([inside, *data], True, False)
-            innovation = ca.Function("innovation", [carry, *data], again)
+            before = innovation.call([inside, *data], True, False)
+            innovation = ca.Function("innovation", [carry, *data], before)
         moved = ca.vertcat(after, kept_next)
         return dataclasses.replace(
             plain,
             step=ca.Function(plain.name, [carry, *data], ca.cse([moved, *named.values()])),
-            carry0=np.concatenate([plain.carry0, self.mean, self.variance, [0.0, 0.0, 0.0]]),
-            fresh=np.concatenate([plain.carry0, self.mean, self.variance, [0.0, SOON, 0.0]]),
+            carry0=np.concatenate([plain.carry0, begun]),
+            fresh=np.concatenate([plain.carry0, again]),
             innovation=innovation,
             start=None,
         )
+
+    def _memory(self, wary: float) -> Array:
+        if not self.still:
+            return np.zeros(1)
+        return np.concatenate([self.mean, self.variance, [0.0, wary, 0.0]])
 
     def _judge(self, ny: int) -> ca.Function:
         """``(e, S, mask, kept, now) -> (kept, told)``.
 
         What is not a number is neither far nor moved; another bit tells of it.
         """
-        n = len(self.still)
-        e, mask = ca.SX.sym("e", ny), ca.SX.sym("mask", ny)
-        triangle = ca.SX.sym("S", ny * (ny + 1) // 2)
-        kept, now = ca.SX.sym("kept", 2 * n + 3), ca.SX.sym("now", 2 * n)
-        x, variance, *numbers = ca.vertsplit(kept, [0, n, *range(2 * n, 2 * n + 4)])
-        felt, wary, told = numbers
-        x_now, variance_now = ca.vertsplit(now, [0, n, 2 * n])
+        n, e, mask = len(self.still), ca.SX.sym("e", ny), ca.SX.sym("mask", ny)
+        triangle, now = ca.SX.sym("S", ny * (ny + 1) // 2), ca.SX.sym("now", 2 * n)
+        kept = ca.SX.sym("kept", len(self._memory(0.0)))
+        given = [e, triangle, mask, kept, now]
         # Squares that overflow are larger than any variance, too.
-        variances, squares = ca.diag(unvech(triangle)), e**2
+        variances, squares = triangle[np.cumsum([0, *range(ny, 1, -1)]).tolist()], e**2
         seen = ca.logic_and(mask > 0, variances > 0)
-        far, absurd = (
-            ca.mmax(ca.logic_and(seen, squares > size**2 * variances))
-            for size in (ca.if_else(wary > 0, WARY, FAR), ABSURD)
-        )
-        wary_next = ca.fmax(wary - 1, 0)
-        felt_now = ca.if_else(far, self.soon, ca.fmax(felt - 1, 0))
+
+        def beyond(size: ca.SX | float) -> ca.SX:
+            return ca.mmax(ca.logic_and(seen, squares > size**2 * variances))
+
         if not n:
-            flag = ca.logic_or(absurd, ca.logic_and(told, far))
-            return ca.Function("misled", [e, triangle, mask, kept, now],
-                               [ca.vertcat(felt_now, wary_next, flag), flag])  # fmt: skip
-        moved = ca.logic_and(variance > 0, (x_now - x) ** 2 > MOVED**2 * variance)
-        learned = variance_now < LEARNED * variance
+            told = ca.logic_or(beyond(ABSURD), ca.logic_and(kept, beyond(FAR)))
+            return ca.Function("misled", given, [told, told])
+        x, spread, *numbers = ca.vertsplit(kept, [0, n, *range(2 * n, 2 * n + 4)])
+        felt, wary, told = numbers
+        x_now, spread_now = ca.vertsplit(now, [0, n, 2 * n])
+        far = beyond(ca.if_else(wary > 0, WARY, FAR))
+        felt_now = ca.if_else(far, self.soon, ca.fmax(felt - 1, 0))
+        moved = ca.logic_and(spread > 0, (x_now - x) ** 2 > MOVED**2 * spread)
+        learned = spread_now < LEARNED * spread
         worse = ca.logic_and(felt_now > 0, ca.mmax(ca.logic_or(moved, learned)))
-        flag = ca.fmax(told, ca.logic_or(absurd, worse))
+        flag = ca.fmax(told, ca.logic_or(beyond(ABSURD), worse))
         before = ca.if_else(felt_now > 0, kept[: 2 * n], now)
-        return ca.Function("misled", [e, triangle, mask, kept, now],
-                           [ca.vertcat(before, felt_now, wary_next, flag), flag])  # fmt: skip
+        after = ca.vertcat(before, felt_now, ca.fmax(wary - 1, 0), flag)
+        return ca.Function("misled", given, [after, flag])

@@ -5,10 +5,12 @@ import dataclasses
 import numpy as np
 import scipy
 
-from backsight.errors import TuningError
+from backsight.errors import ModelError, TuningError
 from backsight.estimators.force_estimator import AbstractDictionary, Forced
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.linear import root
+from backsight.models.forces.unknown_forces import forces_as_inputs
+from backsight.models.model import Model
 from backsight.types import Array
 
 SAME = 1e-10
@@ -158,3 +160,11 @@ def check_forces(forced: Forced, N: int) -> None:
             f"no sensor sees the force {', '.join(unseen)} within a window of N = {N}; add a "
             "sensor that moves with it"
         )
+
+
+def with_forces_as_inputs(model: Model, forces: tuple[str, ...]) -> Model:
+    """The model with its unknown forces as the last inputs; raise `TuningError` if it lacks one."""
+    try:
+        return forces_as_inputs(model, forces)
+    except ModelError as error:
+        raise TuningError(f"forces: {error}") from None

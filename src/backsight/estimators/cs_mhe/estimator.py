@@ -18,7 +18,7 @@ from backsight.description import (
 )
 from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
-from backsight.errors import ModelError, TuningError
+from backsight.errors import TuningError
 from backsight.estimators.arrival import SmoothedArrival, arrival_name
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.cs_mhe._along import Along, directions, varying_tables
@@ -32,7 +32,12 @@ from backsight.estimators.cs_mhe._limits import (
     sign_faults,
 )
 from backsight.estimators.cs_mhe._step import cs_recursion
-from backsight.estimators.cs_mhe._tables import check_forces, shapes_within, tables
+from backsight.estimators.cs_mhe._tables import (
+    check_forces,
+    shapes_within,
+    tables,
+    with_forces_as_inputs,
+)
 from backsight.estimators.cs_mhe._window import KERNEL, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
 from backsight.estimators.dictionaries import Dictionary, Impulses
@@ -43,7 +48,6 @@ from backsight.estimators.parts.linear import at_mean, linear
 from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import VariedNoise
-from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import is_linear
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
@@ -99,8 +103,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         What :math:`\bar x, \bar P` are once the window is full, as for `MHE`: the Kalman filter's
         prediction from the sample that leaves, which takes from the whole window only the forces
         found; with `SmoothedArrival(naive=True)` the window's own estimate, which counts its
-        measurements twice (the paper's); the same with a constant covariance; or nothing, so that
-        only the samples of the window count.
+        measurements twice (the paper's); the same with a constant covariance; or nothing.
     carryover : Carryover, optional
         Expect the forces of a window in the next one, too (Algorithm 1); not if not given.
     threshold : float
@@ -109,25 +112,22 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         Spread what is below the threshold over what is above it, in `d_hat`: so that the sum of
         the magnitudes of the window is kept, or the sum of the squares.
     bias : {"removed", "kept"}
-        The l1 norm finds forces, and makes them too small. With ``removed`` the forces that were
-        found are shown as fitted without it, by least squares in which the others stay zero;
-        `threshold` judges them by the l1 norm. Their deviation then counts what the l1 norm had
-        taken away, and the atoms that could nearly as well have been chosen (whose optimality
-        condition is used up to a half), and so does the covariance of the states. ``kept`` shows
-        the optimum of the cost itself, as in the paper, with deviations that know nothing of both.
-        The states themselves are the same.
+        The l1 norm finds forces, and makes them too small. With ``removed`` the forces found are
+        shown as least squares in which the others stay zero, while `threshold` judges them by the
+        l1 norm; deviations, of states too, count what the l1 norm had taken away, and atoms that
+        could as well have been chosen (whose optimality condition is used up to a half). ``kept``
+        shows the optimum of the cost itself, as in the paper. The states are the same.
     lag : int or "N"
         The estimate of a sample is made when `lag` more have been measured, as for `MHE`; with "N"
         from the start of the window. The newest forces cannot be told apart yet.
     hold : {"zoh", "foh"}
-        Known inputs between the samples of a continuous model: held, or, of a linear one,
-        interpolated. The unknown forces are held.
+        Known inputs between samples: held, or, of a linear model, interpolated; forces are held.
     passes : int
-        Of a nonlinear model: how often a window is linearised; every sample is in N + 1 of them.
+        Of a nonlinear model: how often a window is linearised; every sample is in N + 1 windows.
     max_steps, max_active : int, optional
-        Most steps of the active set in a window, and most factors in it that are not zero (the work
-        space is the square), for hard real time; by default so many as always suffice. A window
-        that needs more has the status *iteration limit*.
+        For hard real time: most steps of the active set in one window, and most factors that are
+        not zero at a time, of which the work space is the square; by default so many as always
+        suffice. Where one is reached, the status says *iteration limit*.
 
     Notes
     -----
@@ -139,14 +139,17 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     says *not optimal*); and ``lam_max``, the weight from which on nothing would have been found.
 
     The solution is exact: a warm-started active set. Covariances of the states are those of the
-    least-squares problem in which the forces that are zero stay zero and the others are free. With
-    ``SmoothedArrival(naive=True)`` and ``bias="kept"`` they are too small, since its measurements
-    count several times; with ``bias="removed"`` they count them once.
+    least-squares problem in which the forces that are zero stay zero and the others are free; with
+    ``SmoothedArrival(naive=True)`` and ``bias="kept"`` they are too small. Samples may be missing,
+    or have a noise of their own (eq. 8). If limits contradict each other, the estimate is the one
+    without them, the status says *infeasible*, and ``infeasible`` names them.
 
-    A window that is not full yet, or has gaps, is one with samples that were not measured. Samples
-    may have a noise of their own (eq. 8). If limits contradict each other, the estimate is the one
-    without them, the status says *infeasible*, and ``infeasible`` names them; covariances do not
-    count on an active limit. Without the C kernels of the package it raises `EngineError`.
+    Raises
+    ------
+    EngineError
+        If the C kernels of the package are not compiled.
+    TuningError
+        If a setting is wrong.
 
     References
     ----------
@@ -249,10 +252,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     def _joined(self, model: Model) -> Model:
         """The model with its unknown forces as the last inputs."""
-        try:
-            joined = forces_as_inputs(model, self.forces)
-        except ModelError as error:
-            raise TuningError(f"forces: {error}") from None
+        joined = with_forces_as_inputs(model, self.forces)
         if (rule := self.outliers) is not None:
             raise TuningError(self._refusal(rule))
         if isinstance(self.noise, VariedNoise) or self.noise.beyond_additive:

@@ -142,12 +142,13 @@ static int cs_window_within(cs_window_problem *k, real *alpha, real *extra, real
             continue;
         }
         if (!cs_window_enter_limit(k, &limits, alpha, extra)) {
-            if (cs_window_contradicted(k, &limits, contradicted)) cs_window_set_free(k);
             for (int last = 0; last < SHARPENED && pass > 0; ++last) {
                 cs_window_sharpen(k, &limits);
                 status = cs_window_again(k, alpha, extra, steps);
             }
-            return status;
+            if (!cs_window_contradicted(k, &limits, contradicted)) return status;
+            cs_window_set_free(k);
+            return cs_window_again(k, alpha, extra, steps);
         }
         status = cs_window_again(k, alpha, extra, steps);
     }

@@ -12,9 +12,9 @@
 
 #include "cs_window_problem.h"
 
-#define SOFTNESS ((real)1e-9) /* variance of an active limit, as a share of what it limits */
+#define SOFTNESS ((real)1e-6) /* variance of an active limit, as a share of what it limits */
 #define SLACK ((real)1e-7) /* standard deviations by which a limit is missed and still kept */
-#define SHARPENED 2 /* times that active limits are aimed at anew */
+#define SHARPENED 3 /* times that active limits are aimed at anew */
 #define MISSED ((real)1e-4) /* the same of active limits: beyond it they contradict each other */
 
 typedef struct {
@@ -70,12 +70,12 @@ static void cs_window_multipliers(const cs_window_problem *k, real *by_row, real
 {
     for (int i = 0; i < k->counting.count; ++i) {
         const int of = k->counting.used[i];
-        if (k->z->limits && k->row[of]) by_row[of] = -k->row[of] * k->e[i];
+        if (k->z->limits && k->row[of]) by_row[of] = -(real)k->row[of] * k->e[i];
     }
     for (int i = 0; i < k->z->columns; ++i) {
         if (!k->held[i]) continue;
-        const real a = k->at_limit[i], sign = a != 0 ? (a > 0 ? 1 : -1) : k->held[i];
-        by_column[i] = k->held[i] * (cs_window_slope(k, i, a)
+        const real a = k->at_limit[i], sign = a != 0 ? (a > 0 ? 1 : -1) : (real)k->held[i];
+        by_column[i] = (real)k->held[i] * (cs_window_slope(k, i, a)
                                      - cs_window_half(k->z, &k->prior, i, sign));
     }
 }
@@ -161,7 +161,8 @@ static int cs_window_contradicted(const cs_window_problem *k, const cs_window_li
     int some = 0;
     for (int i = 0; i < k->z->m && k->z->limits; ++i) {
         if (!k->row[i]) continue;
-        if (!(real_fabs(cs_window_value(k, i) - k->r[i]) > MISSED * l->size[i])) continue;
+        const real end = (k->row[i] < 0 ? l->low : l->high)[i];
+        if (!(real_fabs(cs_window_value(k, i) - end) > MISSED * l->size[i])) continue;
         which[i % k->z->ny - k->z->outputs] = some = 1;
     }
     return some;

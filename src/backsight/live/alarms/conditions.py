@@ -70,12 +70,13 @@ class Quantities:
     def __init__(self, model: Model, labels: Mapping[str, Sequence[str]]) -> None:
         self._places: dict[str, tuple[str, str, int]] = {}
         self.units: dict[str, str] = {}
+        units = {s.name: s.unit for s in model.parameters}
         self.positions = {s.name: s.position for s in model.parameters}
         for k, s in reversed(list(enumerate(model.outputs))):
             self._set(s.name, ("y_hat", "", k), s.unit)
         for hat, std in (("z_hat", "z_std"), ("d_hat", "d_std")):
             for k, name in enumerate(labels.get(hat, ())):
-                self._set(name, (hat, std, k), "")
+                self._set(name, (hat, std, k), units.get(name, ""))
         for k, s in enumerate(model.states):
             self._set(s.name, ("x_hat", "x_std", k), s.unit)
         self.forces = list(labels.get("d_hat", ())) or [*model.resting]
@@ -187,9 +188,12 @@ class HitCondition(Condition):
                 best, worst = name, float(values[k])
                 place = self._quantities.positions.get(name)
         there = abs(worst) >= self._table.threshold
-        unit = self._quantities.units.get(best, "")
+        if not best:
+            return Sighting(False, True, "no force is larger than its band", worst)
+        unit = self._quantities.units[best]
         where = "" if place is None else f" at {place:g} m"
-        return Sighting(there, not there, f"{best} is {worst:.4g} {unit}{where}", worst, place)
+        sentence = f"{best} is {worst:.4g} {unit}".rstrip() + where
+        return Sighting(there, not there, sentence, worst, place)
 
 
 class SilentCondition(Condition):

@@ -40,30 +40,33 @@ class Alarm:
     _turning: float | None = None
     """Time since when the condition says the other thing."""
 
-    def see(self, rows: LiveRows, now: float) -> bool:
-        """Look at new samples, the last of them at `now`; whether it was raised or cleared."""
+    def see(self, rows: LiveRows, now: float) -> Sighting | None:
+        """Look at new samples, the last of them at `now`; what raised or cleared it, if that did.
+
+        What it says of itself stays what it was raised for, until it is raised again.
+        """
         seen = self.condition.see(rows)
         if seen is None:
-            return False
+            return None
         turns = seen.over if self.raised else seen.there
         if self.raised and seen.there:
             self.value, self.sentence = seen.value, seen.sentence
         if not turns:
             self._turning = None
-            return False
+            return None
         if self._turning is None:
             self._turning = now
         if now - self._turning < self.table.hold:
-            return False
+            return None
         self._turn(seen, now)
-        return True
+        return seen
 
     def _turn(self, seen: Sighting, now: float) -> None:
         self._turning = None
         self.raised = not self.raised
         if self.raised:
             self.acknowledged, self.since = False, now
-        self.sentence, self.value, self.place = seen.sentence, seen.value, seen.place
+            self.sentence, self.value, self.place = seen.sentence, seen.value, seen.place
 
     def described(self) -> dict[str, Any]:
         """As JSON."""
@@ -93,15 +96,16 @@ class Alarms:
             return
         now = time_of(rows.start + len(rows) - 1)
         for alarm in self.alarms.values():
-            if alarm.see(rows, now):
-                self._announce(alarm, now)
+            if (seen := alarm.see(rows, now)) is not None:
+                self._announce(alarm, seen, now)
 
-    def _announce(self, alarm: Alarm, now: float) -> None:
+    def _announce(self, alarm: Alarm, seen: Sighting, now: float) -> None:
         word = "raised" if alarm.raised else "cleared"
-        event = {**alarm.described(), "event": word, "time": now, "at": time.time()}
+        found = {"sentence": seen.sentence, "value": seen.value, "place": seen.place}
+        event = {**alarm.described(), **found, "event": word, "time": now, "at": time.time()}
         with self._lock:
             self.events.append(event)
-        self._tell(f"alarm {alarm.name} {word}: {alarm.sentence}")
+        self._tell(f"alarm {alarm.name} {word}: {seen.sentence}")
         self._outlets.send(alarm.name, alarm.table, event)
 
     def acknowledge(self, name: str) -> bool:

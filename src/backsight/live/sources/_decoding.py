@@ -83,8 +83,9 @@ def _records(
     counts = np.array([0 if len(p) % size else len(p) // size for p in payloads])
     sound = np.frombuffer(b"".join(p for p in payloads if not len(p) % size), record)
     values = np.empty((len(sound), len(order)))
-    for j, k in enumerate(order):
-        values[:, j] = sound[f"f{k}"]
+    with np.errstate(invalid="ignore"):  # not every NaN may be widened quietly
+        for j, k in enumerate(order):
+            values[:, j] = sound[f"f{k}"]
     return (
         *_without_infinite(values, np.repeat(np.arange(len(payloads)), counts), payloads, faults),
     )

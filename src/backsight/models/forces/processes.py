@@ -53,12 +53,18 @@ class Driven:
         Covariance of the states before anything is measured.
     says : str
         What they are, in words.
+    process : Process, optional
+        Of the force that is the first of them, as `augment` was told it.
+    mean : float
+        Around which it varies.
     """
 
     states: tuple[str, ...]
     noise: Array
     stationary: Array
     says: str
+    process: "Process | None" = None
+    mean: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -57,7 +57,8 @@ def scale(model: Model) -> Model:
 def _in_scale(group: Driven, model: Model, sx: Array) -> Driven:
     size = sx[[model.index(name) for name in group.states]]
     by = np.outer(size, size)
-    return dataclasses.replace(group, noise=group.noise / by, stationary=group.stationary / by)
+    scaled = {"noise": group.noise / by, "stationary": group.stationary / by}
+    return dataclasses.replace(group, **scaled, process=None)
 
 
 def _scaled(s: Signal) -> Signal:

@@ -240,13 +240,19 @@ function saved(frame) {
   }));
 }
 
+// Numbers that change faster than this cannot be read, and laying out the page costs more than curves.
+const READ = 200; // ms
+let texts = 0;
+
 function show(frame) {
+  if (frame.fresh) append(frame.fresh);
+  if (performance.now() < texts) return;
+  texts = performance.now() + READ;
   by("light").className = frame.verdict.light;
   by("sentence").textContent = frame.verdict.sentence;
   const stored = frame.stored === null ? "" : `, ${frame.stored} stored`;
   const latency = frame.latency[0] === null ? "" : `, latency ${digits(1e3 * frame.latency[0], 3)} ms`;
   by("facts").textContent = `${known.estimator}, ${digits(1 / known.dt, 6)} Hz: ${frame.samples} samples${stored}${latency}`;
-  if (frame.fresh) append(frame.fresh);
   values(frame);
   alarms(frame);
   sources(frame);

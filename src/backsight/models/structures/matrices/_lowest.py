@@ -11,17 +11,15 @@ bodies); Parlett, "The Symmetric Eigenvalue Problem", 1998, sections 11.3 and 15
 
 import dataclasses
 import warnings
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import scipy
 import scipy.sparse as sparse
 
 from backsight.errors import BacksightWarning, ModelError
+from backsight.models.structures.matrices._lanczos import BLOCK, Solve, largest
 from backsight.types import Array, Sparse
-
-Solve: TypeAlias = Callable[[Array], Array]
 
 EPS = float(np.finfo(float).eps)
 
@@ -188,19 +186,29 @@ def _shifted(M: Sparse, K: Sparse, count: int, shift: float) -> LowestModes | No
     n = M.shape[0]
     if n <= DENSE or K.nnz * FILLED > n * n or count > n // 2:
         return _dense(M.toarray(), K.toarray(), count, shift)
-    factor = _factored(K - shift * M)
-    if factor is None:
+    shifted = _Shifted(K - shift * M)
+    if not shifted.regular:
         return None
-    X = _lanczos(M, K, count, shift, factor.solve, np.zeros((n, 0)))
+    X, missed = largest(M, shifted.solve, count, np.zeros((n, 0))), 0
+    if X is None:
+        raise ModelError(
+            f"the {count} lowest modes do not converge: rounding hides them; check the units of "
+            "the coordinates and whether a penalty is too large"
+        )
     for _ in range(_TRIES):
         squares, X, size = (part[..., :count] for part in _ritz(M, K, X))
         bends = squares[-1] > ROUNDING * EPS * size[-1]
+        # Of a singular mass matrix, once more: rounding along its null space goes.
+        pure = shifted.solve(M @ X)
+        shifted.forget()
         # If all are rigid bodies, none may be further below zero than the shift.
         missed = _missed(M, K, squares, squares[-1] * (1 - _BELOW) if bends else 2 * shift)
         if not missed:
-            # Of a singular mass matrix, once more: rounding along its null space goes.
-            return LowestModes(np.zeros(count), factor.solve(M @ X), shift, factor.solve)
-        more = _lanczos(M, K, min(missed, n // 4), shift, factor.solve, X)
+            return LowestModes(np.zeros(count), pure, shift, shifted.solve)
+        few = min(missed, n // 4)
+        more = largest(M, shifted.solve, few, X, width=min(max(few, BLOCK), n // 8))
+        if more is None or not more.shape[1]:
+            break
         X = np.hstack([X, more])
     raise ModelError(
         f"{missed} modes below {_hertz(np.maximum(squares[-1:], 0))} Hz are not found: stiffness "
@@ -208,19 +216,26 @@ def _shifted(M: Sparse, K: Sparse, count: int, shift: float) -> LowestModes | No
     )
 
 
-def _lanczos(M: Sparse, K: Sparse, count: int, shift: float, solve: Solve, known: Array) -> Array:
-    """Vectors of the modes nearest to the shift, by mass orthogonal to known ones."""
-    n = M.shape[0]
-    away = M @ known
+class _Shifted:
+    """Solutions by sparse factors, which are made when they are needed and not kept for ever.
 
-    def deflated(b: Array) -> Array:
-        x = solve(b)
-        return x - known @ (away.T @ x)
+    Those of 10^5 coordinates take a gigabyte, as do those by which modes are counted.
+    """
 
-    start = deflated(M @ np.random.default_rng(0).standard_normal(n))
-    operator = sparse.linalg.LinearOperator((n, n), deflated, dtype=float)
-    many = min(n - 1, 2 * count + 20)
-    return sparse.linalg.eigsh(K, count, M, sigma=shift, OPinv=operator, v0=start, ncv=many)[1]
+    def __init__(self, A: Sparse) -> None:
+        self._matrix = A
+        self._factor = _factored(A)
+        self.regular = self._factor is not None
+
+    def solve(self, b: Array) -> Array:
+        """Solution for one or more columns."""
+        if self._factor is None:
+            self._factor = _factored(self._matrix)
+        return np.asarray(self._factor.solve(b))
+
+    def forget(self) -> None:
+        """Free the memory until the next solution."""
+        self._factor = None
 
 
 def _missed(M: Sparse, K: Sparse, squares: Array, mu: float) -> int:

@@ -159,6 +159,8 @@ def _lanes(
 def _able(estimator: AbstractEstimator, unknowns: Sequence[Unknown]) -> bool:
     """Whether the estimator can take these values as inputs."""
     kinds = {u.kind for u in unknowns}
+    if "process" in kinds:
+        return False  # it is a part of the model's equations
     bends = "parameter" in kinds or any(u.late_output for u in unknowns)
     if estimator.varied(parameters=bends).constant_gain:
         return False

@@ -24,6 +24,8 @@ class Free(Description):
         parameter of the model. The name of a setting of the estimator that is a number, such as
         ``alpha``; or several by name, ``sigma_force``; or an array, ``Gamma``, of which a factor is
         found, as of the ``poles`` of a `Luenberger` observer how much faster errors fade.
+        ``wind.sigma``, ``wind.length``: size and scale of time of the process that a force follows
+        (also ``memory``, ``frequency``); ``wind`` both.
         ``delay.y``: by how much the samples of an input or output come late [s];
         `sigma` must say how much that may be.
     spread : float, optional

@@ -1,5 +1,6 @@
 """One reader for every kind of value: from its name to where the search starts, and its prior."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from backsight.errors import TuningError, nearest
 from backsight.estimators.base import AbstractEstimator
+from backsight.models.forces.changing import process_of
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.tune.fitting.values._free import Free
@@ -26,8 +28,9 @@ from backsight.tune.fitting.values._settings import (
 )
 from backsight.tune.fitting.values._unknown import Kind, Unknown
 
-LOOSE, PHYSICAL, SETTING = 30.0, 3.0, 10.0
-"""Factors by which noise, parameters of the model and settings may be wrong if nothing is said."""
+LOOSE, PHYSICAL, SETTING, PROCESS = 30.0, 3.0, 10.0, 10.0
+"""Factors by which noise, parameters of the model, settings and processes of forces may be wrong if
+nothing is said."""
 
 CORRELATED = 1.5
 """Standard deviation of a correlation on the logistic scale: from -0.9 to 0.9 nearly alike."""
@@ -191,6 +194,25 @@ def model_parameter(free: Free, model: Model) -> Unknown:
     if free.sigma is not None:
         spread = free.sigma / abs(scale.slope(0.0))
     return Unknown(s.name, "parameter", s.name, scale, spread, free.per, s.unit)
+
+
+def process_numbers(free: Free, force: str, entry: str, model: Model) -> list[Unknown]:
+    """Size, scale of time, frequency and memory of the process that a force follows."""
+    process = process_of(model, force)
+    numbers = {f.name: getattr(process, f.name) for f in dataclasses.fields(process)}
+    numbers = {n: v for n, v in numbers.items() if isinstance(v, float) and math.isfinite(v)}
+    if "length" in numbers and entry == "time":
+        entry = "length"  # as that of Gauss and Markov is called
+    if entry and entry not in numbers:
+        raise TuningError(f"'{free.name}' cannot be free: {nearest(entry, numbers)}")
+    unit = next(s.unit for s in model.states if s.name == force)
+    units = {"sigma": unit, "length": "s", "memory": "s", "frequency": "Hz"}
+    return [
+        _positive(free, "process", name, name, numbers[n], PROCESS, units.get(n, ""))
+        for n in ([entry] if entry else ("sigma", "length"))
+        for name in (f"{force}.{n}",)
+        if n in numbers
+    ]
 
 
 def _positive(

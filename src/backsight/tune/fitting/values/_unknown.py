@@ -7,10 +7,12 @@ from backsight.tune.fitting.values._matrix import FreeMatrix
 from backsight.tune.fitting.values._scale import AbstractScale
 
 Kind = Literal[
-    "sigma_y", "R", "walk", "matrix", "sigma_x0", "P0", "x0", "parameter", "setting", "delay"
-]
+    "sigma_y", "R", "walk", "matrix", "sigma_x0", "P0", "x0", "parameter", "process", "setting",
+    "delay",
+]  # fmt: skip
 """What a value is; ``walk`` is all process noise that is a factor of `sigma_w`, `Q`, `Qc` or of an
-entry of them, ``matrix`` a variance or a correlation of a `FreeMatrix`."""
+entry of them, ``matrix`` a variance or a correlation of a `FreeMatrix`, ``process`` a number of the
+process that a force follows (``wind.sigma``)."""
 
 
 @dataclasses.dataclass(frozen=True)

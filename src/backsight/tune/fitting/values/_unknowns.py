@@ -87,7 +87,9 @@ def _resolved(free: Free, estimator: AbstractEstimator, model: Model) -> list[Un
     if by_name := [s for s in settings if s.startswith(f"{free.name}.") and s.count(".") == 1]:
         named = [dataclasses.replace(free, name=s) for s in by_name]
         return [read.estimator_setting(f, estimator) for f in named]
+    if group in (forces := [g.states[0] for g in model.driven if g.process is not None]):
+        return read.process_numbers(free, group, entry, model)
     if group == "delay":
         return [read.channel_delay(free, entry, model)]
-    known = [*readers, "delay", *parameters, *settings]
+    known = [*readers, "delay", *parameters, *settings, *(f"{name}.sigma" for name in forces)]
     raise TuningError(f"'{free.name}' cannot be free: {nearest(free.name, known)}")
