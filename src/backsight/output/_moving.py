@@ -125,7 +125,7 @@ def tidy(folder: Path) -> None:
             rest.unlink(missing_ok=True)
 
 
-def listed_in(folder: Path) -> list[str]:
+def folder_entries(folder: Path) -> list[str]:
     """Names in a folder, without locks and what is unfinished."""
     ours = {HOLD, *INTERNAL}
     unfinished = {path.name for path in folder.glob(PART)}

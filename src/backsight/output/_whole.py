@@ -20,9 +20,9 @@ from backsight.output._moving import (
     INTERNAL,
     OWNER,
     exchange,
+    folder_entries,
     is_moved,
     is_name,
-    listed_in,
     part_in,
     settle,
 )
@@ -192,7 +192,7 @@ def _check_free(target: Path, names: Collection[str] | None, *, force: bool) -> 
             return
         own = _own(target)
         if names is None:
-            names = [] if own or force else listed_in(target)
+            names = [] if own or force else folder_entries(target)
         taken = [n for n in [*names, MARKER] if os.path.lexists(target / n)]
         folders = [n for n in taken if (target / n).is_dir() and not (target / n).is_symlink()]
     foreign = [n for n in taken if n not in own]

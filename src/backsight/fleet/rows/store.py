@@ -16,7 +16,7 @@ from typing import Any
 from backsight.errors import DataError, OutputError
 from backsight.fleet.rows.landed import Landed
 from backsight.fleet.rows.numbers import Told, row_of_text, row_text
-from backsight.output import contents, holding, make_folder, tidy, writing
+from backsight.output import folder_entries, holding, make_folder, tidy, writing
 
 ROWS, RESULTS = "fleet.sqlite", "results"
 """The file with the rows, and the folder of the results that are kept."""
@@ -207,7 +207,7 @@ def opened_fleet_store(out: Path, *, said: str, about: Mapping[str, Any]) -> Ite
 
 
 def _check_empty(out: Path) -> None:
-    if foreign := contents(out):
+    if foreign := folder_entries(out):
         raise OutputError(
             f"'{out}' has files that are not from here, such as {foreign[0]}; choose another folder"
         )

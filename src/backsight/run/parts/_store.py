@@ -19,7 +19,7 @@ import xarray as xr
 
 from backsight.errors import DataError, OutputError
 from backsight.output import (
-    contents,
+    folder_entries,
     holding,
     make_folder,
     netcdf_file,
@@ -103,7 +103,7 @@ def opened_store(out: Path, *, said: str) -> Iterator[PartStore]:
         if about.exists():
             _check_same(about, said)
         else:
-            if foreign := contents(out):
+            if foreign := folder_entries(out):
                 raise OutputError(
                     f"'{out}' has files that are not from here, such as {foreign[0]}; choose "
                     "another folder"
