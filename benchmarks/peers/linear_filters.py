@@ -56,13 +56,14 @@ def dynamax(states: int, outputs: int) -> Contender:
 
     jax.config.update("jax_enable_x64", True)
     g = sizes.linear(states, outputs)
+    A, C, Q, R, P0 = map(jax.numpy.asarray, (g.A, g.C, g.Q, g.R, g.P0))
     params, _ = LinearGaussianSSM(states, outputs).initialize(
-        initial_mean=np.zeros(states),
-        initial_covariance=g.P0,
-        dynamics_weights=g.A,
-        dynamics_covariance=g.Q,
-        emission_weights=g.C,
-        emission_covariance=g.R,
+        initial_mean=jax.numpy.zeros(states),
+        initial_covariance=P0,
+        dynamics_weights=A,
+        dynamics_covariance=Q,
+        emission_weights=C,
+        emission_covariance=R,
     )
     run = jax.jit(lambda y: lgssm_filter(params, y).filtered_means)
 
@@ -89,8 +90,13 @@ def cuthbert(states: int, outputs: int) -> Contender:
     method = kalman.build_filter(
         start,
         roots[0],
-        get_dynamics_params=lambda _: (A, nothing[0], roots[1]),
-        get_observation_params=lambda y: (C, nothing[1], roots[2], y),
+        get_dynamics_params=lambda model_inputs: (A, nothing[0], roots[1]),  # noqa: ARG005
+        get_observation_params=lambda model_inputs: (
+            C,
+            nothing[1],
+            roots[2],
+            jnp.asarray(model_inputs),
+        ),
     )
     run = jax.jit(lambda y: run_filter(method, y, method.init_prepare()).mean)
 
