@@ -36,6 +36,11 @@ def title(states: int, outputs: int) -> str:
     return f"Kalman filter, {states} states, {outputs} outputs, dense"
 
 
+def titles() -> tuple[str, ...]:
+    """Of all tables."""
+    return tuple(title(*size) for size in SIZES)
+
+
 def samples(states: int) -> int:
     """Length of the recording, so that every size takes about as long."""
     return int(np.clip(4e6 / states**2, 60, 4000))
@@ -65,7 +70,7 @@ def _contest(states: int, outputs: int) -> Contest:
 REMARK = (
     "A discrete-time model in which every state moves every other, no inputs, all outputs "
     "measured, all of the covariances computed. Only Backsight's first line and statsmodels stop "
-    "computing the covariance when it has converged. Difference from NumPy with BLAS."
+    "computing the covariance when it has converged. States and outputs are those of the columns."
 )
 
 
