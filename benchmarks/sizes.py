@@ -42,8 +42,8 @@ def titles() -> tuple[str, ...]:
 
 
 def samples(states: int) -> int:
-    """Length of the recording, so that every size takes about as long."""
-    return int(np.clip(4e6 / states**2, 60, 4000))
+    """Length of the recording: long enough for covariances to converge, up to a few hundred states."""
+    return int(np.clip(4e7 / states**2, 160, 4000))
 
 
 def contests() -> tuple[Contest, ...]:
