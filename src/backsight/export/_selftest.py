@@ -10,7 +10,7 @@ from backsight.types import Array
 COUNTS = ("status", "iterations", "passes", "steps", "nonzeros", "infeasible")
 """Outputs that are whole numbers."""
 
-RESIDUALS = ("kkt",)
+RESIDUALS = ("kkt", "gap")
 """Outputs that are zero but for rounding: in single precision they are as large as that rounds."""
 
 

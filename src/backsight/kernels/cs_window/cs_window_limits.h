@@ -163,7 +163,8 @@ static int cs_window_contradicted(const cs_window_problem *k, const cs_window_li
         if (!k->row[i]) continue;
         const real end = (k->row[i] < 0 ? l->low : l->high)[i];
         if (!(real_fabs(cs_window_value(k, i) - end) > MISSED * l->size[i])) continue;
-        which[i % k->z->ny - k->z->outputs] = some = 1;
+        which[i % k->z->ny - k->z->outputs] = 1;
+        some = 1;
     }
     return some;
 }

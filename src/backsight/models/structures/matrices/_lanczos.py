@@ -31,7 +31,7 @@ _LONGEST, _STEPS = 6, 30
 """Size of the basis by the number of vectors that are sought, and blocks beside."""
 
 
-def largest(
+def block_lanczos(
     M: Sparse, solve: Solve, count: int, known: Array, *, width: int = BLOCK
 ) -> Array | None:
     r"""Vectors of the largest eigenvalues, by mass orthogonal to known ones, (n, count).
