@@ -109,7 +109,10 @@ def bars(measured: Measured) -> list[Bar]:
         ),
         *_most(
             {
-                **_of_sizes(measured),
+                "KF: against the best of the others, worst of all sizes [times as long]": (
+                    sizes.worst({(r.contest, r.name): r.best for r in measured.rows}),
+                    1,
+                ),
                 "MHO: from Python, whole recording [us per sample]": (native, 8),
                 "MHO: iterated to convergence [us per sample]": (
                     time(contests.OBSERVER, contests.CONVERGED),
@@ -271,17 +274,6 @@ def _beam_times(measured: Measured) -> Figures:
         "CS-MHE: Algorithm 1, worst case of Table 3 [us per window]": (_worst(times), 30),
         "CS-MHE: forces, difference from OSQP, worst case [N]": (_worst(differences), 1e-8),
     }
-
-
-def _of_sizes(measured: Measured) -> Figures:
-    """Linear filters: our time by that of the best of the others, at the worst size."""
-    found = {(r.contest, r.name): r.best for r in measured.rows}
-    ratios = []
-    for table in sizes.titles():
-        others = [t for n in sizes.PEERS if np.isfinite(t := found.get((table, n), np.nan))]
-        ratios.append(found.get((table, sizes.REUSED), np.nan) / min(others, default=np.nan))
-    name = "KF: against the best of the others, worst of all sizes [times as long]"
-    return {name: (_worst(ratios), 1)}
 
 
 def _worst(values: Sequence[float]) -> float:

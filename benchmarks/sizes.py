@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -41,9 +42,18 @@ def titles() -> tuple[str, ...]:
     return tuple(title(*size) for size in SIZES)
 
 
+def worst(times: Mapping[tuple[str, str], float]) -> float:
+    """Our time by that of the best of the others at the worst size; NaN if one is missing."""
+    ratios = []
+    for table in titles():
+        others = [t for name in PEERS if np.isfinite(t := times.get((table, name), np.nan))]
+        ratios.append(times.get((table, REUSED), np.nan) / min(others, default=np.nan))
+    return float(np.max(ratios))
+
+
 def samples(states: int) -> int:
-    """Length of the recording, so that every size takes about as long."""
-    return int(np.clip(4e6 / states**2, 60, 4000))
+    """Length of the recording: covariances of up to a few hundred states converge."""
+    return int(np.clip(4e7 / states**2, 160, 4000))
 
 
 def contests() -> tuple[Contest, ...]:
