@@ -50,7 +50,11 @@ print(done.stdout[-400:])
 # Noise, prior and damping are settings with the exported values as defaults: another sensor needs no new export.
 
 tuned = bs.export.export_c(
-    ekf, model, recording, folder.with_name("tuned"), tunable=["sigma_y", "sigma_w", "sigma_x0", "b"]
+    ekf,
+    model,
+    recording,
+    folder.with_name("tuned"),
+    tunable=["sigma_y", "sigma_w", "sigma_x0", "b"],
 )
 header = (tuned / "estimator.h").read_text()
 print(header[header.index("/* What may be changed") : header.index("/* Process one sample")])
