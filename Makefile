@@ -12,7 +12,7 @@ KERNELS := $(wildcard src/backsight/kernels/*.[ch] src/backsight/kernels/*/*.[ch
 # Random input; `--out` keeps what was found, tests/fuzz/kept what every run of the tests tries again.
 FUZZ := OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:tests $(BIN)/python -m tests.fuzz
 
-.PHONY: setup demo live test test-all fast-tests all-tests fuzz fuzz-long coverage mutation lowest audit wheel-test lint bench docs clean
+.PHONY: setup demo live test test-all fast-tests all-tests fuzz fuzz-long coverage lowest audit wheel-test lint bench docs clean
 
 setup: $(VENV)/.dev
 
@@ -54,11 +54,7 @@ $(OUT)/kernels-fuzz: tests/fuzz/kernels.c $(KERNELS)
 coverage: $(VENV)/.measure
 	@mkdir -p $(OUT)/coverage
 	COVERAGE_FILE=$(OUT)/coverage/all.coverage OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -q \
-	  -p no:xdist --cov=backsight --cov-branch --cov-context=test --cov-report=term:skip-covered \
-	  --junitxml=$(OUT)/coverage/all.xml
-
-mutation: coverage
-	OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:tests $(BIN)/python -m tests.mutation
+	  -p no:xdist --cov=backsight --cov-branch --cov-report=term:skip-covered
 
 lowest: $(VENV)/.lowest
 	OPENBLAS_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -m "not slow" -q -p no:xdist

@@ -12,6 +12,7 @@ from benchmarks import (
     fit_contests,
     noise_contests,
     scaling,
+    sizes,
     startup,
 )
 from benchmarks.contest import Row
@@ -108,6 +109,10 @@ def bars(measured: Measured) -> list[Bar]:
         ),
         *_most(
             {
+                "KF: against the best of the others, worst of all sizes [times as long]": (
+                    sizes.worst({(r.contest, r.name): r.best for r in measured.rows}),
+                    1,
+                ),
                 "MHO: from Python, whole recording [us per sample]": (native, 8),
                 "MHO: iterated to convergence [us per sample]": (
                     time(contests.OBSERVER, contests.CONVERGED),

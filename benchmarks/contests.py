@@ -13,6 +13,7 @@ from benchmarks import (
     noise_contests,
     ours,
     problems,
+    sizes,
 )
 from benchmarks.contest import Contender, Contest, Entry, peer
 from benchmarks.problems import Problem
@@ -62,6 +63,7 @@ def contests() -> tuple[Contest, ...]:
         _large(DENSE, problems.dense(60)),
         *call_contests.contests(),
         *fit_contests.contests(),
+        *sizes.contests(),
     )
 
 

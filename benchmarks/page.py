@@ -8,6 +8,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from backsight.output import write_whole
 from backsight.plot import figure, label, line, save
+from benchmarks import sizes
 from benchmarks.accuracy import JUDGED, Accuracy
 from benchmarks.bars import Bar, Measured
 from benchmarks.contest import Contest, Row
@@ -33,7 +34,10 @@ def write(
     parts = {
         "machine": _table(("", ""), machine.items()),
         "bars": "\n\n".join([verdict(bars), _bars(bars)]),
-        "times": "\n\n".join(_contest(c, measured.rows) for c in contests),
+        "times": "\n\n".join(
+            _contest(c, measured.rows) for c in contests if c.title not in sizes.titles()
+        ),
+        "sizes": by_size(measured.rows),
         "accuracy": _accuracies(accuracies),
         "startup": _table(
             ("once", "least [s]", "median [s]"),
@@ -102,8 +106,8 @@ def plot(study: Study, points: Sequence[Point], folder: Path) -> str:
     axes.set_yscale("log")
     for number, series in enumerate(study.series):
         here = [p for p in points if (p.study, p.series) == (study.name, series)]
-        sizes, times = (np.array([getattr(p, k) for p in here]) for k in ("size", "best"))
-        line(axes, sizes, times, name=series, series=number)
+        at, times = (np.array([getattr(p, k) for p in here]) for k in ("size", "best"))
+        line(axes, at, times, name=series, series=number)
         axes.lines[-1].set_marker("o")
         axes.lines[-1].set_markersize(3)
     axes.set_xticks(sorted({p.size for p in points if p.study == study.name}), minor=False)
@@ -115,6 +119,25 @@ def plot(study: Study, points: Sequence[Point], folder: Path) -> str:
     axes.legend(frameon=False, fontsize=8, loc="best")
     path = save(drawing, folder / f"benchmark-{study.name}.png", dpi=120)
     return f"![Time per sample against {study.axis}](images/{path.name})"
+
+
+def by_size(rows: Sequence[Row]) -> str:
+    """Times of linear filters, a row for each library and a column for each size."""
+    found = {(r.contest, r.name): r for r in rows}
+    titles, names = sizes.titles(), (sizes.REUSED, sizes.EXACT, *sizes.PEERS)
+    head = ("us per sample", *(f"{n} / {m}" for n, m in sizes.SIZES))
+    body = [(name, *(_cell(found.get((t, name))) for t in titles)) for name in names]
+    missing = {
+        name: reasons
+        for name in names
+        if (reasons := {r.failure for t in titles if (r := found.get((t, name))) and r.failure})
+    }
+    notes = "".join(f"\n\n{name}: {'; '.join(sorted(why))}." for name, why in missing.items())
+    return f"{_table(head, body)}\n\n{sizes.REMARK}{notes}"
+
+
+def _cell(row: Row | None) -> str:
+    return "" if row is None or row.failure else _number(row.best)
 
 
 def _contest(contest: Contest, rows: Sequence[Row]) -> str:

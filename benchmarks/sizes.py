@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -36,9 +37,23 @@ def title(states: int, outputs: int) -> str:
     return f"Kalman filter, {states} states, {outputs} outputs, dense"
 
 
+def titles() -> tuple[str, ...]:
+    """Of all tables."""
+    return tuple(title(*size) for size in SIZES)
+
+
+def worst(times: Mapping[tuple[str, str], float]) -> float:
+    """Our time by that of the best of the others at the worst size; NaN if one is missing."""
+    ratios = []
+    for table in titles():
+        others = [t for name in PEERS if np.isfinite(t := times.get((table, name), np.nan))]
+        ratios.append(times.get((table, REUSED), np.nan) / min(others, default=np.nan))
+    return float(np.max(ratios))
+
+
 def samples(states: int) -> int:
-    """Length of the recording, so that every size takes about as long."""
-    return int(np.clip(4e6 / states**2, 60, 4000))
+    """Length of the recording: covariances of up to a few hundred states converge."""
+    return int(np.clip(4e7 / states**2, 160, 4000))
 
 
 def contests() -> tuple[Contest, ...]:
@@ -65,7 +80,7 @@ def _contest(states: int, outputs: int) -> Contest:
 REMARK = (
     "A discrete-time model in which every state moves every other, no inputs, all outputs "
     "measured, all of the covariances computed. Only Backsight's first line and statsmodels stop "
-    "computing the covariance when it has converged. Difference from NumPy with BLAS."
+    "computing the covariance when it has converged. States and outputs are those of the columns."
 )
 
 

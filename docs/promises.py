@@ -1,4 +1,4 @@
-"""Write docs/promises.md: what is promised, by which tests, and how well these bite."""
+"""Write docs/promises.md: what is promised, and by which tests."""
 
 import json
 import tomllib
@@ -9,8 +9,6 @@ ROOT = Path(__file__).parents[1]
 PAGE = Path(__file__).with_name("promises.md")
 LISTED = Path(__file__).with_name("promises.toml")
 MEASURED = ROOT / "tests" / "measured"
-BAR = "\\|"
-"""A bar inside a table."""
 
 HEAD = """# What is promised, and how it is tested
 
@@ -27,7 +25,7 @@ def page() -> str:
     for title, promises in tomllib.loads(LISTED.read_text(encoding="utf-8")).items():
         rows = [f"| {p['promise']} | {'<br>'.join(map(_named, p['tests']))} |" for p in promises]
         parts.append(f"## {title}\n\n| promised | tests |\n|---|---|\n" + "\n".join(rows) + "\n")
-    parts.append("## How well the tests bite\n\n" + "\n".join(_figures()))
+    parts.append("## Figures\n\n" + "\n".join(_figures()))
     return "\n".join(parts)
 
 
@@ -39,51 +37,22 @@ def _named(pattern: str) -> str:
 
 
 def measured(name: str) -> Any:
-    """Figures that a command has written."""
-    return json.loads((MEASURED / f"{name}.json").read_text(encoding="utf-8"))
+    """Figures that a command has written; None if it has not been run."""
+    file = MEASURED / f"{name}.json"
+    return json.loads(file.read_text(encoding="utf-8")) if file.exists() else None
 
 
 def _figures() -> list[str]:
-    coverage, lowest, fuzz = measured("coverage"), measured("lowest"), measured("fuzz")
-    return [
-        f"`make coverage`: {coverage['branches']:.1f} % of the branches and "
-        f"{coverage['lines']:.1f} % of the lines of the package, drawing aside, are run by the "
-        "fast tests.\n",
-        f"`make lowest`: the fast tests pass with the oldest versions that are allowed: "
-        f"{lowest['passed']} passed, {lowest['failed']} failed "
-        f"({', '.join(f'{n} {v}' for n, v in lowest['versions'].items())}).\n",
-        "`make fuzz-long`: changed input, and how much of it led to anything but a result or one "
-        "clear line.\n",
-        "| area | cases | found |\n|---|---:|---:|",
-        *(f"| {name} | {f['cases']} | {f['found']} |" for name, f in fuzz.items()),
-        "",
-        *_mutants(measured("mutation")),
-    ]
-
-
-def _mutants(found: dict[str, Any]) -> list[str]:
-    rows = [
-        f"| {area} | {f['known']} | {f['tried']} | "
-        f"{100 * f['killed'] / f['tried']:.0f} ± {100 * f['error']:.0f} % |"
-        for area, f in found.items()
-    ]
-    survivors = [
-        f"| `{s['file']}:{s['line']}` | `{s['code'].replace('|', BAR)}` | {s['change']} | "
-        f"{s.get('reason', s['why'])} |"
-        for f in found.values()
-        for s in f["survivors"]
-    ]
-    return [
-        "`make mutation`: a sample of all small changes of the program (another operator, "
-        "comparison or number, a condition that never holds), and how many of them a test notices. "
-        "The error is that of the sample.\n",
-        "| area | changes | tried | noticed |\n|---|---:|---:|---:|",
-        *rows,
-        "\nThose that no test noticed:\n",
-        "| place | line | change | |\n|---|---|---|---|",
-        *survivors,
-        "",
-    ]
+    parts = []
+    if fuzz := measured("fuzz"):
+        parts += [
+            "`make fuzz-long`: changed input, and how much of it led to anything but a result or "
+            "one clear line.\n",
+            "| area | cases | found |\n|---|---:|---:|",
+            *(f"| {name} | {f['cases']} | {f['found']} |" for name, f in fuzz.items()),
+            "",
+        ]
+    return parts
 
 
 if __name__ == "__main__":

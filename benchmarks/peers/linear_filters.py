@@ -56,13 +56,14 @@ def dynamax(states: int, outputs: int) -> Contender:
 
     jax.config.update("jax_enable_x64", True)
     g = sizes.linear(states, outputs)
+    A, C, Q, R, P0 = map(jax.numpy.asarray, (g.A, g.C, g.Q, g.R, g.P0))
     params, _ = LinearGaussianSSM(states, outputs).initialize(
-        initial_mean=np.zeros(states),
-        initial_covariance=g.P0,
-        dynamics_weights=g.A,
-        dynamics_covariance=g.Q,
-        emission_weights=g.C,
-        emission_covariance=g.R,
+        initial_mean=jax.numpy.zeros(states),
+        initial_covariance=P0,
+        dynamics_weights=A,
+        dynamics_covariance=Q,
+        emission_weights=C,
+        emission_covariance=R,
     )
     run = jax.jit(lambda y: lgssm_filter(params, y).filtered_means)
 
@@ -87,14 +88,20 @@ def cuthbert(states: int, outputs: int) -> Contender:
     A, C, start = jnp.asarray(g.A), jnp.asarray(g.C), jnp.asarray(x)
     nothing = jnp.zeros(states), jnp.zeros(outputs)
     method = kalman.build_filter(
-        get_init_params=lambda _: (start, roots[0]),
-        get_dynamics_params=lambda _: (A, nothing[0], roots[1]),
-        get_observation_params=lambda y: (C, nothing[1], roots[2], y),
+        start,
+        roots[0],
+        get_dynamics_params=lambda model_inputs: (A, nothing[0], roots[1]),  # noqa: ARG005
+        get_observation_params=lambda model_inputs: (
+            C,
+            nothing[1],
+            roots[2],
+            jnp.asarray(model_inputs),
+        ),
     )
-    run = jax.jit(lambda y: run_filter(method, y).mean)
+    run = jax.jit(lambda y: run_filter(method, y, method.init_prepare()).mean)
 
     def work() -> Array:
-        return np.asarray(run(g.y))
+        return np.asarray(run(g.y[1:]))  # the initial state comes first
 
     return _contender(work, g, states, outputs)
 
@@ -121,7 +128,7 @@ def _kalman_py(states: int, outputs: int, backend: str) -> Contender:
 
     def work() -> Array:
         found = kf.filter(g.y[1:], backend=backend)  # pyright: ignore[reportArgumentType, reportCallIssue]
-        return np.vstack([x, np.asarray(found.x)])
+        return np.vstack([x, np.asarray(found.means)])
 
     return _contender(work, g, states, outputs)
 
@@ -132,12 +139,15 @@ def fast_kalman(states: int, outputs: int) -> Contender:
 
     g = sizes.linear(states, outputs)
     x, P = _after_first(g)
-    kf = kalman.LinearKalmanFilter(g.A, g.C, g.Q, g.R, x, P)
+    kf = kalman.LinearKalmanFilter(states, outputs)  # up to 8 each
+    kf.F, kf.H, kf.Q, kf.R = (m.ravel().tolist() for m in (g.A, g.C, g.Q, g.R))
+    start, spread, rest = x.tolist(), P.ravel().tolist(), g.y[1:]
 
     def work() -> Array:
-        return np.asarray(kf.update_many(g.y))
+        kf.x, kf.P = start, spread
+        return np.asarray(kf.update_many(rest)["x"])[None]  # it keeps the last one only
 
-    return _contender(work, g, states, outputs)
+    return Contender(work, len(g.y), sizes.expected(states, outputs)[-1:])
 
 
 def _after_first(g: Linear) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Every tutorial and chapter as the notebook that a reader downloads, run in a kernel of its own."""
+"""Every tutorial and chapter as the notebook that a reader downloads, in a kernel of its own."""
 
 import copy
 import json

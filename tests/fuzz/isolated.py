@@ -102,7 +102,7 @@ def case_of(area: Area, seed: int) -> bytes:
 
 
 def tried(
-    area: Area, *, first: int, count: int, until: float, limit: float = 30.0, memory: int = 6 << 30
+    area: Area, *, first: int, count: int, until: float, limit: float = 120.0, memory: int = 6 << 30
 ) -> Iterator[Found]:
     """Try the cases of many seeds.
 

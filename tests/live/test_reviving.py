@@ -113,7 +113,6 @@ def test_a_kill_costs_less_than_a_second_and_no_sample(tmp_path, samples, expect
         assert process.wait(30) == 0
     check(tmp_path, expected)
     assert max(took) < 1.0, took
-    print(took)
 
 
 def _listen(process: subprocess.Popen, told: list[tuple[float, str]]) -> None:

@@ -120,3 +120,13 @@ def test_many_modes_of_one_frequency_are_all_found():
     hertz_of = np.sqrt(found.squares[100:]) / (2 * np.pi)
     np.testing.assert_allclose(hertz_of, FREE_HZ[0], rtol=1e-3)
     np.testing.assert_allclose(found.shapes.T @ (M @ found.shapes), np.eye(105), atol=1e-9)
+
+
+def test_frequencies_that_lie_close_together_are_all_found():
+    """A ring of equal masses on springs that hardly know each other."""
+    n = 700
+    ring = sparse.eye_array(n, k=1) + sparse.eye_array(n, k=1 - n)
+    K = sparse.csc_array(1.0002 * sparse.eye_array(n) - 1e-4 * (ring + ring.T))
+    found = lowest(sparse.csc_array(sparse.eye_array(n)), K, 9, precision=1e-16)
+    exact = np.sort(1.0002 - 2e-4 * np.cos(2 * np.pi * np.arange(n) / n))[:9]
+    np.testing.assert_allclose(found.squares, exact, rtol=1e-12)

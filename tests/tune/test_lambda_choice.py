@@ -1,6 +1,7 @@
 """Weights of the l1 norm that are chosen without knowing the forces."""
 
 import dataclasses
+import functools
 
 import pytest
 
@@ -29,7 +30,14 @@ def test_noise_alone_makes_a_force_as_seldom_as_wanted():
     assert bs.tune.lambda_from_noise(made, model, recording(), false_alarm=0.01).lam > lam
 
 
-@pytest.mark.parametrize("choose", [bs.tune.lambda_from_whiteness, bs.tune.lambda_from_sensors])
+@pytest.mark.parametrize(
+    "choose",
+    [
+        bs.tune.lambda_from_whiteness,
+        bs.tune.lambda_from_sensors,
+        functools.partial(bs.tune.lambda_from_pairs, points=12, pairs=1),
+    ],
+)
 def test_the_hits_are_found_with_the_weight_that_is_chosen(choose):
     given, true = recording(1e-5, 2, background=0.0739**0.5), struck_beam.forces()
     choice = choose(estimator(), struck_beam.model(0.003), given)
@@ -115,3 +123,14 @@ def test_threshold_keeps_noise_out_as_often_as_wanted():
     strong = bs.tune.fit(estimator(lam=40.0), model, noise[0], free=["threshold"])
     assert strong.values["threshold"] == 0
     assert "not needed" in strong.doubts[0]
+
+
+def test_forces_of_the_noise_do_not_come_again():
+    """At a small weight what is found in one copy is not found in the other; a hit is."""
+    given, model = recording(1e-5, 2, background=0.0739**0.5), struck_beam.model(0.003)
+    table = bs.tune.lambda_from_pairs(estimator(), model, given, points=12, pairs=1).table
+    chosen = int(table["as_good"].values.argmax())
+    assert table["again"].values[chosen] > 0.8 > table["again"].values[-1]
+    # The other copy has noise of twice the variance: nobody predicts it better.
+    assert 1.2 < table["error"].values[chosen] < 1.6
+    assert table["error"].values[-1] > table["error"].values[chosen]

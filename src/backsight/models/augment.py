@@ -11,7 +11,7 @@ import casadi as ca
 
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
-from backsight.models.forces.changing import driven_by, motion
+from backsight.models.forces.changing import driven_by, process_motion
 from backsight.models.forces.processes import Process
 from backsight.models.model import Model
 from backsight.models.signals import Signal, along
@@ -123,7 +123,7 @@ def augment(
     for name, process in forces.items():
         names = [name + ending for ending in process.endings]
         chain = [of_state[n] for n in names]
-        moves, noise = motion(process, model, new[name].value, chain, full_u)
+        moves, noise = process_motion(process, model, new[name].value, chain, full_u)
         still |= dict(zip(names, ca.vertsplit(moves), strict=True))
         driven.append(driven_by(process, tuple(names), noise, new[name].value))
     changes = [still[s.name] for s in states[model.nx :]]

@@ -12,7 +12,7 @@ from backsight.errors import ModelError, nearest
 from backsight.models._affine import remember, remembered
 from backsight.models._latex import latex
 from backsight.models._tracing import returned_rows, rows_of_function
-from backsight.models.forces.processes import Driven
+from backsight.models.forces.driven import Driven
 from backsight.models.signals import Named, Signal, Virtual, signals, traced
 from backsight.types import Array
 

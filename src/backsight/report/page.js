@@ -119,7 +119,7 @@
   let width; // of every plot on paper [px]; on a screen it is that of its place
 
   // Colours are names of CSS variables; everything else passes through.
-  const css = getComputedStyle(document.documentElement); // of the medium: paper is light
+  const css = getComputedStyle(document.documentElement);
   const coloured = (value, key = "") => {
     if (ArrayBuffer.isView(value)) return value;
     if (Array.isArray(value)) return value.map((v) => coloured(v, key));
@@ -212,6 +212,7 @@
   const paper = 660; // pixels between the margins of A4 and of letter
   const closed = [];
   addEventListener("beforeprint", () => {
+    document.documentElement.classList.add("on-paper"); // now the medium is still the screen
     document.querySelectorAll("details:is(.section, .part):not([open])").forEach((part) => {
       closed.push(part);
       part.open = true;
@@ -223,6 +224,7 @@
     });
   });
   addEventListener("afterprint", () => {
+    document.documentElement.classList.remove("on-paper");
     closed.splice(0).forEach((part) => (part.open = false));
     width = undefined;
     places.forEach((place) => (place.style.width = ""));

@@ -18,7 +18,7 @@ from backsight.estimators.cs_mhe._window import (
     Solver,
     WindowSolution,
     begun_before,
-    motion,
+    window_motion,
 )
 from backsight.estimators.cs_mhe.carryover import Carryover, slide
 from backsight.estimators.force_estimator import Forced
@@ -54,7 +54,7 @@ def cs_recursion(
     # 2. the problem of eq. 8-14
     trajectory: dict[str, ca.MX] = {}
     if along is None:
-        residuals, states, last = motion(forced, samples, m.tail.shape[0])(
+        residuals, states, last = window_motion(forced, samples, m.tail.shape[0])(
             m.x_start, absent, m.tail, U, Y, M
         )
         states = ca.horzcat(states, last)

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -204,7 +205,7 @@ class Solver:
         return scan(body, samples, carry=[ca.MX(0)], xs=[states, residuals, M, last])[1]
 
 
-def motion(forced: Forced, samples: int, known: int) -> ca.Function:
+def window_motion(forced: Forced, samples: int, known: int) -> ca.Function:
     """Motion from the first state by the known inputs, and what the outputs differ from it.
 
     ``(x, absent, tail, U, Y, M) -> (residuals, states, state after the window)``; absent samples
@@ -215,7 +216,7 @@ def motion(forced: Forced, samples: int, known: int) -> ca.Function:
     (ny, nx), nu = system.C.shape, forced.nu
     sizes = {"x": nx, "absent": 1, "i": 1, "tail": known, "u": nu, "v": nu, "y": ny, "m": ny}
     kind = ca.MX if nx > UNROLL else ca.SX
-    s = {name: kind.sym(name, size) for name, size in sizes.items()}
+    s: dict[str, Any] = {name: kind.sym(name, size) for name, size in sizes.items()}
     here = s["i"] >= s["absent"]
     y = s["y"] - _times(system.C, s["x"]) - _times(system.D[:, :nu], s["u"])
     x = _times(system.A, s["x"]) + _times(system.B[:, :nu], s["u"])

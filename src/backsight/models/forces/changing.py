@@ -5,13 +5,14 @@ import dataclasses
 import casadi as ca
 
 from backsight.errors import ModelError, nearest
-from backsight.models.forces.processes import Driven, Process
+from backsight.models.forces.driven import Driven
+from backsight.models.forces.processes import Process
 from backsight.models.model import Model
 from backsight.models.signals import Named
 from backsight.types import Array
 
 
-def motion(
+def process_motion(
     process: Process, model: Model, mean: float, z: list[ca.SX], u: ca.SX
 ) -> tuple[ca.SX, Array]:
     """Rates or next values of a process around the mean of the force, and its noise."""
@@ -30,7 +31,7 @@ def driven_by(process: Process, names: tuple[str, ...], noise: Array, mean: floa
     return Driven(names, noise, process.stationary, says, process=process, mean=mean)
 
 
-def process_of(model: Model, force: str) -> Process:
+def followed_process(model: Model, force: str) -> Process:
     """Process that a force of a model follows.
 
     Raises
@@ -55,7 +56,7 @@ def with_process(model: Model, force: str, process: Process) -> Model:
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     p = ca.SX.sym("p", len(model.parameters))
     places = [model.index(name) for name in old.states]
-    moves, noise = motion(process, model, old.mean, [x[i] for i in places], u)
+    moves, noise = process_motion(process, model, old.mean, [x[i] for i in places], u)
     changes = ca.vertsplit(model.f.call([x, u, p])[0])
     for i, change in zip(places, ca.vertsplit(moves), strict=True):
         changes[i] = change

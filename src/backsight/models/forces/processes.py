@@ -39,34 +39,6 @@ Smoothness = Literal["1/2", "3/2", "5/2"]
 """How often a Matérn process can be differentiated, and half of it: 0, 1 and 2 times."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Driven:
-    """States that are driven by a noise of their own: part of the model, not of an estimator.
-
-    Parameters
-    ----------
-    states : tuple of str
-        Names.
-    noise : (n, n) array
-        Spectral density of the noise; of a discrete-time model its covariance per sample.
-    stationary : (n, n) array
-        Covariance of the states before anything is measured.
-    says : str
-        What they are, in words.
-    process : Process, optional
-        Of the force that is the first of them, as `augment` was told it.
-    mean : float
-        Around which it varies.
-    """
-
-    states: tuple[str, ...]
-    noise: Array
-    stationary: Array
-    says: str
-    process: "Process | None" = None
-    mean: float = 0.0
-
-
 @dataclasses.dataclass(frozen=True)
 class Process(Description, abc.ABC):
     """A stationary process; `augment` makes an unknown force follow it."""

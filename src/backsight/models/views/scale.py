@@ -8,7 +8,7 @@ import numpy as np
 from backsight.description import checked
 from backsight.errors import ModelError
 from backsight.models._affine import remember, remembered
-from backsight.models.forces.processes import Driven
+from backsight.models.forces.driven import Driven
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.types import Array

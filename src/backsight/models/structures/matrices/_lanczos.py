@@ -30,8 +30,10 @@ _DEPENDENT = 1e-12
 _LONGEST, _STEPS = 6, 30
 """Size of the basis by the number of vectors that are sought, and blocks beside."""
 
+_RESTARTS = 50
 
-def largest(
+
+def block_lanczos(
     M: Sparse, solve: Solve, count: int, known: Array, *, width: int = BLOCK
 ) -> Array | None:
     r"""Vectors of the largest eigenvalues, by mass orthogonal to known ones, (n, count).
@@ -58,7 +60,7 @@ def largest(
     basis[:, :k], massed[:, :k] = known, M @ known
     V, MV = basis[:, :k], massed[:, :k]
     block, _ = _orthogonal(M, solve(M @ start), V, MV)
-    T = np.zeros((0, 0))
+    T, restarts = np.zeros((0, 0)), 0
     while block.shape[1]:
         m = V.shape[1] + block.shape[1]
         V, MV = basis[:, :m], massed[:, :m]
@@ -73,9 +75,17 @@ def largest(
         done = len(theta) >= count and (residuals <= CLOSE * np.abs(theta[best])).all()
         if done or not rest.shape[1]:
             return V[:, k:] @ S[:, best]
-        if len(theta) >= longest:
-            return None
         block = rest
+        if len(theta) < longest:
+            continue
+        # Once more, from the best that there are: frequencies that lie close together.
+        restarts += 1
+        if restarts > _RESTARTS:
+            return None
+        top = np.argsort(-np.abs(theta))[: count + 2 * width]
+        m = k + len(top)
+        basis[:, k:m], massed[:, k:m] = V[:, k:] @ S[:, top], MV[:, k:] @ S[:, top]
+        V, MV, T = basis[:, :m], massed[:, :m], np.diag(theta[top])
     return block
 
 

@@ -18,7 +18,7 @@ import scipy
 import scipy.sparse as sparse
 
 from backsight.errors import BacksightWarning, ModelError
-from backsight.models.structures.matrices._lanczos import BLOCK, Solve, largest
+from backsight.models.structures.matrices._lanczos import BLOCK, Solve, block_lanczos
 from backsight.types import Array, Sparse
 
 EPS = float(np.finfo(float).eps)
@@ -189,7 +189,7 @@ def _shifted(M: Sparse, K: Sparse, count: int, shift: float) -> LowestModes | No
     shifted = _Shifted(K - shift * M)
     if not shifted.regular:
         return None
-    X, missed = largest(M, shifted.solve, count, np.zeros((n, 0))), 0
+    X, missed = block_lanczos(M, shifted.solve, count, np.zeros((n, 0))), 0
     if X is None:
         raise ModelError(
             f"the {count} lowest modes do not converge: rounding hides them; check the units of "
@@ -206,7 +206,7 @@ def _shifted(M: Sparse, K: Sparse, count: int, shift: float) -> LowestModes | No
         if not missed:
             return LowestModes(np.zeros(count), pure, shift, shifted.solve)
         few = min(missed, n // 4)
-        more = largest(M, shifted.solve, few, X, width=min(max(few, BLOCK), n // 8))
+        more = block_lanczos(M, shifted.solve, few, X, width=min(max(few, BLOCK), n // 8))
         if more is None or not more.shape[1]:
             break
         X = np.hstack([X, more])

@@ -8,7 +8,7 @@ import numpy as np
 
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.models.forces.changing import process_of, with_process
+from backsight.models.forces.changing import followed_process, with_process
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.tune.fitting.values._matrix import matrices_of
@@ -42,7 +42,9 @@ def placed(
     for u in unknowns:
         if u.kind == "process":
             force, _, number = u.entry.rpartition(".")
-            changed = dataclasses.replace(process_of(model, force), **{number: values[u.name]})
+            changed = dataclasses.replace(
+                followed_process(model, force), **{number: values[u.name]}
+            )
             model = with_process(model, force, changed)
     return estimator, _with_parameters(model, given) if given else model
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from backsight.errors import TuningError, nearest
 from backsight.estimators.base import AbstractEstimator
-from backsight.models.forces.changing import process_of
+from backsight.models.forces.changing import followed_process
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.tune.fitting.values._free import Free
@@ -198,7 +198,7 @@ def model_parameter(free: Free, model: Model) -> Unknown:
 
 def process_numbers(free: Free, force: str, entry: str, model: Model) -> list[Unknown]:
     """Size, scale of time, frequency and memory of the process that a force follows."""
-    process = process_of(model, force)
+    process = followed_process(model, force)
     numbers = {f.name: getattr(process, f.name) for f in dataclasses.fields(process)}
     numbers = {n: v for n, v in numbers.items() if isinstance(v, float) and math.isfinite(v)}
     if "length" in numbers and entry == "time":
