@@ -109,10 +109,7 @@ def bars(measured: Measured) -> list[Bar]:
         ),
         *_most(
             {
-                "KF: against the best of the others, worst of all sizes [times as long]": (
-                    sizes.worst({(r.contest, r.name): r.best for r in measured.rows}),
-                    1,
-                ),
+                "KF: against the best peer [times as long]": (sizes.worst(measured.rows), 1),
                 "MHO: from Python, whole recording [us per sample]": (native, 8),
                 "MHO: iterated to convergence [us per sample]": (
                     time(contests.OBSERVER, contests.CONVERGED),

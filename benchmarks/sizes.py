@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -13,7 +13,7 @@ from backsight.kernels import library
 from backsight.models.lti import lti
 from backsight.run.simulation import simulate
 from backsight.types import Array
-from benchmarks.contest import Contender, Contest, Entry, peer
+from benchmarks.contest import Contender, Contest, Entry, Row, peer
 from benchmarks.problems import Problem
 
 SIZES = ((6, 3), (12, 6), (24, 10), (50, 20), (100, 20), (200, 60), (500, 20), (500, 200))
@@ -42,9 +42,9 @@ def titles() -> tuple[str, ...]:
     return tuple(title(*size) for size in SIZES)
 
 
-def worst(times: Mapping[tuple[str, str], float]) -> float:
+def worst(rows: Sequence[Row]) -> float:
     """Our time by that of the best of the others at the worst size; NaN if one is missing."""
-    ratios = []
+    times, ratios = {(r.contest, r.name): r.best for r in rows}, []
     for table in titles():
         others = [t for name in PEERS if np.isfinite(t := times.get((table, name), np.nan))]
         ratios.append(times.get((table, REUSED), np.nan) / min(others, default=np.nan))
