@@ -19,6 +19,8 @@ doi:10.1137/0804035; Särkkä and Svensson, "Levenberg-Marquardt and line-search
 smoothers", 2020, doi:10.1109/ICASSP40776.2020.9054686.
 """
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
@@ -108,7 +110,7 @@ def _fixed(
 
 def _offset(chain: Chain, proximal: bool) -> ca.Function:
     """Prior as a deviation from the guess, zero where the prior goes with the guess."""
-    kind = ca.MX if chain.dense else ca.SX
+    kind: Any = ca.MX if chain.dense else ca.SX
     x_bar, x, free = kind.sym("x_bar", chain.nx), kind.sym("x", chain.nx), kind.sym("free")
     offset = x_bar - x
     return ca.Function(
