@@ -34,7 +34,8 @@ def test_a_tree_says_what_was_chosen():
         "├── prior        Prior(sigma_x0 = 0.5)\n"
         "├── integrator   Integrator(scheme = heun, substeps = 4, hold = zoh)\n"
         "├── covariance   transition\n"
-        "└── measurement  sampled"
+        "├── measurement  sampled\n"
+        "└── gain         converged"
     )
 
 

@@ -99,7 +99,7 @@ def run(script, **how):
         n = 300_000
         long = bs.from_arrays(
             u=np.zeros((n, 1)), y=np.zeros((n, 1)), dt=0.01,
-            inputs={"u": "m/s2"}, outputs={"y": "m"},
+            inputs={"u": "N"}, outputs={"y": "m"},
         )
         ukf = bs.UKF(bs.Noise(sigma_y=1e-3, sigma_w=1e-3), bs.Prior(sigma_x0=1.0))
         def work():

@@ -206,7 +206,7 @@ def test_an_older_report_survives_a_failure(result, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    monkeypatch.setattr("os.fsync", full)
     with pytest.raises(OutputError, match="No space left"):
         report({"KF": result}, place)
     assert place.read_text() == "older"

@@ -4,7 +4,7 @@ import re
 
 from backsight.engine.c99 import source as c99
 from backsight.engine.c99.stack import stack_bytes
-from backsight.engine.program.effort import effort
+from backsight.engine.program.effort import Effort, effort
 from backsight.export._written import Written, one_line
 from backsight.models.model import Model
 
@@ -39,6 +39,7 @@ def readme(code: Written) -> str:
     stack = stack_bytes(code.program, kind)
     files = ", ".join(f"`{file}`" for file in code.kernels if file != "kernels.h")
     without = " without the kernels" if files else ""
+    single = SINGLE if kind.name == "float" else ""
     included = f", `kernels.h` and {files}, which `{name}.c` includes" if files else ""
     limits = ", ".join(map(str, passes)) or "none: every sample takes the same time"
     most = effort(code.program)
@@ -78,10 +79,14 @@ for (;;) {{
 | divisions, square roots | at most {most.divisions}, {most.roots} |
 | other functions of `<math.h>` | at most {most.functions} |
 | numbers moved | at most {most.copies} |
-
-{SINGLE if kind.name == "float" else ""}There is no allocation, no recursion and no global variable;
+{_of_others(most)}{single}There is no allocation, no recursion and no global variable;
 several instances may run side by side, each with its own memory.
 """
+
+
+def _of_others(most: Effort) -> str:
+    """What is said of kernels from elsewhere, whose operations are not among those counted."""
+    return f"| calls that are not counted | {most.uncounted} |\n\n" if most.uncounted else "\n"
 
 
 def _of_virtual(model: Model) -> str:

@@ -12,9 +12,9 @@ from backsight.kernels._window_effort import motion_effort, stages_effort, windo
 from backsight.kernels._work import KernelWork
 
 
-def kernel_effort(name: str, sizes: Sequence[int]) -> KernelWork:
-    """Largest number of operations of one call."""
-    return KERNELS[name](*sizes)
+def kernel_effort(name: str, sizes: Sequence[int]) -> KernelWork | None:
+    """Largest number of operations of one call; None of a kernel that is not from here."""
+    return KERNELS[name](*sizes) if name in KERNELS else None
 
 
 def _factor(n: int) -> KernelWork:

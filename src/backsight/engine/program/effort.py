@@ -39,6 +39,8 @@ class Effort:
         Calls of other functions of ``<math.h>``.
     copies : int
         Numbers that are moved, but for those within kernels.
+    uncounted : int
+        Calls of kernels from elsewhere, of which nothing is known.
     """
 
     plain: int
@@ -46,6 +48,7 @@ class Effort:
     roots: int
     functions: int
     copies: int
+    uncounted: int = 0
 
     @property
     def arithmetic(self) -> int:
@@ -66,7 +69,8 @@ def _block(statements: Iterable[Statement]) -> Counter[str]:
             case Call(leaf=leaf):
                 total += _leaf(leaf)
             case Foreign(kernel=kernel):
-                total += Counter(dataclasses.asdict(kernel_effort(kernel.name, kernel.sizes)))
+                known = kernel_effort(kernel.name, kernel.sizes)
+                total += Counter({"uncounted": 1} if known is None else dataclasses.asdict(known))
             case Copy(source=source):
                 total["copies"] += source.size
             case Loop(length=length, body=body):

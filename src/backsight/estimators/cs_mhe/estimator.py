@@ -21,7 +21,7 @@ from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.arrival import SmoothedArrival, arrival_name
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.cs_mhe._along import Along, directions, varying_tables
+from backsight.estimators.cs_mhe._along import MOTION, STAGES, Along, directions, varying_tables
 from backsight.estimators.cs_mhe._arrival import LinearArrival, arrival_faults
 from backsight.estimators.cs_mhe._limits import (
     NO_LIMIT,
@@ -168,7 +168,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
     key: ClassVar[str] = "csmhe"
     title: ClassVar[str] = "Compressive-sensing moving horizon estimator"
-    kernels: ClassVar[tuple[str, ...]] = (KERNEL,)
+    kernels: ClassVar[tuple[str, ...]] = (KERNEL, STAGES, MOTION)
     weighs: ClassVar[bool] = True
     seeks_surprises: ClassVar[bool] = True
 

@@ -202,8 +202,8 @@ class LinearMHE(AbstractEstimator):
 
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """See `AbstractEstimator.variants`: the weights 1 and 0 of the arrival cost."""
-        weights = dict.fromkeys((self.arrival_weight, 1.0, 0.0))
-        every = (dataclasses.replace(self, arrival_weight=w) for w in weights)
+        others = [w for w in (1.0, 0.0) if w != self.arrival_weight]
+        every = [self, *(dataclasses.replace(self, arrival_weight=w) for w in others)]
         return {f"arrival_weight = {e.arrival_weight:g}": e for e in every}
 
     def _system(self, model: Model, dt: float) -> Linear | Varying:
