@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from backsight.engine.building import built_alone
 from backsight.models.model import Model
 from backsight.types import Array
 
@@ -87,6 +88,7 @@ def modes_over(model: Model, x0: Array, deviation: Array) -> Modes:
 
 
 @functools.lru_cache(maxsize=16)
+@built_alone
 def _jacobian(model: Model) -> tuple[ca.Function, NDArray[np.bool_], NDArray[np.bool_]]:
     """``(x, u) -> (nx, nx)``, and the states and inputs on which it depends."""
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
@@ -100,6 +102,7 @@ def _jacobian(model: Model) -> tuple[ca.Function, NDArray[np.bool_], NDArray[np.
 
 
 @functools.lru_cache(maxsize=16)
+@built_alone
 def _at_many(jacobian: ca.Function, count: int) -> ca.Function:
     return jacobian.map(count)
 

@@ -14,6 +14,7 @@ import llvmlite
 import numpy as np
 
 from backsight.engine import _cache as cache
+from backsight.engine.building import built_alone
 from backsight.engine.llvm import machine
 from backsight.engine.llvm import module as llvm
 from backsight.engine.llvm.foreign import kernel_symbol
@@ -191,6 +192,7 @@ def blocks(n: int, size: int | None) -> Iterator[slice]:
 
 
 @functools.lru_cache(maxsize=64)
+@built_alone
 def _compiled(step: ca.Function, lanes: int) -> Compiled:
     key = json.dumps([step.serialize(), lanes, _versions(), machine.processor()])
     name = f"{step.name()}_{hashlib.sha256(key.encode()).hexdigest()[:32]}"

@@ -12,6 +12,7 @@ from backsight.description import Description
 from backsight.discrete.modes import Modes, modes_at, modes_over
 from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.discrete.steps import complaint, explicit, settle_steps
+from backsight.engine.building import built_alone
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import BacksightError, TuningError
 from backsight.estimators.around.noise_states import linear_in_noise, widened, without_noise_states
@@ -134,14 +135,14 @@ class Compilable(Description, abc.ABC):
             )
 
     @final
+    @built_alone
     def compile(self, model: Model, dt: float) -> Recursion:
         """Turn the description into a recursion: what `build` makes, with what surrounds it.
 
         Virtual outputs, sensors at the end of their range, angles that start anew after a turn, and
         the rule for outliers, which adds the channel ``weight``. Errors are those of `build`.
         """
-        rule = self.outliers
-        if rule is not None and (problem := self._refusal(rule)):
+        if (rule := self.outliers) is not None and (problem := self._refusal(rule)):
             raise TuningError(problem)
         noise = getattr(self, "noise", None)
         able = () if self.constant_gain else self.varies_noise
@@ -170,6 +171,7 @@ class Compilable(Description, abc.ABC):
         return without_noise_states(built, model.nx, raised=raised)
 
     @final
+    @built_alone
     def both_ways(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """What `smoother` makes, with virtual outputs and outlier rule; noise as states.
 

@@ -10,6 +10,7 @@ import xarray as xr
 
 from backsight.description import Kept, content
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.building import built_alone
 from backsight.engine.recursion import Recursion
 from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
@@ -61,6 +62,7 @@ def compile_once(
     # With the method itself: reloading in a notebook changes it inside the same class.
     key = content(estimator, model, dt, outputs.variables, restart, needed, type(estimator).build)
 
+    @built_alone
     def make() -> Prepared:
         recursion = watched(estimator.compile(model, dt), estimator, model)
         visible = putting_out(recursion.restarting() if restart else recursion, outputs, needed)

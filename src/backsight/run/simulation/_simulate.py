@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from backsight.description import Called, Count, Positive, Whole, checked
 from backsight.discrete.runge_kutta import Hold, Integrator, RungeKutta
 from backsight.engine import vm
+from backsight.engine.building import built_alone
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError, TuningError
@@ -174,6 +175,7 @@ def _integrate(
     return X, Y, Z
 
 
+@built_alone
 def _recursion(model: Model, fine: Integrator, *, pushed: Sequence[int], dt: float) -> Recursion:
     """``(x, u, u_next, P, W) -> (x_next, x, y, z)``; P and W hold the values of all sub-steps."""
     m, nx, nu, nw = fine.steps, model.nx, model.nu, len(pushed)
