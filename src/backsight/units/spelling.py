@@ -263,5 +263,6 @@ def _registry() -> Any:
 
     registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True, cache_folder=None)
     registry.define("microstrain = 1e-6")
-    registry.define("permille = 1e-3")
+    if "permille" not in registry:  # newer versions of pint have it
+        registry.define("permille = 1e-3")
     return registry
