@@ -149,6 +149,11 @@ class MHE(AbstractEstimator):
         """See `AbstractEstimator.forgets`."""
         return isinstance(self.arrival, NoArrival | ConstantArrival)
 
+    @property
+    def one_sided(self) -> bool:
+        """See `AbstractEstimator.one_sided`."""
+        return isinstance(self.arrival, EKFArrival)
+
     def _neglects_walks(self) -> bool:
         """Whether a state that is constant in the window may walk by the noise."""
         walk = self.noise.sigma_w
