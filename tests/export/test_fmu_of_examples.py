@@ -16,8 +16,6 @@ from tests.export.fmus import agrees
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LARGEST = 300_000  # bytes
-LARGER = {"frame": 600_000}
-"""The tables of its window are in the library, and as text in the sources."""
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler called cc")
 
@@ -34,7 +32,7 @@ def test_fmus_of_examples_equal_python(example, tmp_path):
     for number, estimator in enumerate(problem.estimators.values()):
         file = export_fmu(estimator, problem.model, recording, tmp_path / f"e{number}.fmu")
         assert validate_fmu(str(file)) == []
-        assert file.stat().st_size <= LARGER.get(example, LARGEST)
+        assert file.stat().st_size <= LARGEST
         agrees(file, estimator, problem.model, recording)
 
 
