@@ -10,11 +10,11 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.faults.test_commands_on_a_bad_disk import REPLAYED
+from tests.fleet.springs import write_fleet
 
 import small_problem
 from backsight.output import MARKER
-from tests.faults.test_commands_on_a_bad_disk import REPLAYED
-from tests.fleet.springs import write_fleet
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs signals and limits of POSIX")
 
