@@ -10,7 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.faults.test_commands_on_a_bad_disk import REPLAYED
+from tests.extensions.distributions import install
+from tests.faults.test_commands_on_a_bad_disk import REPLAYED, STUDY
 from tests.fleet.springs import write_fleet
 
 import small_problem
@@ -137,7 +138,7 @@ def limited(megabytes: int):
         "report ran/estimates.nc -o out/page.html",
         "fleet fleet.toml -o out --workers 0",
         "live live.toml",
-        "study run lecture -o out --seeds 1",
+        "study run springs -o out",
     ],
 )
 def test_memory_runs_out(here, line):
@@ -146,12 +147,15 @@ def test_memory_runs_out(here, line):
     if verb == "report":
         assert not subprocess.run(words("run", "problem.toml", "-o", "ran"), cwd=here).returncode
     write_fleet(here)
+    install(here, "springs", {"springs_study": STUDY}, studies={"springs": "springs_study:STUDY"})
+    (here / "version").write_text("New")
+    own = os.environ | HERE | {"PYTHONPATH": str(here)}
     (here / "live.toml").write_text((here / "problem.toml").read_text() + REPLAYED)
     codes = []
     for megabytes in (150, 250, 350, 450, 550, 650, 800, 1000, 1300, 1700, 2200, 3000, 4000, 8000):
         shutil.rmtree(here / "out", ignore_errors=True)
         done = subprocess.run(
-            command, cwd=here, capture_output=True, text=True, env=os.environ | HERE,
+            command, cwd=here, capture_output=True, text=True, env=own,
             preexec_fn=limited(megabytes),
         )  # fmt: skip
         codes.append(done.returncode)
