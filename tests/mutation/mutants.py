@@ -116,8 +116,8 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, str]]:
             yield "plus", "not is gone"
         case ast.Constant(value=bool()):
             yield "flip", f"{node.value} is {not node.value}"
-        case ast.Constant(value=int() | float()):
-            yield "number", f"{node.value} is {_other(node.value)}"
+        case ast.Constant(value=(int() | float()) as value):
+            yield "number", f"{value} is {_other(value)}"
         case ast.If() | ast.IfExp():
             yield "never", "the condition never holds"
             yield "always", "the condition always holds"
@@ -155,7 +155,7 @@ def changed_text(mutant: Mutant) -> str:
     return ast.unparse(_changed(mutant)) + "\n"
 
 
-def _changed(mutant: Mutant) -> ast.Module:
+def _changed(mutant: Mutant) -> ast.AST:
     """The changed program of a Python file."""
     tree = copy.deepcopy(ast.parse(mutant.file.read_text(encoding="utf-8")))
     target = next(n for k, n in enumerate(ast.walk(tree)) if k == mutant.number)
