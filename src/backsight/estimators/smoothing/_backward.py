@@ -16,7 +16,7 @@ from backsight.estimators.parts.covariance import (
 )
 from backsight.estimators.parts.factors import on_top
 from backsight.estimators.parts.leaf import Results, Symmetric, half, leaf, notation
-from backsight.estimators.smoothing.equations import estimated, joined, through_noise
+from backsight.estimators.smoothing._equations import estimated, joined, through_noise
 from backsight.estimators.smoothing.information import carried_back, combined_with, noise_passed
 from backsight.estimators.smoothing.two_filter import combined, gathered, weakened
 from backsight.types import Array
@@ -39,7 +39,7 @@ class Linearised:
         is ``(H', e, N)``, in any units, with the factor of the noise.
     gathers : {"information", "root", "equations"}
         What the way back gathers: the information, its root where process noise drowns it, see
-        `information.drowned`, or equations where sensors have no noise, see `equations`.
+        `information.drowned`, or equations where sensors have no noise, see `_equations`.
     """
 
     root: ca.Function
@@ -153,7 +153,7 @@ def _back_by_root(s: Setting, seen: Linearised) -> ca.Function:
 
 
 def _back_by_equations(s: Setting, seen: Linearised) -> ca.Function:
-    """One sample back with equations, see `equations`, else as `_back`.
+    """One sample back with equations, see `_equations`, else as `_back`.
 
     ``(A, N, zeta, x_prior, x_post, L, H', e, noise, *matrices) -> (A, N, zeta, x, T')``.
     """

@@ -57,14 +57,14 @@ def blocks_back(
     n, forward, backward = samples, passes.forward, passes.backward
     size = _block_size(forward, n, engine)
     at_once = n if n * sum(forward.output_sizes) <= KEPT else size
-    chunks = list(parts_of(slice(0, n), at_once))
+    chunks = list(cut(slice(0, n), at_once))
     starts, carry = [carries[0]], carries[1]
     for chunk in chunks[:-1]:
         starts.append(run_part(forward, starts[-1], data(chunk), engine=engine)[0])
         progress(chunk.stop // 2)
     for chunk, start in zip(reversed(chunks), reversed(starts), strict=True):
         _, outputs = run_part(forward, start, data(chunk), engine=engine)
-        for part in reversed(list(parts_of(chunk, size))):
+        for part in reversed(list(cut(chunk, size))):
             inside = slice(part.start - chunk.start, part.stop - chunk.start)
             found = [output[inside] for output in outputs]
             u, y, mask = data(part)
@@ -85,7 +85,7 @@ def _block_size(forward: Recursion, n: int, engine: str) -> int:
     return max(LEAST_BLOCK, math.isqrt(n), CACHED // sum(forward.output_sizes))
 
 
-def parts_of(whole: slice, size: int) -> Iterator[slice]:
+def cut(whole: slice, size: int) -> Iterator[slice]:
     for start in range(whole.start, whole.stop, size):
         yield slice(start, min(start + size, whole.stop))
 
