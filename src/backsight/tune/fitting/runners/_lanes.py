@@ -39,6 +39,9 @@ Data = tuple[Array, Array, Array, Array, Array]
 CHUNK = 100_000
 """Samples of which the innovations of all lanes are kept at a time."""
 
+FEW = 4
+"""Lanes that every processor has."""
+
 KEPT = 16
 """Number of programs that are kept from fit to fit."""
 
@@ -78,11 +81,13 @@ class LaneRunner:
         """Innovations and their variances (lanes, n, ny) with every setting, piece by piece."""
         from backsight.engine.lanes import run_many  # brings the compiler along
 
+        # With few values half of a wide vector would be empty.
+        lanes = FEW if len(self.unknowns) < FEW else None
         many = [self._start(values) for values in settings]
         rows = [self._rows(data, values) for values in settings]
         for first in range(0, len(data[0]) + self.recursion.lag, CHUNK):
             part = [[a[first : first + CHUNK] for a in lane] for lane in rows]
-            outcome = run_many(self.recursion, part, carries=many, threads=1)
+            outcome = run_many(self.recursion, part, carries=many, lanes=lanes, threads=1)
             many = [carry for carry, _ in outcome]
             late = max(self.recursion.lag - first, 0)
             outputs = [from_first_sample(o, late) for _, o in outcome]
