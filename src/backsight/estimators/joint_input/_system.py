@@ -14,8 +14,8 @@ GROWTH = 1e-6
 """A zero so far outside the unit circle is outside."""
 
 WITH_DYNAMICS = (
-    "let the force walk or follow a process: make it a state with 'augment' ([estimate] or [forces] "
-    "in a problem file) and take a Kalman filter, which also finds forces that show later"
+    "let the force walk or follow a process: make it a state with 'augment' ([estimate] or "
+    "[forces] in a problem file) and take a Kalman filter, which also finds forces that show later"
 )
 """What is left where a force of which nothing is known cannot be found."""
 
