@@ -268,8 +268,6 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     def _solver(self, forced: Forced, onto: Array | None) -> Solver:
         shapes = shapes_within(self.dictionary, len(self.forces), self.N)
         limits = limits_of(forced.system.s, forced.noise, self.limits, {})
-        if forced.system.s.parts and limits.noise.any():
-            raise TuningError("noise that inputs multiply does not go with limits of the noise")
         if onto is None:
             found = tables(forced, shapes, limits, N=self.N, lag=self.delay)
         else:

@@ -196,10 +196,10 @@ class MHE(AbstractEstimator):
         kept = np.outer(moves, moves)
         inside, parts = s.Q * kept, [part.Q for part in s.parts]
         limits = limits_of(whole, inside + sum(parts), self.limits, self.soft)
-        if parts and (limits.noise.any() or any((part * (1 - kept)).any() for part in parts)):
+        if any((part * (1 - kept)).any() for part in parts):
             raise TuningError(
-                "noise that inputs multiply does not go with limits of the noise, and not with "
-                "walks of states that are constant in a window"
+                "noise that inputs multiply does not go with walks of states that are constant in "
+                "a window"
             )
         moved = transition_pattern(s, s.integrator)
         chain = chain_of(s, limits, moved, Q=inside, N=self.N, parts=parts)

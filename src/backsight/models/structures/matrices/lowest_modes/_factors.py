@@ -19,7 +19,7 @@ _SOLVED = 1e-8
 """Backward error of a solution by factors without a choice of pivots."""
 
 
-class Shifted:
+class ShiftedSolutions:
     """Solutions by sparse factors, which are made when they are needed and not kept for ever.
 
     Those of 10^5 coordinates take a gigabyte, as do those by which modes are counted.
@@ -27,14 +27,16 @@ class Shifted:
 
     def __init__(self, A: Sparse) -> None:
         self._matrix = A
-        self._factor = factored(A)
+        self._factor = sparse_factor(A)
         self.regular = self._factor is not None
 
     def solve(self, b: Array) -> Array:
         """Solution for one or more columns."""
-        if self._factor is None:
-            self._factor = factored(self._matrix)
-        return np.asarray(self._factor.solve(b))
+        factor = self._factor or sparse_factor(self._matrix)
+        if factor is None:
+            raise np.linalg.LinAlgError("the matrix has no factors that solve it")
+        self._factor = factor
+        return factor.solve(b)
 
     def forget(self) -> None:
         """Free the memory until the next solution."""
@@ -42,7 +44,7 @@ class Shifted:
 
 
 @dataclasses.dataclass(frozen=True)
-class Factor:
+class SparseFactor:
     """Sparse factors of a symmetric matrix whose rows and columns were put in another order."""
 
     factor: Any
@@ -62,7 +64,7 @@ class Factor:
         return int((self.factor.U.diagonal() < 0).sum())
 
 
-def factored(A: Sparse) -> Factor | None:
+def sparse_factor(A: Sparse) -> SparseFactor | None:
     """Sparse factors of a symmetric matrix, or None if they do not solve it."""
     A = sparse.csc_array(A)
     order, banded = _order(A)
@@ -76,7 +78,7 @@ def factored(A: Sparse) -> Factor | None:
         )
     except RuntimeError:  # exactly singular
         return None
-    found = Factor(factor, order)
+    found = SparseFactor(factor, order)
     b = np.random.default_rng(0).standard_normal(A.shape[0])
     x = found.solve(b)
     error = np.abs(A @ x - b)

@@ -16,7 +16,10 @@ import numpy as np
 import scipy
 
 from backsight.errors import BacksightWarning, ModelError
-from backsight.models.structures.matrices.lowest_modes._factors import Shifted, factored
+from backsight.models.structures.matrices.lowest_modes._factors import (
+    ShiftedSolutions,
+    sparse_factor,
+)
 from backsight.models.structures.matrices.lowest_modes._lanczos import BLOCK, Solve, block_lanczos
 from backsight.types import Array, Sparse
 
@@ -38,7 +41,7 @@ DENSE = 600
 FILLED = 5
 
 _RAISE = 1e3
-"""Factor of the shift if rounding makes :math:`K - \\sigma M` indefinite."""
+"""SparseFactor of the shift if rounding makes :math:`K - \\sigma M` indefinite."""
 
 _NEAR = (1e-6, 10.0)
 """Range of the shift by the lowest elastic square in which accuracy does not suffer."""
@@ -182,7 +185,7 @@ def _shifted(M: Sparse, K: Sparse, count: int, shift: float) -> LowestModes | No
     n = M.shape[0]
     if n <= DENSE or K.nnz * FILLED > n * n or count > n // 2:
         return _dense(M.toarray(), K.toarray(), count, shift)
-    shifted = Shifted(K - shift * M)
+    shifted = ShiftedSolutions(K - shift * M)
     if not shifted.regular:
         return None
     X, missed = block_lanczos(M, shifted.solve, count, np.zeros((n, 0))), 0
@@ -217,7 +220,7 @@ def _missed(M: Sparse, K: Sparse, squares: Array, mu: float) -> int:
 
     By Sylvester's law: as many pivots of K - mu M are negative as there are squares below mu.
     """
-    factor = factored(K - mu * M)
+    factor = sparse_factor(K - mu * M)
     below = factor.negative if factor is not None else None
     return 0 if below is None else max(below - int((squares < mu).sum()), 0)
 

@@ -1,9 +1,8 @@
-"""The weight of sparse forces without truth: ``python -m benchmarks.force_weights``.
+"""The weight of sparse forces without truth: ``python -m backsight_studies.beam_random.weights``.
 
-Beams that are hit at random (those of the study ``beam_random``), with the right model and with one
-whose frequencies are too low. Every way to choose `lam` from a recording alone is judged by F1,
-hits found at the right step and place, beside the best weight for all recordings, which only the
-truth tells.
+Beams that are hit at random, with the right model and with one whose frequencies are too low. Ways
+to choose `lam` from a recording alone are judged by F1, hits found at the right step and place,
+beside the best weight for all recordings, which only the truth tells.
 """
 
 import argparse
@@ -13,20 +12,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 import backsight as bs
-from backsight.analysis.forces import compare_forces
-from backsight.sparse import refit
-from backsight.tune._force_path import unweighted, whole_path
+from backsight.run.sparse_forces import find_sparse_forces
+from backsight.sparse import L1
 from backsight.tune.lambda_choice import LambdaChoice
 from backsight.types import Array
 from backsight_studies.beam.plant import THICKNESS, model
-from backsight_studies.beam.tuning import THRESHOLD
-from backsight_studies.beam_random.scenarios import Scenario, scenario, whole
+from backsight_studies.beam_random.experiment import outcome
+from backsight_studies.beam_random.scenarios import scenario, whole
 
-GRID = np.geomspace(2.0, 100.0, 40)
+GRID = np.geomspace(4.0, 40.0, 12)
 """Weights of which the best for all recordings is taken."""
-
-LEAST = 1e-2
-"""Weight down to which all solutions are computed, as a share of the largest."""
 
 WAYS: dict[str, Callable[..., LambdaChoice]] = {
     "lambda_from_noise": bs.tune.lambda_from_noise,
@@ -34,38 +29,29 @@ WAYS: dict[str, Callable[..., LambdaChoice]] = {
     "lambda_from_sensors": bs.tune.lambda_from_sensors,
     "lambda_from_pairs": bs.tune.lambda_from_pairs,
 }
-FIT = 'fit(free=["lam"])'
-"""What a user gets who does not choose a way."""
 
 
 def scores(seed: int, thickness: float) -> tuple[Array, dict[str, tuple[float, float, float]]]:
     """F1 of every weight of `GRID`, and by way F1, weight and seconds."""
-    s, given, estimator = scenario(seed), model(thickness), whole(thickness, 10.0)
-    search = unweighted(estimator, given, s.recording)
-    path = whole_path(search, LEAST)
+    s, given = scenario(seed), model(thickness)
 
     def f1(lam: float) -> float:
-        found = refit(search.regression, path.at(max(lam, path.lam[-1]))[0])
-        return _f1(search.forces(found.which, found.values), s)
+        found = find_sparse_forces(whole(thickness, lam), given, s.recording, selection=L1())
+        return outcome(found["d_hat"].values, s.d).f1
 
     ways: dict[str, tuple[float, float, float]] = {}
     for name, way in WAYS.items():
         began = time.process_time()
-        lam = way(estimator, given, s.recording).lam
+        lam = way(whole(thickness, 10.0), given, s.recording).lam
         ways[name] = f1(lam), lam, time.process_time() - began
-    began = time.process_time()
-    lam = bs.tune.fit(estimator, given, s.recording, free=["lam"]).values["lam"]
-    ways[FIT] = f1(lam), lam, time.process_time() - began
     return np.array([f1(lam) for lam in GRID]), ways
-
-
-def _f1(found: Array, s: Scenario) -> float:
-    return compare_forces(found, s.d[: len(found)], least=THRESHOLD).f1
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.force_weights", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m backsight_studies.beam_random.weights", description=__doc__
+    )
     parser.add_argument("--recordings", type=int, default=50)
     given = parser.parse_args(arguments)
     print("| frequencies | way | F1 | below the best | weights | s |")
@@ -75,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         of_grid = np.mean([grid for grid, _ in found], axis=0)
         best = float(of_grid.max())
         print(f"| {off:g} % | best for all | {best:.3f} | | {GRID[of_grid.argmax()]:.1f} | |")
-        for way in found[0][1]:
+        for way in WAYS:
             f1, lam, seconds = np.array([ways[way] for _, ways in found]).T
             print(
                 f"| {off:g} % | `{way}` | {f1.mean():.3f} | {best - f1.mean():.3f} | "
