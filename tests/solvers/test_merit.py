@@ -57,15 +57,15 @@ class Point:
         A = s["A"].reshape(NX, 3, N + 1)  # column by column
         value = CHAIN.noise @ w + length * np.einsum("krn,kn->rn", A, self.dX)
         excess = np.minimum(value - s["low"], 0) + np.maximum(value - s["high"], 0)
-        return J + (excess[~HARD] ** 2 / (2 * 0.4)).sum(), excess, w
+        return cost + (excess[~HARD] ** 2 / (2 * 0.4)).sum(), excess, w
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_sums_are_those_of_the_definition(seed):
     point = Point(seed)
-    J, slope, defects, adjoints, steps = point()
+    cost, slope, defects, adjoints, steps = point()
     expected, excess, w = point.at(0.0)
-    assert J == pytest.approx(expected, rel=1e-12)
+    assert cost == pytest.approx(expected, rel=1e-12)
     h = 1e-5
     difference = (point.at(h)[0] - point.at(-h)[0]) / (2 * h)
     assert slope == pytest.approx(difference, rel=1e-6)
