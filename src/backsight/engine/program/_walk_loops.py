@@ -1,4 +1,4 @@
-"""Products with a matrix of few entries as a loop over these."""
+"""Loops over entries: of products with a matrix of few, and of results whose numbers are alike."""
 
 from collections.abc import Sequence
 
@@ -6,6 +6,7 @@ import casadi as ca
 
 from backsight.engine.dense import Product
 from backsight.engine.program._scope import Scope
+from backsight.engine.program.leaf import Leaf
 from backsight.engine.program.program import Call, Copy, Loop, Slice, Statement, Table
 
 
@@ -32,3 +33,23 @@ def write_product(
 
 _A, _B, _C = (ca.SX.sym(name) for name in "abc")
 _ADD = ca.Function("add_product", [_C, _A, _B], [_C + _A * _B])
+
+
+def write_entries(
+    leaf: Leaf, arguments: Sequence[Slice], results: Sequence[Slice], scope: Scope
+) -> tuple[list[Statement], Leaf]:
+    """Results of a leaf whose numbers are all made alike as loops, and the leaf without them."""
+    loops: list[Statement] = []
+    entries, left = scope.entries(leaf)
+    for entry in entries:
+        counter, target = scope.name("each"), results[entry.output]
+        slices = []
+        for operand in entry.operands:
+            if operand.values:
+                slices.append(scope.constant(operand.values).part(0, 1).moving(counter, 1))
+                continue
+            place = arguments[operand.argument].part(operand.number, 1)
+            slices.append(place.moving(counter, operand.stride) if operand.stride else place)
+        call = Call(entry.leaf, tuple(slices), (target.part(0, 1).moving(counter, 1),))
+        loops.append(Loop(counter, target.size, (call,)))
+    return loops, left
