@@ -111,7 +111,6 @@ def case(key: str, states: int, outputs: int):  # noqa: ANN201 - names of the pa
     import backsight as bs
     from backsight.estimators import ESTIMATORS
 
-    noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-3), bs.Prior(sigma_x0=0.1)
     rng = np.random.default_rng(0)
     modes = states // 2
     hertz = np.linspace(LEAST, MOST, modes)
@@ -122,6 +121,8 @@ def case(key: str, states: int, outputs: int):  # noqa: ANN201 - names of the pa
     unknown = {"joint_input": 5, "csmhe": PLACES}.get(key, 0)
     forces = {f"F{i}": shape() for i in range(unknown)}
     kind = "acceleration" if unknown else "displacement"
+    noise = bs.Noise(sigma_y=1.0 if unknown else 1e-3, sigma_w=1e-3)
+    prior = bs.Prior(sigma_x0=0.1)
     model = bs.modal(
         hertz,
         damping=0.02,
