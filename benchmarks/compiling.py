@@ -46,10 +46,12 @@ def main() -> None:
     if given.one:
         print(_told(given.one, *sizes[0]))
         return
-    print(f"{'states':>6} {'outputs':>7} {'estimator':<10} {'build s':>8} {'code s':>8} {'sum s':>8}")
+    print(
+        f"{'states':>6} {'outputs':>7} {'estimator':<10} {'build s':>8} {'code s':>8} {'sum s':>8}"
+    )
     for states, outputs in sizes:
         for key in given.only or keys():
-            print(f"{states:>6} {outputs:>7} {key:<10} {_apart(key, states, outputs)}", flush=True)
+            print(f"{states:>6} {outputs:>7} {key:<11} {_apart(key, states, outputs)}", flush=True)
 
 
 def keys() -> Sequence[str]:
@@ -69,8 +71,15 @@ def _apart(key: str, states: int, outputs: int) -> str:
     with tempfile.TemporaryDirectory() as cache:
         try:
             found = subprocess.run(
-                [sys.executable, "-m", "benchmarks.compiling"]
-                + ["--one", key, "--sizes", f"{states}/{outputs}"],
+                [
+                    sys.executable,
+                    "-m",
+                    "benchmarks.compiling",
+                    "--one",
+                    key,
+                    "--sizes",
+                    f"{states}/{outputs}",
+                ],
                 env=os.environ | ENVIRONMENT | {"BACKSIGHT_CACHE": cache},
                 capture_output=True,
                 text=True,
@@ -106,7 +115,7 @@ SAMPLED = 1 / (4 * MOST)
 """Sampling period [s]."""
 
 
-def case(key: str, states: int, outputs: int):  # noqa: ANN201 - names of the package come late
+def case(key: str, states: int, outputs: int):
     """An estimator and a model that goes with it."""
     import backsight as bs
     from backsight.estimators import ESTIMATORS

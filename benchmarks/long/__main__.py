@@ -102,9 +102,7 @@ HEAD = (
 RULE = "|" + "|".join("-" * len(cell) for cell in HEAD.split("|")[1:-1]) + "|"
 
 
-def run(
-    plant: Plant, name: str, estimator: AbstractEstimator, samples: int, exact: int
-) -> Done:
+def run(plant: Plant, name: str, estimator: AbstractEstimator, samples: int, exact: int) -> Done:
     """All samples through one estimator."""
     recursion = estimator.compile(plant.model, plant.dt)
     outputs = [c.name for c in recursion.channels]

@@ -82,7 +82,11 @@ class Plant:
         return Recursion(
             step=ca.Function("truth", [x, push, angle, w, v], [ca.densify(k) for k in results]),
             carry0=0.1 * np.random.default_rng(1).standard_normal(m.nx),
-            channels=(Channel("x", ("state",)), Channel("u", ("input",)), Channel("y", ("output",))),
+            channels=(
+                Channel("x", ("state",)),
+                Channel("u", ("input",)),
+                Channel("y", ("output",)),
+            ),
             dt=self.dt,
         )
 
@@ -148,7 +152,7 @@ def plants() -> Sequence[Plant]:
             "two rates",
             _model(
                 lambda x, u, p: [x.v, -40 * x.q - 0.2 * x.v + u.a + p.F],
-                h=lambda x, u, p: [x.q, x.v],
+                h=lambda x, _u, _p: [x.q, x.v],
                 outputs=("y", "rate"),
             ),
             0.02,
@@ -171,7 +175,7 @@ def plants() -> Sequence[Plant]:
         ),
         Plant(
             "hardening spring",
-            _model(lambda x, u, p: [x.v, -40 * x.q - 400 * x.q**3 - 0.2 * x.v + u.a], forces=()),
+            _model(lambda x, u, _p: [x.v, -40 * x.q - 400 * x.q**3 - 0.2 * x.v + u.a], forces=()),
             0.02,
             (0.0, 1e-3),
             (1e-2,),
@@ -184,7 +188,7 @@ def plants() -> Sequence[Plant]:
 def _model(
     f: Callable[..., list],
     *,
-    h: Callable[..., list] = lambda x, u, p: [x.q],
+    h: Callable[..., list] = lambda x, _u, _p: [x.q],
     inputs: Sequence[str] = ("a",),
     outputs: Sequence[str] = ("y",),
     forces: Sequence[str] = ("F",),
@@ -215,7 +219,7 @@ def _oscillators(
 def _unknown_stiffness() -> bs.Model:
     spring = bs.Model(
         f=lambda x, u, p: [x.v, -40 * (1 + 0.1 * np.tanh(p.k)) * x.q - 0.2 * x.v + u.a],
-        h=lambda x, u, p: [x.q],
+        h=lambda x, _u, _p: [x.q],
         states={"q": "m", "v": "m/s"},
         inputs={"a": ""},
         outputs={"y": ""},

@@ -22,9 +22,7 @@ MOST = 64
 """Functions that are remembered."""
 
 
-def remember(
-    function: ca.Function, theta: Array, known: Affine, by_p: Array | None = None
-) -> None:
+def remember(function: ca.Function, theta: Array, known: Affine, by_p: Array | None = None) -> None:
     """Note what a function ``(x, u, p)`` is at these parameters.
 
     `by_p` is the matrix of the parameters, if the function is linear in all three together.

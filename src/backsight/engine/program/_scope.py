@@ -82,10 +82,8 @@ class Scope:
         """Results of a leaf that loops make, and the leaf without them."""
         if leaf.name not in self._entries:
             found, left = entries_of(leaf)
-            named = [
-                dataclasses.replace(e, leaf=dataclasses.replace(e.leaf, name=self.name(e.leaf.name)))
-                for e in found
-            ]
+            ones = [dataclasses.replace(e.leaf, name=self.name(e.leaf.name)) for e in found]
+            named = [dataclasses.replace(e, leaf=one) for e, one in zip(found, ones, strict=True)]
             self._entries[leaf.name] = named, left
         return self._entries[leaf.name]
 

@@ -112,14 +112,16 @@ def _call(leaf: Leaf, arguments: Sequence[Slice], scope: Scope) -> Walked:
         scope.buffer(f"{leaf.name}_{j}", len(output)).whole()
         for j, output in enumerate(leaf.outputs)
     ]
-    calls, left = write_entries(leaf, arguments, results, scope)
+    given = list(results)
+    loops, left = write_entries(leaf, arguments, given, scope)
+    calls: list[Statement] = []
     for part, places in scope.parts(left) if any(left.outputs) else ():
         targets = [
-            results[j].part(first, len(output))
+            given[j].part(first, len(output))
             for (j, first), output in zip(places, part.outputs, strict=True)
         ]
         calls.append(Call(part, tuple(arguments), tuple(targets)))
-    return calls, [[r] for r in results]
+    return [*calls, *loops], [[r] for r in results]
 
 
 def _foreign(

@@ -6,7 +6,7 @@ import casadi as ca
 
 from backsight.engine.dense import Product
 from backsight.engine.program._scope import Scope
-from backsight.engine.program.leaf import Leaf
+from backsight.engine.program.leaf import SHARED, Leaf
 from backsight.engine.program.program import Call, Copy, Loop, Slice, Statement, Table
 
 
@@ -36,11 +36,17 @@ _ADD = ca.Function("add_product", [_C, _A, _B], [_C + _A * _B])
 
 
 def write_entries(
-    leaf: Leaf, arguments: Sequence[Slice], results: Sequence[Slice], scope: Scope
+    leaf: Leaf, arguments: Sequence[Slice], results: list[Slice], scope: Scope
 ) -> tuple[list[Statement], Leaf]:
-    """Results of a leaf whose numbers are all made alike as loops, and the leaf without them."""
+    """Results of a leaf whose numbers are all made alike as loops, and the leaf to call before.
+
+    It may have one more result than `results`, to which that is then added.
+    """
     loops: list[Statement] = []
     entries, left = scope.entries(leaf)
+    if len(left.outputs) > len(leaf.outputs):
+        shared = scope.buffer(f"{leaf.name}_shared", len(left.outputs[-1])).whole()
+        results.append(shared)
     for entry in entries:
         counter, target = scope.name("each"), results[entry.output]
         slices = []
@@ -48,7 +54,8 @@ def write_entries(
             if operand.values:
                 slices.append(scope.constant(operand.values).part(0, 1).moving(counter, 1))
                 continue
-            place = arguments[operand.argument].part(operand.number, 1)
+            given = results[-1] if operand.argument == SHARED else arguments[operand.argument]
+            place = given.part(operand.number, 1)
             slices.append(place.moving(counter, operand.stride) if operand.stride else place)
         call = Call(entry.leaf, tuple(slices), (target.part(0, 1).moving(counter, 1),))
         loops.append(Loop(counter, target.size, (call,)))

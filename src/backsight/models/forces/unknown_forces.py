@@ -68,7 +68,8 @@ def forces_as_inputs(model: Model, forces: Sequence[str]) -> Model:
     symbols |= {s.name: p[i] for i, s in enumerate(kept)}
     full = ca.vertcat(*(symbols[s.name] for s in model.parameters))
     given, w = [x, u[: model.nu], full], ca.SX.sym("w", model.nx)
-    f, h = (ca.Function(k, [x, u, p], old.call(given)) for k, old in (("f", model.f), ("h", model.h)))
+    f = ca.Function("f", [x, u, p], model.f.call(given))
+    h = ca.Function("h", [x, u, p], model.h.call(given))
     for new, old in ((f, model.f), (h, model.h)):
         _remember_forces(new, old, model, forces)
     return dataclasses.replace(

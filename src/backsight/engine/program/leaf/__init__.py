@@ -1,6 +1,7 @@
 """Straight-line arithmetic: an SX function as a list of numbered operations, and parts of it."""
 
 from backsight.engine.program.leaf._entries import MANY as MANY
+from backsight.engine.program.leaf._entries import SHARED as SHARED
 from backsight.engine.program.leaf._entries import Entry as Entry
 from backsight.engine.program.leaf._entries import entries_of as entries_of
 from backsight.engine.program.leaf._leaf import OPERATIONS as OPERATIONS

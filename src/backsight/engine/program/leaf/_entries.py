@@ -16,6 +16,10 @@ DEEP = 48
 """Operations for one number, up to which that is looked for."""
 
 
+SHARED = -2
+"""In the place of an argument: the last result of the leaf that is left."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Operand:
     """What the operations of a number take.
@@ -23,7 +27,7 @@ class Operand:
     Parameters
     ----------
     argument, number : int
-        Of the leaf, for its first number.
+        Of the leaf, for its first number; `SHARED` is what is computed once for all numbers.
     stride : int
         From one number to the next.
     values : tuple of float
@@ -59,38 +63,44 @@ def entries_of(leaf: Leaf) -> tuple[list[Entry], Leaf]:
     """Results that loops can make, and the leaf without them.
 
     Alike are numbers with the same operations whose operands are the same for all, or lie one
-    behind the other, or are constants.
+    behind the other, or are constants. What is computed once for all of them is one more result of
+    the leaf that is left.
     """
-    found, left = [], list(leaf.outputs)
+    found: list[Entry] = []
+    left, shared = list(leaf.outputs), list[int]()
     for j, output in enumerate(leaf.outputs):
-        if len(output) >= MANY and (one := _alike(leaf, j)):
+        if len(output) >= MANY and (one := _alike(leaf, j, shared)):
             found.append(one)
             left[j] = ()
     if not found:
         return [], leaf
-    return found, without_unused(dataclasses.replace(leaf, outputs=tuple(left)))
+    names = (*leaf.names, "shared")
+    whole = dataclasses.replace(leaf, outputs=(*left, tuple(shared)), names=names)
+    return found, without_unused(whole)
 
 
 _Tree: TypeAlias = list[tuple[Operation, tuple[int, ...]]]
 """Operations with their arguments as places in the list; the last one is the number."""
 
 
-def _alike(leaf: Leaf, j: int) -> Entry | None:
-    """Result j as the same operations for each number, None if they differ."""
+def _alike(leaf: Leaf, j: int, shared: list[int]) -> Entry | None:
+    """Result j as the same operations for each number, None if they differ; adds what is shared."""
     numbers = leaf.outputs[j]
-    first = _tree(leaf, numbers[0])
-    if not first or all(o.kind in ("input", "const") for o, _ in first):
+    common = _reached(leaf, numbers[0]) & _reached(leaf, numbers[1]) & _reached(leaf, numbers[-1])
+    first = _tree(leaf, numbers[0], common)
+    if not first or all(o.kind in ("input", "const", "shared") for o, _ in first):
         return None  # only moved: no operation
     trees = [first]
     for k in numbers[1:]:
-        trees.append(_tree(leaf, k))
+        trees.append(_tree(leaf, k, common))
         if [(o.kind, a) for o, a in trees[-1]] != [(o.kind, a) for o, a in first]:
             return None
     operations: list[Operation] = []
     operands: list[Operand] = []
+    computed: list[int] = []
     for place, (operation, arguments) in enumerate(first):
         column = [tree[place][0] for tree in trees]
-        if operation.kind not in ("input", "const"):
+        if operation.kind not in ("input", "const", "shared"):
             operations.append(Operation(operation.kind, arguments, operation.value))
             continue
         operand = _taken(column)
@@ -99,12 +109,28 @@ def _alike(leaf: Leaf, j: int) -> Entry | None:
         if operation.kind == "const" and len({value.hex() for value in operand.values}) == 1:
             operations.append(operation)
             continue
+        if operation.kind == "shared":
+            computed.append(operand.number)
+            operand = Operand(SHARED, len(shared) + len(computed) - 1, 0)
         operations.append(Operation("input", (len(operands), 0)))
         operands.append(operand)
+    shared += computed
     names = *(f"i{k}" for k in range(len(operands))), "o0"
     ones = (1,) * len(operands)
     one = Leaf(f"{leaf.name}_each", ones, tuple(operations), ((len(operations) - 1,),), names)
     return Entry(j, one, tuple(operands))
+
+
+def _reached(leaf: Leaf, k: int) -> set[int]:
+    """Operations, beside arguments and constants, on which a number depends."""
+    reached, new = set[int](), [k]
+    while new:
+        at = new.pop()
+        operation = leaf.operations[at]
+        if at not in reached and operation.kind not in ("input", "const"):
+            reached.add(at)
+            new += operation.arguments
+    return reached
 
 
 def _taken(column: Sequence[Operation]) -> Operand | None:
@@ -119,14 +145,16 @@ def _taken(column: Sequence[Operation]) -> Operand | None:
     return Operand(argument, number, stride)
 
 
-def _tree(leaf: Leaf, k: int) -> _Tree:
-    """What a number is made of; nothing if that is too much."""
+def _tree(leaf: Leaf, k: int, common: set[int]) -> _Tree:
+    """What a number is made of, beside what is common to all; nothing if that is too much."""
     tree: _Tree = []
     places: dict[int, int] = {}
     todo = [k]
     while todo:
         operation = leaf.operations[todo[-1]]
-        needed = () if operation.kind == "input" else operation.arguments
+        if todo[-1] in common:
+            operation = Operation("shared", (SHARED, todo[-1]))
+        needed = () if operation.kind in ("input", "shared") else operation.arguments
         missing = [a for a in needed if a not in places]
         if missing:
             todo += reversed(missing)
