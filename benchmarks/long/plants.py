@@ -163,8 +163,8 @@ def plants() -> Sequence[Plant]:
         Plant(
             "turning",
             _model(
-                lambda x, u, p: [x.v, -(40 + 8 * np.cos(u.angle)) * x.q - 0.2 * x.v + u.a],
-                h=lambda x, u, p: [np.cos(u.angle) * x.q],
+                lambda x, u, _p: [x.v, -(40 + 8 * np.cos(u.angle)) * x.q - 0.2 * x.v + u.a],
+                h=lambda x, u, _p: [np.cos(u.angle) * x.q],
                 inputs=("a", "angle"),
                 forces=(),
             ),
