@@ -50,8 +50,12 @@ def main() -> None:
             continue
         for name, estimator in estimators(plant).items():
             if not given.estimators or name in given.estimators:
-                done = run(plant, name, estimator, int(given.samples), int(given.exact))
-                print(done.row(), flush=True)
+                try:
+                    done = run(plant, name, estimator, int(given.samples), int(given.exact))
+                except bs.BacksightError as refused:
+                    print(f"| {plant.name:<24} | {name:<9} | refused: {refused}", flush=True)
+                else:
+                    print(done.row(), flush=True)
 
 
 def estimators(plant: Plant) -> dict[str, AbstractEstimator]:

@@ -9,7 +9,7 @@ from typing import Self
 
 import casadi as ca
 
-from backsight.engine.program.leaf import Entry, Leaf, Part, entries_of, leaf_of, leaf_parts
+from backsight.engine.program.leaf import Leaf, Part, Repeated, entries_of, leaf_of, leaf_parts
 from backsight.engine.program.program import Buffer, Slice, Table
 
 
@@ -24,7 +24,7 @@ class Scope:
         # The functions are kept, since the address of one that is gone may be used again.
         self._leaves: dict[int, tuple[ca.Function, Leaf]] = {}
         self._parts: dict[str, list[Part]] = {}
-        self._entries: dict[str, tuple[list[Entry], Leaf]] = {}
+        self._entries: dict[str, tuple[list[Repeated], Leaf]] = {}
         self._calls: dict[Hashable, tuple[ca.Function, list[list[Slice]]]] = {}
 
     def inside(self) -> Self:
@@ -78,7 +78,7 @@ class Scope:
             self._leaves[key] = function, dataclasses.replace(leaf, name=self.name(leaf.name))
         return self._leaves[key][1]
 
-    def entries(self, leaf: Leaf) -> tuple[list[Entry], Leaf]:
+    def entries(self, leaf: Leaf) -> tuple[list[Repeated], Leaf]:
         """Results of a leaf that loops make, and the leaf without them."""
         if leaf.name not in self._entries:
             found, left = entries_of(leaf)

@@ -2,7 +2,7 @@
 
 from backsight.engine.program.leaf._entries import MANY as MANY
 from backsight.engine.program.leaf._entries import SHARED as SHARED
-from backsight.engine.program.leaf._entries import Entry as Entry
+from backsight.engine.program.leaf._entries import Repeated as Repeated
 from backsight.engine.program.leaf._entries import entries_of as entries_of
 from backsight.engine.program.leaf._leaf import OPERATIONS as OPERATIONS
 from backsight.engine.program.leaf._leaf import Leaf as Leaf

@@ -41,7 +41,7 @@ class Operand:
 
 
 @dataclasses.dataclass(frozen=True)
-class Entry:
+class Repeated:
     """A result of which every number is made like the first one.
 
     Parameters
@@ -59,14 +59,14 @@ class Entry:
     operands: tuple[Operand, ...]
 
 
-def entries_of(leaf: Leaf) -> tuple[list[Entry], Leaf]:
+def entries_of(leaf: Leaf) -> tuple[list[Repeated], Leaf]:
     """Results that loops can make, and the leaf without them.
 
     Alike are numbers with the same operations whose operands are the same for all, or lie one
     behind the other, or are constants. What is computed once for all of them is one more result of
     the leaf that is left.
     """
-    found: list[Entry] = []
+    found: list[Repeated] = []
     left, shared = list(leaf.outputs), list[int]()
     for j, output in enumerate(leaf.outputs):
         if len(output) >= MANY and (one := _alike(leaf, j, shared)):
@@ -83,7 +83,7 @@ _Tree: TypeAlias = list[tuple[Operation, tuple[int, ...]]]
 """Operations with their arguments as places in the list; the last one is the number."""
 
 
-def _alike(leaf: Leaf, j: int, shared: list[int]) -> Entry | None:
+def _alike(leaf: Leaf, j: int, shared: list[int]) -> Repeated | None:
     """Result j as the same operations for each number, None if they differ; adds what is shared."""
     numbers = leaf.outputs[j]
     common = _reached(leaf, numbers[0]) & _reached(leaf, numbers[1]) & _reached(leaf, numbers[-1])
@@ -118,7 +118,7 @@ def _alike(leaf: Leaf, j: int, shared: list[int]) -> Entry | None:
     names = *(f"i{k}" for k in range(len(operands))), "o0"
     ones = (1,) * len(operands)
     one = Leaf(f"{leaf.name}_each", ones, tuple(operations), ((len(operations) - 1,),), names)
-    return Entry(j, one, tuple(operands))
+    return Repeated(j, one, tuple(operands))
 
 
 def _reached(leaf: Leaf, k: int) -> set[int]:
