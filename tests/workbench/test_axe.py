@@ -71,7 +71,7 @@ def test_a_report(page, tmp_path):
         assert findings(page) == []
 
 
-def test_the_dashboard_of_a_run_with_an_alarm(page, tmp_path, samples):  # noqa: F811
+def test_the_dashboard_of_a_run_with_an_alarm(page, tmp_path, samples):
     with contextlib.ExitStack() as stack:
         live, board, address = stack.enter_context(shown(tmp_path))
         live.feed(map(message, samples[:600]))
