@@ -12,6 +12,7 @@ from backsight.problem import load
 from backsight.workbench._choices import METHODS, Choices, Quantity
 from backsight.workbench._equations import read_equations
 from backsight.workbench._gallery import GALLERY
+from backsight.workbench._modelled import remarks_on
 from backsight.workbench._preview import previews
 from backsight.workbench._suggesting import completed, suggested
 from backsight.workbench._writing import problem_text
@@ -74,6 +75,26 @@ def test_a_column_in_another_unit_is_converted_and_its_noise_too(tmp_path):
     first = previews(found)["position"].first
     table = tomllib.loads(problem.text)
     assert table["prior"]["x0"]["q"] == pytest.approx(1e-3 * first, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("key", "columns", "factor"),
+    [
+        ("mass_spring", ["position_mm", "force_N"], 1e-3),
+        ("mass_spring", ["position_left", "force_N"], None),
+        ("motor", ["speed [1/min]", "current [A]"], np.pi / 30),
+    ],
+)
+def test_units_that_only_the_machine_makes_clear(key, columns, factor, tmp_path):
+    """The end of a name, and revolutions per minute, which the reader takes for a number."""
+    found = recorded(tmp_path, columns)
+    choices = suggested(key, found)
+    (output,) = choices.outputs
+    column = found[choices.outputs[output]]
+    assert choices.noise[output] == pytest.approx((factor or 1.0) * column.noise, rel=0.01)
+    table = written(choices, found, tmp_path).recording.outputs[output]
+    assert table.factor == (None if factor is None else pytest.approx(factor, rel=1e-12))
+    assert bool(remarks_on(column)) == (factor is not None)
 
 
 def test_a_column_of_another_kind_is_not_proposed(tmp_path):
