@@ -9,6 +9,7 @@ import pytest
 from backsight.data import list_columns
 from backsight.errors import ProblemError
 from backsight.problem import load
+from backsight.problem.starting import noise_shown
 from backsight.workbench._choices import METHODS, Choices, Quantity
 from backsight.workbench._equations import read_equations
 from backsight.workbench._gallery import GALLERY
@@ -146,3 +147,15 @@ def test_what_wanders_changes_by_the_root_of_the_time(tmp_path):
     change = choices.quantities["load"].change
     assert table["estimate"]["load"]["walk"] == pytest.approx(change / np.sqrt(100), rel=1e-2)
     assert "walk" not in table["estimate"]["J"]
+
+
+def test_the_noise_of_a_fine_encoder_is_what_it_shows(tmp_path):
+    """On a long axis it is a small part of the range; only what shows none gets a guess."""
+    t = 0.01 * np.arange(400)
+    rough = 2.5 * np.sin(t) + 1e-5 * np.random.default_rng(1).standard_normal(400)
+    for name, values, right in (("fine", rough, 1e-5), ("smooth", 2.5 * np.sin(t), 5e-4)):
+        path = tmp_path / f"{name}.csv"
+        rows = [f"{a:.2f},{v:.9f}" for a, v in zip(t, values, strict=True)]
+        path.write_text("\n".join(["time [s],position [m]", *rows]) + "\n", encoding="utf-8")
+        found = list_columns(path)
+        assert noise_shown(found["position"]) == pytest.approx(right, rel=0.2)
