@@ -107,7 +107,7 @@ def _own(choices: Choices, found: FileColumns) -> Modelled:
     )
 
 
-def unit_of(column: FileColumn, wanted: str) -> str:
+def meant_unit(column: FileColumn, wanted: str) -> str:
     """Unit of a column that is to become a signal in the unit that is `wanted`.
 
     That of the file; else the end of the name, as in ``force_N``, if it is a unit of the same kind;
@@ -130,7 +130,7 @@ def named_unit(column: FileColumn) -> str:
 
 def conversion_to(unit: str, column: FileColumn) -> Conversion:
     """From the unit of a column to that of its signal; none where there is no way or no unit."""
-    own = unit_of(column, unit)
+    own = meant_unit(column, unit)
     if not unit or not own:
         return Conversion(1.0)
     try:

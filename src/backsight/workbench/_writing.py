@@ -15,7 +15,7 @@ from backsight.workbench._modelled import (
     modelled,
     period,
     scales,
-    unit_of,
+    meant_unit,
 )
 
 INEXACT = 1e-6
@@ -100,7 +100,7 @@ def _columns(
         column = found[columns[name]]
         way = conversion_to(unit, column)
         # What the reader does not see in the file by itself is said.
-        if not way.same and unit_of(column, unit) != column.unit:
+        if not way.same and meant_unit(column, unit) != column.unit:
             entries["factor"] = float(f"{way.factor:.15g}")
         lines.append(f"{kind}.{as_key(name)} = {as_table(entries)}")
     return lines
