@@ -12,10 +12,10 @@ from backsight.workbench._modelled import (
     Modelled,
     beginnings,
     conversion_to,
+    meant_unit,
     modelled,
     period,
     scales,
-    meant_unit,
 )
 
 INEXACT = 1e-6
