@@ -15,6 +15,7 @@ from backsight.errors import BacksightError, OutputError, ProblemError
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
 from backsight.live._ready import made_ready
+from backsight.live._session import MOST_TOLD
 from backsight.live.sources._cutting import Cutter
 from backsight.live.sources._decoding import payload_decoder
 from backsight.problem.reading.tables import MessageTable

@@ -19,7 +19,7 @@ from backsight.live.engine import LiveEstimation, LiveRows
 from backsight.live.sources import Batch
 from backsight.live.store import Keeper, checkpoint_bytes
 
-MOST_TOLD = 8
+MOST_TOLD = 20
 """Reasons for which payloads of a source cannot be read that are told; all are counted."""
 
 _NUMBER = re.compile(r"[-+\d.]+")
