@@ -5,7 +5,7 @@ import dataclasses
 import numbers
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -22,12 +22,13 @@ class Fault:
 
     Parameters
     ----------
-    text : str
+    say : callable
+        Gives the text. Of a union most options do not fit, and nobody asks why.
     kind : bool
         The value is of another kind altogether, so that another option may be meant.
     """
 
-    text: str
+    say: Callable[[], str]
     kind: bool = False
 
 
@@ -43,7 +44,7 @@ def fault(hint: Any, value: object, name: str) -> str | None:
         Of the field or argument, for the message.
     """
     found = _fault(hint, value, Called(name), None)
-    return found.text if found else None
+    return found.say() if found else None
 
 
 def _fault(hint: Any, value: object, called: Called, within: Range | None) -> Fault | None:
@@ -81,7 +82,9 @@ def _fault(hint: Any, value: object, called: Called, within: Range | None) -> Fa
 
 def _other(hint: Any, value: object, called: Called, within: Range | None) -> Fault:
     """The value is of another kind than the annotation."""
-    return Fault(f"{called.name} is {shown(value)}; it must be {described(hint, within)}", True)
+    return Fault(
+        lambda: f"{called.name} is {shown(value)}; it must be {described(hint, within)}", True
+    )
 
 
 def _annotated(
@@ -96,7 +99,7 @@ def _annotated(
     found = _fault(hint, value, called, within)
     if found is None and any(isinstance(e, Distinct) for e in extras):
         twice = [v for i, v in enumerate(value) if v in value[:i]]  # type: ignore[arg-type, index]
-        return Fault(f"{called.name}: '{twice[0]}' is named twice") if twice else None
+        return Fault(lambda: f"{called.name}: '{twice[0]}' is named twice") if twice else None
     return found
 
 
@@ -121,13 +124,15 @@ def _union(
 def _word(known: Sequence[Any], value: object, called: Called) -> Fault | None:
     if not isinstance(value, str):
         return Fault(
-            f"{called.name} is {shown(value)}; it must be {either(map(repr, known))}", True
+            lambda: f"{called.name} is {shown(value)}; it must be {either(map(repr, known))}", True
         )
-    if value in known:
-        return None
+    return None if value in known else Fault(lambda: _unknown(value, known, called))
+
+
+def _unknown(value: str, known: Sequence[Any], called: Called) -> str:
     hint = nearest(value, known)
     allowed = "" if hint.startswith("known") else f" It must be {either(map(repr, known))}"
-    return Fault(f"unknown {called.name.removeprefix('the ')} '{value}': {hint}{allowed}")
+    return f"unknown {called.name.removeprefix('the ')} '{value}': {hint}{allowed}"
 
 
 def _number(hint: Any, value: object, called: Called, within: Range | None) -> Fault | None:
@@ -147,17 +152,17 @@ def _number(hint: Any, value: object, called: Called, within: Range | None) -> F
 def _outside(value: object, called: Called, within: Range) -> Fault:
     unit = f" {called.unit}" if called.unit else ""
     must = within.must if isinstance(value, complex) else within.wanted(float(value))  # type: ignore[arg-type]
-    return Fault(f"{called.name} is {shown(value)}{unit}; it must {must}")
+    return Fault(lambda: f"{called.name} is {shown(value)}{unit}; it must {must}")
 
 
 def _array(value: object, called: Called, within: Range | None) -> Fault | None:
-    name, wanted = called.name, "an array of numbers"
+    name = called.name
     try:
         numbers_of = np.asarray(value)
     except ValueError:  # rows of different lengths
         numbers_of = np.asarray(None)
     if numbers_of.dtype.kind not in "fiu":
-        return Fault(f"{name} is {shown(value)}; it must be {wanted}", True)
+        return Fault(lambda: f"{name} is {shown(value)}; it must be an array of numbers", True)
     allowed = within or FINITE
     bad = [v for v in numbers_of.ravel() if v not in allowed]
     if not bad:
@@ -165,8 +170,8 @@ def _array(value: object, called: Called, within: Range | None) -> Fault | None:
     if numbers_of.ndim == 0:
         return _outside(float(numbers_of), called, allowed)
     if allowed is FINITE:
-        return Fault(f"{name} has an entry that is not finite")
-    return Fault(f"{name} must {allowed.wanted(bad[0])}, but an entry is {bad[0]:g}")
+        return Fault(lambda: f"{name} has an entry that is not finite")
+    return Fault(lambda: f"{name} must {allowed.wanted(bad[0])}, but an entry is {bad[0]:g}")
 
 
 def _tuple(
@@ -174,17 +179,18 @@ def _tuple(
 ) -> Fault | None:
     entries = args[:1] if args[-1:] == (Ellipsis,) else args
     if not isinstance(value, tuple | list):
-        wanted = f"a tuple of {many(entries)}"
-        return Fault(f"{called.name} is {shown(value)}; it must be {wanted}", True)
+        return Fault(
+            lambda: f"{called.name} is {shown(value)}; it must be a tuple of {many(entries)}", True
+        )
     if args[-1:] == (Ellipsis,):
         return _entries(args[0], value, called, within)
     if len(value) != len(args):
         count = {1: "one", 2: "two", 3: "three"}.get(len(args), str(len(args)))
-        return Fault(f"{called.name} is {shown(value)}; give {count} entries")
+        return Fault(lambda: f"{called.name} is {shown(value)}; give {count} entries")
     for i, (hint, entry) in enumerate(zip(args, value, strict=True)):
         found = _fault(hint, entry, Called(f"{called.name}[{i}]"), within)
         if found:
-            return Fault(found.text)
+            return Fault(found.say)
     return None
 
 
@@ -192,7 +198,7 @@ def _entries(hint: Any, value: Sequence[Any], called: Called, within: Range | No
     for i, entry in enumerate(value):
         found = _fault(hint, entry, Called(f"{called.name}[{i}]"), within)
         if found:
-            return Fault(found.text)
+            return Fault(found.say)
     return None
 
 
@@ -204,7 +210,7 @@ def _mapping(hint: Any, value: object, called: Called, within: Range | None) -> 
     for key, entry in value.items():
         found = _fault(names, key, Called(f"a name in {called.name}"), None)
         if found:
-            return Fault(found.text)
+            return Fault(found.say)
         wanted = next((e for e in typing.get_args(entries)[1:] if isinstance(e, Called)), called)
         found = _fault(
             plain(entries), entry, Called(f"{wanted.name} of '{key}'"), _range(entries, within)
@@ -212,9 +218,9 @@ def _mapping(hint: Any, value: object, called: Called, within: Range | None) -> 
         if found and within and isinstance(entry, numbers.Real) and not isinstance(entry, bool):
             outside.append(f"{key} ({float(entry):g})")
         elif found:
-            return Fault(found.text)
+            return Fault(found.say)
     if outside and within:
-        return Fault(f"{called.name} must {within.whole} for {', '.join(outside)}")
+        return Fault(lambda: f"{called.name} must {within.whole} for {', '.join(outside)}")
     return None
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from backsight.engine.recursion import Recursion
 from backsight.types import Array
 
-BLOCK = 1000
-"""Samples per call. One call for a whole recording takes long to build; one per sample is slow."""
+BLOCK = 500
+"""Samples per call: CasADi takes ten times as long to build one of 1000 as one of 500."""
 
 MOST_NUMBERS = 10**7
 """In the memories after all samples of a call, which the virtual machine keeps."""

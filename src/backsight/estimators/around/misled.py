@@ -148,10 +148,12 @@ class _Watch:
         if innovation is not None:
             before = innovation.call([inside, *data], True, False)
             innovation = ca.Function("innovation", [carry, *data], before)
-        moved = ca.vertcat(after, kept_next)
+        results = [ca.vertcat(after, kept_next), *named.values()]
+        # What an innovation of its own has in common with the step; it takes long to look for.
+        results = ca.cse(results) if plain.lag else results
         return dataclasses.replace(
             plain,
-            step=ca.Function(plain.name, [carry, *data], ca.cse([moved, *named.values()])),
+            step=ca.Function(plain.name, [carry, *data], results),
             carry0=np.concatenate([plain.carry0, begun]),
             fresh=np.concatenate([plain.carry0, again]),
             innovation=innovation,
