@@ -41,6 +41,9 @@ class LoopFunction:
     body: ca.Function
 
 
+DIRECT = 16
+"""Passes that are written one after the other: building halves of few takes longer."""
+
 _NAME = re.compile(r"(scan|back|iterate)_(\d+)_(\d+)_(\d+)_(\d+)_of_(\w+)")
 
 
@@ -107,7 +110,7 @@ class _Over:
             for k, (rows, columns) in enumerate(map(body.size_in, range(body.n_in())))
         ]
         half = length // 2
-        sizes = [half, length - half] if length > 1 else [1]
+        sizes = [half, length - half] if length > DIRECT else [1] * length
         parts = [self._cut(stack, sizes) for stack in symbols[n:m]]
         carry, found = symbols[:n], []
         order = reversed(range(len(sizes))) if self._backward else range(len(sizes))

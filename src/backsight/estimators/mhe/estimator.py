@@ -115,6 +115,7 @@ class MHE(AbstractEstimator):
     title: ClassVar[str] = "Moving horizon estimator"
     weighs: ClassVar[bool] = True
     noise_states: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q",)
 
     noise: Noise
     prior: Prior
@@ -148,6 +149,11 @@ class MHE(AbstractEstimator):
     def forgets(self) -> bool:
         """See `AbstractEstimator.forgets`."""
         return isinstance(self.arrival, NoArrival | ConstantArrival)
+
+    @property
+    def one_sided(self) -> bool:
+        """See `AbstractEstimator.one_sided`."""
+        return isinstance(self.arrival, EKFArrival)
 
     def _neglects_walks(self) -> bool:
         """Whether a state that is constant in the window may walk by the noise."""
@@ -192,10 +198,16 @@ class MHE(AbstractEstimator):
             if name not in names:
                 raise TuningError(f"constant: there is no state '{name}': {nearest(name, names)}")
         moves = np.array([n not in self.constant for n in names], float)
-        inside = s.Q * np.outer(moves, moves)
-        limits = limits_of(whole, inside, self.limits, self.soft)
+        kept = np.outer(moves, moves)
+        inside, parts = s.Q * kept, [part.Q for part in s.parts]
+        limits = limits_of(whole, inside + sum(parts), self.limits, self.soft)
+        if any((part * (1 - kept)).any() for part in parts):
+            raise TuningError(
+                "noise that inputs multiply does not go with walks of states that are constant in "
+                "a window"
+            )
         moved = transition_pattern(s, s.integrator)
-        chain = chain_of(s, limits, moved, Q=inside, N=self.N)
+        chain = chain_of(s, limits, moved, Q=inside, N=self.N, parts=parts)
         return Parts(
             s=s,
             walk=s.Q - inside,
