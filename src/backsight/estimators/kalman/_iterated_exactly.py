@@ -27,7 +27,6 @@ import casadi as ca
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.update import masked
 from backsight.engine.loops import iterate
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -46,6 +45,7 @@ from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.scaled import Setting
 
 ROUNDING = 1e-12
 """By how much, relatively, the penalty function may be higher because of rounding."""

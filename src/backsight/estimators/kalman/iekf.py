@@ -12,7 +12,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import all_entries, scaled_rows
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import ForwardBackward, Recursion
-from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
+from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman._iterated_exactly import iterated_exactly
 from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.ekf import correct, ekf_halves
@@ -34,6 +34,7 @@ from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.stages import noise_seen
 from backsight.estimators.parts.substeps import seen_outputs, within_bounds
+from backsight.estimators.scaled import Setting, setting
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model

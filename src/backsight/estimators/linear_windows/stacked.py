@@ -8,8 +8,8 @@ import scipy
 
 from backsight.engine.dense import add_product
 from backsight.errors import TuningError
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.linear import Linear, root
+from backsight.estimators.scaled import Setting
 from backsight.types import Array
 
 
