@@ -1,6 +1,8 @@
 """Which tests get to a line: of the run of `make coverage`, which notes them."""
 
 import collections
+import contextlib
+import sqlite3
 from pathlib import Path
 
 import coverage
@@ -35,6 +37,8 @@ class Reached:
         self._by_file: dict[str, set[str]] = collections.defaultdict(set)
         for name in self.known:
             self._by_file[name.partition("::")[0]].add(name)
+        self.breadth = _breadth(file)
+        """How many files of the package a test gets to: what gets to few is about them."""
 
     def tests(self, mutant: Mutant) -> tuple[set[str], set[str]]:
         """Tests that get to the line of a mutant, and the others of their files.
@@ -59,6 +63,18 @@ class Reached:
                 if (names := {n for c in contexts if (n := _name(c))})
             }
         return self._lines[file]
+
+
+def _breadth(file: Path) -> dict[str, int]:
+    with contextlib.closing(sqlite3.connect(file)) as data:
+        rows = data.execute(
+            "select context, count(distinct file_id) from arc join context "
+            "on context.id = arc.context_id group by context_id"
+        ).fetchall()
+    found: dict[str, int] = {}
+    for context, count in rows:
+        found[_name(context)] = max(found.get(_name(context), 0), count)
+    return found
 
 
 def _name(context: str) -> str:
