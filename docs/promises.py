@@ -50,7 +50,7 @@ def _figures() -> list[str]:
     if fuzz := measured("fuzz"):
         parts += [
             "`make fuzz-long`: changed input, and how much of it led to anything but a result or "
-            "one clear line.\n",
+            "one clear line; what was found is mended, and tried by every run of the tests.\n",
             "| area | cases | found |\n|---|---:|---:|",
             *(f"| {name} | {f['cases']} | {f['found']} |" for name, f in fuzz.items()),
             "",
