@@ -128,7 +128,7 @@ def main() -> int:
     asked.add_argument("--record", type=Path, default=RECORD)
     given = asked.parse_args()
     load_all_but_the_package()
-    reached = Reached(given.measured, PACKAGE)
+    reached = Reached(given.measured)
     end = time.monotonic() + given.seconds
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         kept = given.measured.with_name("seconds.json")
