@@ -53,19 +53,19 @@ class Point:
         eta = self.eta + length * (self.eta_next - self.eta)
         e = s["e"] - length * (s["H"] * self.dX).sum(axis=0)
         w = s["before"] * (CHAIN.Q @ eta)
-        J = eta[:, 0] @ self.P @ eta[:, 0] / 2 + (e**2).sum() / 2 + (eta * w).sum() / 2
+        cost = eta[:, 0] @ self.P @ eta[:, 0] / 2 + (e**2).sum() / 2 + (eta * w).sum() / 2
         A = s["A"].reshape(NX, 3, N + 1)  # column by column
         value = CHAIN.noise @ w + length * np.einsum("krn,kn->rn", A, self.dX)
         excess = np.minimum(value - s["low"], 0) + np.maximum(value - s["high"], 0)
-        return J + (excess[~HARD] ** 2 / (2 * 0.4)).sum(), excess, w
+        return cost + (excess[~HARD] ** 2 / (2 * 0.4)).sum(), excess, w
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_sums_are_those_of_the_definition(seed):
     point = Point(seed)
-    J, slope, defects, adjoints, steps = point()
+    cost, slope, defects, adjoints, steps = point()
     expected, excess, w = point.at(0.0)
-    assert J == pytest.approx(expected, rel=1e-12)
+    assert cost == pytest.approx(expected, rel=1e-12)
     h = 1e-5
     difference = (point.at(h)[0] - point.at(-h)[0]) / (2 * h)
     assert slope == pytest.approx(difference, rel=1e-6)

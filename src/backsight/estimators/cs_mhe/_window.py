@@ -24,11 +24,17 @@ KERNEL = "cs_window"
 ROUNDING = 1e-9
 """Violation of an optimality condition, as a share of lam, that is no violation."""
 
-INFO = 10
+SMALL = 1e-10
+"""Duality gap, as a share of the cost, that is rounding, and need not be known more exactly."""
+
+INFO = 9
 """Numbers that the kernel says of a window, and one more for every limited sum."""
 
 STEPS_PER_ATOM = 4
 """The active set may take so many steps for every atom that can be active, and some more."""
+
+OF_NOISE = (2, 4, 5)
+"""Places of what follows from the process noise in `Tables.problem`."""
 
 MARGIN = 16
 """Atoms that may be active beyond those that can be independent."""
@@ -50,8 +56,8 @@ class WindowSolution:
         Over the step of the output: above the threshold, as found, their variance, (nf, 3).
     info : list of MX
         Status, violation of the optimality conditions, steps, active atoms, weight from which
-        nothing is found, 1 if the window does not determine its first state, cost, its duality
-        gap as a share of it, 1 if a limit is active, 1 if limits contradict each other.
+        nothing is found, 1 if the window does not determine its first state, duality gap as a
+        share of the cost, 1 if a limit is active, 1 if limits contradict each other.
     infeasible : MX
         1 for the limited sums that contradict each other or others.
     motion : MX
@@ -161,12 +167,12 @@ class Solver:
             Tables of this window, if they are not always the same.
         """
         nx, nf = len(self.forced.system.A), len(self.forced.names)
-        options = [self.threshold, ROUNDING * self.lam, float(self.lag), float(self.refits)]
+        options = [self.threshold, ROUNDING * self.lam, float(self.lag), float(self.refits), SMALL]
         full = self.tables.full or [np.zeros((1, 1))] * 4
         side = np.tile(self.side, self.tables.steps)
         constants = [*full, *self.tables.atoms, side, self.caps.T, np.array(options)]
         given = [ca.MX(ca.DM(a)) for a in constants]
-        told = [*(ca.MX(ca.DM(a)) for a in self.tables.problem), *problem]
+        told = [*problem] or [ca.MX(ca.DM(a)) for a in self.tables.problem]
         rows = (len(self.limits.names) + len(self.forced.system.C)) * (self.N + 1)
         motion = rows + self.tables.modal * self.tables.steps + nx if problem else 1
         said = INFO + len(self.limits.names)
@@ -188,6 +194,21 @@ class Solver:
             info[INFO:],
             found,
         )
+
+    def problem_at(self, u: ca.MX) -> list[ca.MX]:
+        """Tables of a window at inputs that multiply noise, for `solve`; none if nothing does.
+
+        Covariances of the outputs of a window, of its states, and of both are linear in that of the
+        noise.
+        """
+        if not self.tables.parts:
+            return []
+        found = [ca.MX(ca.DM(a)) for a in self.tables.problem]
+        for part, added in zip(self.forced.system.s.parts, self.tables.parts, strict=True):
+            a, b = part.index
+            for place, matrix in zip(OF_NOISE, added, strict=True):
+                found[place] = found[place] + u[a] * u[b] * ca.MX(ca.DM(matrix))
+        return found
 
     def ends(self, states: ca.MX, residuals: ca.MX, M: ca.MX) -> list[ca.MX]:
         """Ends of the limits of all samples, (n, samples) each, less what the motion is.

@@ -104,7 +104,7 @@ def refuse_too_wide(
         raise TuningError(
             f"the prior says of an output more than {TOO_WIDE:g} times what its noise is: the "
             f"covariances of {title} cannot hold both; narrow the prior (sigma_x0), or use "
-            "KalmanFilter, EKF or UKF, which keep factors"
+            "KalmanFilter, EKF, IEKF or UKF, which keep factors"
         )
 
 
@@ -220,6 +220,13 @@ def _predict(s: Setting, ramp: ca.Function | None) -> ca.Function:
     if ramp is not None:
         x_end = ramp(x_end, u_next)
     return ca.Function("predict", [x, spread, u, u_next], [x_end, end])
+
+
+def opened_factor(s: Setting) -> ca.Function:
+    """Spread to the lower factor (nx, nx)."""
+    kept = Factor(Covariance(s.model.nx))
+    sizes = {"spread": kept.size}
+    return half("opened", s, lambda spread: {"L": ca.densify(kept.opened(spread))}, sizes)
 
 
 def covariance_of_factor(s: Setting) -> ca.Function:
