@@ -50,7 +50,7 @@ def _figures() -> list[str]:
     if fuzz := measured("fuzz"):
         parts += [
             "`make fuzz-long`: changed input, and how much of it led to anything but a result or "
-            "one clear line.\n",
+            "one clear line; what was found is mended, and tried by every run of the tests.\n",
             "| area | cases | found |\n|---|---:|---:|",
             *(f"| {name} | {f['cases']} | {f['found']} |" for name, f in fuzz.items()),
             "",
@@ -86,11 +86,14 @@ def _of_mutants(found: dict[str, Any]) -> list[str]:
         alive += lives
     band = 1.96 * math.sqrt(variance)
     reasons = tomllib.loads(REASONS.read_text(encoding="utf-8")) if REASONS.exists() else {}
+    same = sum(reasons.get(m, "").startswith("same:") for m in alive)
+    tries = sum(len(a["tried"]) for a in found.values())
     return [
         "`make mutants`: small changes of the program (an operator, a number, a condition, a "
         "call), drawn at random from all of an area, and how many of them the fast tests that get "
         "there notice; of all areas together, each counted by its size, "
-        f"{share:.0%} ± {band:.0%} (95 %).\n",
+        f"{share:.0%} ± {band:.0%} (95 %). Of those that were not noticed {same} of {len(alive)} "
+        f"change no result; {tries - len(alive)} of the {tries - same} others were noticed.\n",
         "| area | changes | tried | noticed | |\n|---|---:|---:|---:|---:|",
         *rows,
         "",

@@ -25,9 +25,6 @@ PACKAGE = ROOT / "src" / "backsight"
 AREAS = ("algebra", "solvers", "estimators", "kernels")
 RECORD = ROOT / "tests" / "measured" / "mutants.json"
 
-LONGEST = 40.0
-"""Seconds of the tests of a mutant, as they take without it."""
-
 
 def all_of(area: str) -> list[Mutant]:
     """Every mutant of an area."""
@@ -61,20 +58,24 @@ class Judge:
     reached : Reached
     seconds : dict of str to float
         Tests that pass without a change, and how long they take.
+    longest : float
+        Seconds of the tests of a mutant, as they take without it.
     """
 
     copy: Copy
     reached: Reached
     seconds: dict[str, float]
+    longest: float
 
     def tests(self, mutant: Mutant) -> list[str]:
-        """Those that get there before the others, and the quick ones first."""
+        """Those that get there before the others, and those that get to little else first."""
         chosen, total = [], 0.0
         for group in self.reached.tests(mutant):
-            there = sorted(group & self.seconds.keys(), key=lambda n: (self.seconds[n], n))
+            known = group & self.seconds.keys()
+            there = sorted(known, key=lambda n: (self.reached.breadth[n], self.seconds[n], n))
             for name in there:
                 total += self.seconds[name]
-                if total > LONGEST and chosen:
+                if total > self.longest and chosen:
                     return chosen
                 chosen.append(name)
         return chosen
@@ -120,20 +121,21 @@ def main() -> int:
     asked.add_argument("--areas", nargs="+", choices=AREAS, default=AREAS)
     asked.add_argument("--count", type=int, default=100, help="mutants of an area")
     asked.add_argument("--seconds", type=float, default=float("inf"))
+    asked.add_argument("--longest", type=float, default=40.0, help="seconds of tests of a mutant")
     asked.add_argument("--seed", type=int, default=1)
     asked.add_argument("--again", action="store_true", help="only what has survived")
     asked.add_argument("--measured", type=Path, default=ROOT / "out" / "coverage" / "all.coverage")
     asked.add_argument("--record", type=Path, default=RECORD)
     given = asked.parse_args()
     load_all_but_the_package()
-    reached = Reached(given.measured, PACKAGE)
+    reached = Reached(given.measured)
     end = time.monotonic() + given.seconds
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         kept = given.measured.with_name("seconds.json")
         if not kept.exists():
             without_change(Copy(Path(folder, "same"), PACKAGE), reached, kept)
         copy = Copy(Path(folder, "changed"), PACKAGE)
-        judge = Judge(copy, reached, json.loads(kept.read_text(encoding="utf-8")))
+        judge = Judge(copy, reached, json.loads(kept.read_text(encoding="utf-8")), given.longest)
         if not trusted(judge):
             return 1
         found = json.loads(given.record.read_text()) if given.record.exists() else {}

@@ -145,7 +145,7 @@ def _name(op: ast.AST) -> str:
 
 
 def _other(value: float) -> float:
-    return value + 1 if isinstance(value, int) else 2 * value + (value == 0)
+    return value + 1
 
 
 def changed_text(mutant: Mutant) -> str:

@@ -1,15 +1,18 @@
 """Which tests get to a line: of the run of `make coverage`, which notes them."""
 
 import collections
+import contextlib
+import sqlite3
 from pathlib import Path
 
 import coverage
 from tests.mutation.mutants import Mutant
 
-OF_KERNELS = ("tests/estimators/", "tests/solvers/", "tests/engine/", "tests/export/test_c.py")
-"""Where tests of kernels are; coverage does not see into C."""
-
-CALLS_KERNELS = "kernels/library.py"
+OF_KERNELS = {
+    "cs_window": ("tests/estimators/test_cs_mhe.py", "tests/relations/test_nonlinear_windows.py"),
+    "matrix": ("tests/estimators/test_many_states.py", "tests/engine/test_dense.py"),
+}
+"""Tests by folder of kernels; coverage does not see into C."""
 
 
 class Reached:
@@ -22,19 +25,18 @@ class Reached:
     ----------
     file : Path
         Data of coverage with tests as contexts.
-    package : Path
-        Folder of the package as it was measured.
     """
 
-    def __init__(self, file: Path, package: Path) -> None:
+    def __init__(self, file: Path) -> None:
         self._data = coverage.CoverageData(str(file))
         self._data.read()
-        self._package = package
         self._lines: dict[Path, dict[int, set[str]]] = {}
         self.known = {n for c in self._data.measured_contexts() if (n := _name(c))}
         self._by_file: dict[str, set[str]] = collections.defaultdict(set)
         for name in self.known:
             self._by_file[name.partition("::")[0]].add(name)
+        self.breadth = _breadth(file)
+        """How many files of the package a test gets to: what gets to few is about them."""
 
     def tests(self, mutant: Mutant) -> tuple[set[str], set[str]]:
         """Tests that get to the line of a mutant, and the others of their files.
@@ -42,8 +44,7 @@ class Reached:
         Of a line that is only run when its module is imported, those that get to the module.
         """
         if mutant.file.suffix != ".py":
-            found = self._at(self._package / CALLS_KERNELS)
-            direct = {n for names in found.values() for n in names if n.startswith(OF_KERNELS)}
+            direct = {n for n in self.known if n.startswith(OF_KERNELS[mutant.file.parent.name])}
         else:
             found = self._at(mutant.file)
             direct = found.get(mutant.line, set()) or set().union(*found.values())
@@ -59,6 +60,18 @@ class Reached:
                 if (names := {n for c in contexts if (n := _name(c))})
             }
         return self._lines[file]
+
+
+def _breadth(file: Path) -> dict[str, int]:
+    with contextlib.closing(sqlite3.connect(file)) as data:
+        rows = data.execute(
+            "select context, count(distinct file_id) from arc join context "
+            "on context.id = arc.context_id group by context_id"
+        ).fetchall()
+    found: dict[str, int] = {}
+    for context, count in rows:
+        found[_name(context)] = max(found.get(_name(context), 0), count)
+    return found
 
 
 def _name(context: str) -> str:

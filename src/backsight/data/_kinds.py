@@ -121,7 +121,7 @@ def _in_archive(path: Path) -> str | None:
     try:
         with zipfile.ZipFile(path) as archive:
             names = members(archive)
-    except (OSError, ValueError, zipfile.BadZipFile):
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
         return None
     if names and all(name.endswith(".npy") for name in names):
         return ".npz"

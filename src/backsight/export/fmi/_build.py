@@ -6,8 +6,10 @@ from pathlib import Path
 from backsight.errors import EngineError
 from backsight.export._compiler import TARGETS, compiler
 
-# Contracted products would round otherwise than Python does.
-FLAGS = ["-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s"]
+# Contracted products would round otherwise than Python does; straight-line code gains nothing by
+# more of it, so that it is as small as can be.
+FLAGS = ["-std=c99", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s"]
+SMALL = ["-Os", "-fno-tree-vectorize", "-fno-schedule-insns2", "-fno-asynchronous-unwind-tables"]
 WARNINGS = ["-Wall", "-Wextra", "-Wno-unused-parameter"]
 
 PATIENCE = 600
@@ -30,7 +32,7 @@ def build(folder: Path, sources: list[str], target: str) -> bytes:
     library = folder / f"built.{TARGETS[target][1]}"
     position = [] if target.endswith("windows") else ["-fPIC"]
     mathematics = [] if target.endswith("windows") else ["-lm"]
-    options = [*FLAGS, *position, *WARNINGS]
+    options = [*FLAGS, *SMALL, *position, *WARNINGS]
     command = [*compiler(target), *options, "-o", library.name, *sources, *mathematics]
     try:
         done = subprocess.run(
