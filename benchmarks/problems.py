@@ -11,10 +11,11 @@ from backsight.discrete.noise import random_walk
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import Recursion
 from backsight.estimators import EKF, MHO, Noise, Prior
-from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import UKF
 from backsight.estimators.linear_windows import LinearMHE
 from backsight.estimators.observers import AHG, AdaptiveGain
+from backsight.estimators.scaled import Setting, setting
 from backsight.models.augment import augment
 from backsight.models.lti import lti
 from backsight.models.model import Model

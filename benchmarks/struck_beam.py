@@ -9,8 +9,8 @@ import numpy as np
 
 from backsight.engine import native, vm
 from backsight.engine.recursion import Recursion
-from backsight.estimators.base import setting
 from backsight.estimators.cs_mhe import CompressiveSensingMHE
+from backsight.estimators.scaled import setting
 from backsight.models.model import Model
 from backsight.run.estimation import match, run_on
 from backsight.types import Array

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from backsight.estimators.base import Setting
+from backsight.estimators.scaled import Setting
 from backsight.types import Array
 from benchmarks.problems import FRICTION
 

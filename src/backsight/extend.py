@@ -20,8 +20,6 @@ from backsight.estimators import ALL_ESTIMATORS as ALL_ESTIMATORS
 from backsight.estimators import ESTIMATORS as ESTIMATORS
 from backsight.estimators.base import ESTIMATE_CHANNELS as ESTIMATE_CHANNELS
 from backsight.estimators.base import AbstractEstimator as AbstractEstimator
-from backsight.estimators.base import Setting as Setting
-from backsight.estimators.base import setting as setting
 from backsight.estimators.kalman.ekf import correct as correct
 from backsight.estimators.kalman.ekf import ekf_halves as ekf_halves
 from backsight.estimators.kalman.ekf import innovation as innovation
@@ -49,6 +47,8 @@ from backsight.estimators.parts.leaf import named_results as named_results
 from backsight.estimators.parts.leaf import notation as notation
 from backsight.estimators.parts.memory import Memory as Memory
 from backsight.estimators.parts.substeps import within_bounds as within_bounds
+from backsight.estimators.scaled import Setting as Setting
+from backsight.estimators.scaled import setting as setting
 from backsight.output import whole as whole
 from backsight.plugins import Extended as Extended
 from backsight.schema import Status as Status

@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from backsight.discrete.runge_kutta import TABLEAUS, Integrator
 from backsight.errors import TuningError
 from backsight.estimators import Noise, Prior
-from backsight.estimators.base import setting
 from backsight.estimators.kalman.prediction import COVARIANCES, predict
+from backsight.estimators.scaled import setting
 from backsight.models.model import Model
 
 DT = 0.5

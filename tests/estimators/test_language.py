@@ -8,7 +8,6 @@ from backsight.engine import native, vm
 from backsight.engine.recursion import Channel
 from backsight.errors import EngineError
 from backsight.estimators import EKF, IEKF, UKF, Noise, Prior
-from backsight.estimators.base import setting
 from backsight.estimators.parts.covariance import Covariance, congruence, joseph_form, kalman_gain
 from backsight.estimators.parts.factors import (
     cholesky,
@@ -20,6 +19,7 @@ from backsight.estimators.parts.factors import (
 from backsight.estimators.parts.flags import FLAGS, Flags
 from backsight.estimators.parts.leaf import Symmetric, half, leaf, named_results, notation
 from backsight.estimators.parts.memory import Memory
+from backsight.estimators.scaled import setting
 from backsight.models.lti import lti
 from backsight.schema import Status
 

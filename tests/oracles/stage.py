@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from backsight.discrete.noise import random_walk
 from backsight.discrete.runge_kutta import Integrator
 from backsight.estimators import Noise, Prior
-from backsight.estimators.base import Setting, setting
+from backsight.estimators.scaled import Setting, setting
 from backsight.models.augment import augment
 from backsight.models.model import Model
 from backsight.models.signals import Signal

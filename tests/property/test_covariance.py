@@ -9,9 +9,9 @@ from backsight.discrete.noise import random_walk
 from backsight.discrete.runge_kutta import TABLEAUS, Integrator
 from backsight.engine.recursion import Channel
 from backsight.estimators import EKF, MHO, AbstractEstimator, Noise, Prior
-from backsight.estimators.base import setting
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.parts.covariance import packed
+from backsight.estimators.scaled import setting
 from backsight.models.lti import lti
 from backsight.schema import Status
 from oracles.stage import DT as STAGE_DT

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from backsight.errors import BacksightError, EngineError
-from backsight.estimators.base import setting
+from backsight.estimators.scaled import setting
 from backsight.export._compiler import compiler, this_machine
 from backsight.export._selftest import Vectors
 from backsight.export._written import Written

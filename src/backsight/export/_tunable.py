@@ -18,7 +18,8 @@ from backsight.engine.program import Beginning, Program, following, starting, wa
 from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, EngineError, nearest
 from backsight.estimators.around.misled import watched
-from backsight.estimators.base import AbstractEstimator, setting
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.scaled import setting
 from backsight.export._followed import PRIOR, SIGMA, Followed, changeable, followed, refusal
 from backsight.export._opened import PARAMETERS, opened_step
 from backsight.models.model import Model

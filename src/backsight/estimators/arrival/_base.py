@@ -8,7 +8,7 @@ import casadi as ca
 
 from backsight.description import Description
 from backsight.discrete.runge_kutta import Integrator
-from backsight.estimators.base import Setting
+from backsight.estimators.scaled import Setting
 from backsight.schema import Innovations
 from backsight.solvers.trajectory import Chain
 from backsight.types import Array

@@ -9,12 +9,12 @@ import numpy as np
 
 from backsight.description import Called, Positive, Sound, alike
 from backsight.estimators.arrival._base import AbstractArrival, Arrival, Fitting, Leaving
-from backsight.estimators.base import Setting
 from backsight.estimators.kalman import ekf, ukf
 from backsight.estimators.kalman.exact_sensors import with_exact_sensors
 from backsight.estimators.kalman.sigma_points import points_of
 from backsight.estimators.kalman.square_root import WIDE, width_of_prior
 from backsight.estimators.parts.filtering import Halves
+from backsight.estimators.scaled import Setting
 from backsight.estimators.uncertainty import covariance, covariance_faults
 from backsight.schema import Innovations
 from backsight.solvers.trajectory import Chain, transit, update

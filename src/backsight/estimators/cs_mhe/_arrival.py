@@ -6,7 +6,7 @@ from typing import TypeAlias
 import casadi as ca
 
 from backsight.estimators.arrival import ConstantArrival, NoArrival, SmoothedArrival
-from backsight.estimators.base import Setting
+from backsight.estimators.scaled import Setting
 
 LinearArrival: TypeAlias = SmoothedArrival | ConstantArrival | NoArrival
 """Those that the window has; a Kalman filter of its own, of a linear model, is the smoothed one."""

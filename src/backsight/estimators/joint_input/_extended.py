@@ -16,12 +16,12 @@ from backsight.algebra.symmetric import vech
 from backsight.algebra.update import measured, noise_of
 from backsight.discrete.steps import over_sample
 from backsight.errors import TuningError
-from backsight.estimators.base import Setting
 from backsight.estimators.joint_input._step import corrected, settled_forces, tail
 from backsight.estimators.joint_input._system import Forces
 from backsight.estimators.parts.covariance import Term, congruence, symmetric_part, times_transposed
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.linear import Linear
+from backsight.estimators.scaled import Setting
 
 
 def at_prior(s: Setting) -> Linear:

@@ -12,7 +12,7 @@ from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.around.virtual import CROSS
-from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread, setting
+from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread
 from backsight.estimators.joint_input._extended import at_prior, extended_step
 from backsight.estimators.joint_input._reused import joint_limit, reusing_joint
 from backsight.estimators.joint_input._smoothing import joint_passes
@@ -24,6 +24,7 @@ from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.memory import Memory
+from backsight.estimators.scaled import setting
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import bent

@@ -27,12 +27,13 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
-from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
+from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.parts.covariance import Covariance, Term
 from backsight.estimators.parts.filtering import Halves, choose, data_inputs, physical
 from backsight.estimators.parts.flags import FLAGS, raised_in_either
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import substep_inputs
+from backsight.estimators.scaled import Setting
 
 
 def assemble_continuous(

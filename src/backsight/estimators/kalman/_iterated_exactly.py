@@ -27,7 +27,6 @@ import casadi as ca
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.update import masked
 from backsight.engine.loops import iterate
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -38,6 +37,7 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.factors import (
     Factor,
     compress_rows,
+    on_top,
     solve_lower,
     solve_upper_semidefinite,
 )
@@ -45,6 +45,7 @@ from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.scaled import Setting
 
 ROUNDING = 1e-12
 """By how much, relatively, the penalty function may be higher because of rounding."""
@@ -84,10 +85,11 @@ def _step(s: Setting, tolerance: float) -> ca.Function:
         H, e, noise, _ = measure(x + matrix_product(L, z), u, y, mask)
         HL = transposed(times_transposed(transposed(L), H))
         M = ca.densify(ca.horzcat(HL, noise))
-        root = compress_rows(M)
+        joint = compress_rows(on_top([M, type(M)(ca.DM.eye(nx + ny))]))
+        root, onto = joint[:ny, :ny], joint[ny:, :ny]  # M = root onto', with orthogonal columns
         white = solve_lower(root, e + matrix_product(HL, z))
         multipliers = solve_upper_semidefinite(root, white)
-        both = matrix_product(transposed(M), multipliers)
+        both = matrix_product(onto, white)  # M' multipliers, without squaring what is ill-posed
         z_next, n_next = both[:nx], both[nx:]
 
         # 2. Take it if it is the first, or does not raise the penalty function; else halve it.

@@ -10,7 +10,6 @@ from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
-from backsight.estimators.base import Setting
 from backsight.estimators.kalman.exact_sensors import (
     exact_sensors,
     refuse_many_states,
@@ -25,6 +24,7 @@ from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear, Varying, root, unstable
 from backsight.estimators.parts.stages import measured_rows
 from backsight.estimators.parts.substeps import seen_outputs, substep_inputs
+from backsight.estimators.scaled import Setting
 from backsight.estimators.smoothing import Linearised, blurred
 from backsight.types import Array
 

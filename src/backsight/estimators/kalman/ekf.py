@@ -12,7 +12,7 @@ from backsight.description import Sound
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.errors import TuningError
-from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
+from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman._bucy import assemble_continuous
 from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.exact_sensors import exact_sensors, with_exact_sensors
@@ -33,6 +33,7 @@ from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.substeps import seen_outputs, settled
+from backsight.estimators.scaled import Setting, setting
 from backsight.estimators.smoothing import passes
 from backsight.estimators.steady import filter_limit, reusing_filter
 from backsight.estimators.uncertainty import Noise, Prior

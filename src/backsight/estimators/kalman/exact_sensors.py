@@ -15,11 +15,11 @@ import casadi as ca
 from backsight.algebra.update import measured
 from backsight.engine.dense import UNROLL
 from backsight.errors import TuningError
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
+from backsight.estimators.scaled import Setting
 from backsight.estimators.uncertainty import covariance_faults
 
 LEFT = 1e-13

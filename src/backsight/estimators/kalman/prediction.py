@@ -10,7 +10,6 @@ from backsight.discrete.noise import discretise_noise
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.errors import TuningError
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -20,6 +19,7 @@ from backsight.estimators.parts.covariance import (
 )
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, moved_state, substep_inputs
+from backsight.estimators.scaled import Setting
 from backsight.estimators.varied_noise import noise_at
 from backsight.models.lti import state_equation
 from backsight.types import Array

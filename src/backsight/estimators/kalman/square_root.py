@@ -25,7 +25,6 @@ from backsight.algebra.update import masked, measured, noise_of
 from backsight.discrete.steps import over_sample
 from backsight.engine.loops import scan
 from backsight.errors import TuningError
-from backsight.estimators.base import Setting
 from backsight.estimators.kalman.exact_sensors import exact_sensors
 from backsight.estimators.kalman.prediction import moved_by, substep_noise
 from backsight.estimators.parts.covariance import (
@@ -45,6 +44,7 @@ from backsight.estimators.parts.substeps import (
     substep_inputs,
     within_bounds,
 )
+from backsight.estimators.scaled import Setting
 from backsight.estimators.smoothing import drowned
 from backsight.types import Array
 
@@ -104,7 +104,7 @@ def refuse_too_wide(
         raise TuningError(
             f"the prior says of an output more than {TOO_WIDE:g} times what its noise is: the "
             f"covariances of {title} cannot hold both; narrow the prior (sigma_x0), or use "
-            "KalmanFilter, EKF or UKF, which keep factors"
+            "KalmanFilter, EKF, IEKF or UKF, which keep factors"
         )
 
 

@@ -11,7 +11,7 @@ from backsight.description import Positive
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import scaled_rows
 from backsight.engine.recursion import ForwardBackward, Recursion
-from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
+from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman.exact_sensors import with_exact_sensors
 from backsight.estimators.kalman.sigma_points import (
     Outside,
@@ -43,6 +43,7 @@ from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.stages import noise_seen
 from backsight.estimators.parts.substeps import within_bounds, within_bounds_of_many
+from backsight.estimators.scaled import Setting, setting
 from backsight.estimators.smoothing import passes
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.estimators.varied_noise import columns_at

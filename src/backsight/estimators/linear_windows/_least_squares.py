@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import casadi as ca
 
 from backsight.engine.loops import iterate, scan
-from backsight.estimators.base import Setting
 from backsight.estimators.linear_windows._window_filter import window_filter
 from backsight.estimators.linear_windows.stacked import gains, product
 from backsight.estimators.parts.covariance import Covariance, packed
 from backsight.estimators.parts.filtering import choose
 from backsight.estimators.parts.linear import Linear, Varying
+from backsight.estimators.scaled import Setting
 from backsight.estimators.varied_number import varied_at
 
 Window = Sequence[ca.MX]

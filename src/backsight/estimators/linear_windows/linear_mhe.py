@@ -11,7 +11,7 @@ from backsight.description import Horizon, Share, Sound
 from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
-from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting
+from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.exact_sensors import correcting_exactly
 from backsight.estimators.kalman.kf import predict_linear
@@ -35,6 +35,7 @@ from backsight.estimators.parts.linear import (
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import within_bounds
 from backsight.estimators.parts.window import moved_on, no_window
+from backsight.estimators.scaled import Setting
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations
@@ -52,10 +53,9 @@ class LinearMHE(AbstractEstimator):
         + \sum_{i=k-N}^{k-1} w_i' Q^{-1} w_i + \sum_{i=k-N}^{k} v_i' R^{-1} v_i,
         \qquad v_i = y_i - C x_i - D u_i,
 
-    and puts out its end. Directions without process noise are exact in the model (Q may be
-    singular or zero; it is never inverted). With a = 0 nothing from before the window counts.
-    With Q = 0, too, it is the batch estimator of the lectures, :math:`\hat x_k = M Y + N_u U`;
-    with a = 1 it is the Kalman filter. As there, matrices may change with known inputs.
+    and puts out its end. Q may be singular or zero: it is never inverted. With a = 0 nothing from
+    before the window counts. With Q = 0, too, it is the batch estimator of the lectures,
+    :math:`\hat x_k = M Y + N_u U`; with a = 1 the Kalman filter, with matrices that may change.
 
     Parameters
     ----------

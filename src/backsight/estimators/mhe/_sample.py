@@ -9,7 +9,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import UNROLL
 from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.arrival import Arrival, Leaving
-from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
+from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.mhe._starts import from_both_sides
@@ -33,6 +33,7 @@ from backsight.estimators.parts.window import (
     queued,
     unless_broken,
 )
+from backsight.estimators.scaled import Setting
 from backsight.solvers.box import GaussNewton
 from backsight.solvers.trajectory import Chain, iterated, mistaken, smoothed
 from backsight.types import Array

@@ -15,7 +15,7 @@ import numpy as np
 
 from backsight.algebra.kinks import kinked
 from backsight.engine.loops import iterate
-from backsight.estimators.base import Setting
+from backsight.estimators.scaled import Setting
 from backsight.models.canonical.affine import moving_states
 from backsight.models.lti import output_equation, state_equation
 from backsight.solvers.trajectory import Chain, by_name, select

@@ -5,9 +5,9 @@ import numpy as np
 
 from backsight.algebra.symmetric import vech
 from backsight.engine.dense import diagonal, triangle
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf
+from backsight.estimators.scaled import Setting
 from backsight.solvers.trajectory import Chain
 
 NEGATIVE = -1e-10

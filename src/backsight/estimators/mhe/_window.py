@@ -6,7 +6,6 @@ import numpy as np
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import add_product
 from backsight.engine.loops import scan
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.leaf import Results, leaf
 from backsight.estimators.parts.limits import Limits
@@ -17,6 +16,7 @@ from backsight.estimators.parts.substeps import (
     moved_state,
     substep_inputs,
 )
+from backsight.estimators.scaled import Setting
 from backsight.models.canonical.affine import moving_states
 from backsight.solvers.trajectory import Chain
 

@@ -22,7 +22,7 @@ from backsight.estimators.arrival import (
     UKFArrival,
     arrival_name,
 )
-from backsight.estimators.base import AbstractEstimator, setting
+from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman.ekf import EKF
 from backsight.estimators.kalman.square_root import refuse_too_wide
 from backsight.estimators.mhe._inspect import filled, inspection
@@ -32,6 +32,7 @@ from backsight.estimators.mhe._window import transition_pattern
 from backsight.estimators.parts.limits import Limit, hard_bounds, limits_of, names_used_twice
 from backsight.estimators.parts.stages import chain_of
 from backsight.estimators.parts.window import lag_faults
+from backsight.estimators.scaled import setting
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.schema import Innovations

@@ -8,11 +8,11 @@ from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine import dense
 from backsight.engine.loops import scan
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Covariance, times_transposed
 from backsight.estimators.parts.leaf import Results, Symmetric, leaf, notation
 from backsight.estimators.parts.stages import noise_seen
 from backsight.estimators.parts.substeps import flow, moved_state, seen_outputs, substep_inputs
+from backsight.estimators.scaled import Setting
 from backsight.estimators.varied_number import varied_at
 from backsight.models.canonical.affine import moving_states
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from backsight.engine.dense import add_product
 from backsight.engine.loops import scan
-from backsight.estimators.base import Setting
 from backsight.estimators.mho._linearised import LinearisedSteps
 from backsight.estimators.parts.covariance import Covariance, Term, transposed
 from backsight.estimators.parts.leaf import Results, Symmetric, half
+from backsight.estimators.scaled import Setting
 from backsight.estimators.varied_number import varied_at
 from backsight.types import Array
 

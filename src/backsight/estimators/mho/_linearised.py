@@ -9,7 +9,6 @@ from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import all_entries, cholesky_of, scaled_rows, solve_triangular
 from backsight.engine.loops import scan
-from backsight.estimators.base import Setting
 from backsight.estimators.kalman.prediction import (
     Propagation,
     moved_by,
@@ -26,6 +25,7 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.stages import noise_seen
 from backsight.estimators.parts.substeps import seen_outputs, substep_inputs
+from backsight.estimators.scaled import Setting
 
 
 @dataclasses.dataclass(frozen=True)

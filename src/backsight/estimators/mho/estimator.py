@@ -10,7 +10,7 @@ from backsight.description import Horizon, NonNegative
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.loops import scan
 from backsight.engine.recursion import Channel, Recursion
-from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Setting, setting
+from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
 from backsight.estimators.kalman.ekf import correct, innovation
 from backsight.estimators.kalman.prediction import Propagation, predict
 from backsight.estimators.kalman.square_root import refuse_too_wide
@@ -29,6 +29,7 @@ from backsight.estimators.parts.flags import FLAGS, Flags
 from backsight.estimators.parts.leaf import half, leaf, notation
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.window import moved_on, no_window
+from backsight.estimators.scaled import Setting, setting
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.solvers.box import GaussNewton, QuasiNewton

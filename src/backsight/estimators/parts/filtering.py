@@ -9,10 +9,11 @@ import numpy as np
 from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.dense import UNROLL, triangle
 from backsight.engine.recursion import Recursion
-from backsight.estimators.base import ESTIMATE_CHANNELS, Setting
+from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.parts.flags import FLAGS, Flags
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import seen_outputs
+from backsight.estimators.scaled import Setting
 from backsight.models.lti import state_equation
 from backsight.types import Array
 

@@ -15,9 +15,9 @@ import casadi as ca
 from backsight.algebra.symmetric import unvech, vech
 from backsight.engine.dense import UNROLL, triangle
 from backsight.errors import EngineError
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Covariance, Term
 from backsight.estimators.parts.flags import FLAGS
+from backsight.estimators.scaled import Setting
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,7 @@ from backsight.algebra.factor import cholesky_semidefinite
 from backsight.description import Description, Sound, Unlimited
 from backsight.errors import ModelError, TuningError, nearest
 from backsight.estimators._sizes import LARGEST, SMALLEST
-from backsight.estimators.base import Setting
+from backsight.estimators.scaled import Setting
 from backsight.models.canonical.affine import moving_states
 from backsight.models.signals import vector
 from backsight.types import Array

@@ -12,7 +12,7 @@ from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.discrete.steps import over_sample
 from backsight.discrete.varying import transitions
 from backsight.errors import ModelError, TuningError
-from backsight.estimators.base import Setting, setting
+from backsight.estimators.scaled import Setting, setting
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.lti import bent, coefficients, lti, state_space
 from backsight.models.model import Model

@@ -18,10 +18,10 @@ from backsight.engine.dense import (
     solve_triangular,
 )
 from backsight.engine.loops import iterate, scan
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.leaf import leaf, notation
 from backsight.estimators.parts.limits import Limits, exact_outputs
+from backsight.estimators.scaled import Setting
 from backsight.models.lti import output_equation
 from backsight.solvers.trajectory import Chain, end_covariance
 from backsight.types import Array

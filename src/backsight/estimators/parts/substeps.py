@@ -15,10 +15,10 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import advanced
 from backsight.engine.dense import UNROLL, few_entries
 from backsight.engine.loops import smallest
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import matrix_product
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
+from backsight.estimators.scaled import Setting
 from backsight.models.lti import output_equation, state_equation
 from backsight.types import Array
 

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 from backsight.engine.loops import all_finite, iterate
-from backsight.estimators.base import Setting
+from backsight.estimators.scaled import Setting
 from backsight.types import Array
 
 

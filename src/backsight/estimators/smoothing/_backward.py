@@ -6,7 +6,6 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -16,6 +15,7 @@ from backsight.estimators.parts.covariance import (
 )
 from backsight.estimators.parts.factors import on_top
 from backsight.estimators.parts.leaf import Results, Symmetric, half, leaf, notation
+from backsight.estimators.scaled import Setting
 from backsight.estimators.smoothing._equations import estimated, joined, through_noise
 from backsight.estimators.smoothing.information import carried_back, combined_with, noise_passed
 from backsight.estimators.smoothing.two_filter import combined, gathered, weakened

@@ -6,7 +6,7 @@ import numpy as np
 from backsight.algebra.symmetric import vech
 from backsight.engine.dense import UNROLL, product_of, triangle
 from backsight.engine.recursion import Channel, ForwardBackward
-from backsight.estimators.base import ESTIMATE_CHANNELS, Setting, Spread
+from backsight.estimators.base import ESTIMATE_CHANNELS, Spread
 from backsight.estimators.parts.covariance import (
     Term,
     times_transposed,
@@ -23,6 +23,7 @@ from backsight.estimators.parts.leaf import (
 )
 from backsight.estimators.parts.memory import Memory
 from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.scaled import Setting
 from backsight.estimators.smoothing._backward import Linearised, way_back
 
 

@@ -5,13 +5,13 @@ import casadi as ca
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import few_entries, product_of
 from backsight.engine.loops import scan
-from backsight.estimators.base import Setting
 from backsight.estimators.kalman.sigma_points._pairs import SigmaPoints
 from backsight.estimators.kalman.square_root import opened_factor
 from backsight.estimators.parts.covariance import Covariance, matrix_product
 from backsight.estimators.parts.factors import each_column
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, linear_step, substep_inputs
+from backsight.estimators.scaled import Setting
 from backsight.models.lti import output_equation
 from backsight.types import Array
 

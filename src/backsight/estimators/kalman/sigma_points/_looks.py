@@ -18,7 +18,6 @@ import numpy as np
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights
 from backsight.algebra.update import masked
-from backsight.estimators.base import Setting
 from backsight.estimators.kalman.exact_sensors import (
     exact_sensors,
     refuse_many_states,
@@ -33,6 +32,7 @@ from backsight.estimators.parts.factors import (
     solve_upper_semidefinite,
 )
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
+from backsight.estimators.scaled import Setting
 from backsight.estimators.smoothing import Linearised, blurred
 from backsight.types import Array
 

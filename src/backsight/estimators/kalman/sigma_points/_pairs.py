@@ -22,11 +22,11 @@ import numpy as np
 from backsight.algebra.sigma import Weights, weights
 from backsight.engine.loops import iterate
 from backsight.errors import TuningError
-from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Term, transposed
 from backsight.estimators.parts.factors import each_column, on_top, sigma_columns
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.scaled import Setting
 
 Outside: TypeAlias = Literal["moved", "clipped"]
 """What is done with sigma points outside the bounds of the states."""

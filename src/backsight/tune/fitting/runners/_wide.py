@@ -19,7 +19,8 @@ import numpy as np
 from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import explicit
 from backsight.estimators import Compilable
-from backsight.estimators.base import AbstractEstimator, Setting, setting
+from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.scaled import Setting, setting
 from backsight.estimators.uncertainty import Noise
 from backsight.estimators.varied_noise import NoisePart, VariedNoise
 from backsight.estimators.varied_number import VariedNumber
