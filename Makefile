@@ -12,7 +12,7 @@ KERNELS := $(wildcard src/backsight/kernels/*.[ch] src/backsight/kernels/*/*.[ch
 # Random input; `--out` keeps what was found, tests/fuzz/kept what every run of the tests tries again.
 FUZZ := OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:tests $(BIN)/python -m tests.fuzz
 
-.PHONY: setup demo live test test-all fast-tests all-tests fuzz fuzz-long coverage lowest audit wheel-test lint bench docs clean
+.PHONY: setup demo live test test-all fast-tests all-tests fuzz fuzz-long coverage mutants lowest audit wheel-test lint bench long docs clean
 
 setup: $(VENV)/.dev
 
@@ -54,7 +54,13 @@ $(OUT)/kernels-fuzz: tests/fuzz/kernels.c $(KERNELS)
 coverage: $(VENV)/.measure
 	@mkdir -p $(OUT)/coverage
 	COVERAGE_FILE=$(OUT)/coverage/all.coverage OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -q \
-	  -p no:xdist --cov=backsight --cov-branch --cov-report=term:skip-covered
+	  -p no:xdist --cov=backsight --cov-branch --cov-context=test --cov-report=
+	$(BIN)/python tests/covered.py $(OUT)/coverage/all.coverage
+
+# After `make coverage`, which says which tests get to a line. SECONDS=600 and more; it goes on where
+# it has ended.
+mutants: $(VENV)/.measure
+	OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:tests $(BIN)/python -m tests.mutation --seconds $(or $(SECONDS),3600)
 
 lowest: $(VENV)/.lowest
 	OPENBLAS_NUM_THREADS=1 $(VENV)-lowest/bin/python -m pytest -m "not slow" -q -p no:xdist
@@ -70,6 +76,9 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
+
+long: $(VENV)/.base
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.long $(if $(SAMPLES),--samples $(SAMPLES))
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks

@@ -210,7 +210,7 @@ MACHINES = (
             {"y": 1e-5}, {"v": 1e-4}, {"q": 1e-3, "v": 1e-2}, _steps(60.0, 80)),
     Machine("punch", _punch(), 0.002, 4000, {"y": 2e-5}, {"v": 2e-3},
             {"q": 1e-3, "v": 1e-2}, _steps(14.0, 60, mean=6.0)),
-    Machine("nanopositioner", _stage(), 1e-4, 40_000, {"y": 1e-3},
+    Machine("nanopositioner", _stage(), 1e-4, 80_000, {"y": 1e-3},
             {"v": 30.0, "k": 1e4}, {"q": 0.05, "v": 100.0, "k": 2e5, "c": 2e4}, _steps(1.5, 5)),
     Machine("beam, random forces", _beam(), 0.004, 3000,
             {"y1": 1e-4, "y2": 1e-4, "y3": 1e-4},

@@ -1,6 +1,7 @@
 """Write docs/promises.md: what is promised, and by which tests."""
 
 import json
+import math
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ ROOT = Path(__file__).parents[1]
 PAGE = Path(__file__).with_name("promises.md")
 LISTED = Path(__file__).with_name("promises.toml")
 MEASURED = ROOT / "tests" / "measured"
+REASONS = ROOT / "tests" / "mutation" / "reasons.toml"
+LIVES = ("survived", "no test gets there")
 
 HEAD = """# What is promised, and how it is tested
 
@@ -52,7 +55,55 @@ def _figures() -> list[str]:
             *(f"| {name} | {f['cases']} | {f['found']} |" for name, f in fuzz.items()),
             "",
         ]
+    if covered := measured("coverage"):
+        parts += [
+            "`make coverage`: the fast tests get to "
+            f"{covered['statements']:.1f} % of the statements and {covered['branches']:.1f} % of "
+            f"the branches outside of drawing; {covered['below']} of {covered['files']} files are "
+            "below 90 %.",
+            "",
+        ]
+    if mutants := measured("mutants"):
+        parts += _of_mutants(mutants)
     return parts
+
+
+def _of_mutants(found: dict[str, Any]) -> list[str]:
+    """How many changes were noticed, by area and altogether, and which were not."""
+    rows, share, variance = [], 0.0, 0.0
+    known = sum(a["known"] for a in found.values())
+    alive: list[str] = []
+    for name, area in found.items():
+        tried = {m: why for m, why in area["tried"].items() if why != "not run"}
+        lives = [m.rpartition(" #")[0] for m, why in tried.items() if why in LIVES]
+        count, noticed = len(tried), len(tried) - len(lives)
+        rows.append(f"| {name} | {area['known']} | {count} | {noticed} | {noticed / count:.0%} |")
+        weight = area["known"] / known
+        # A share of all or none of few would have no error at all (Agresti and Coull 1998).
+        p = (noticed + 2) / (count + 4)
+        share += weight * noticed / count
+        variance += weight**2 * p * (1 - p) / (count + 4)
+        alive += lives
+    band = 1.96 * math.sqrt(variance)
+    reasons = tomllib.loads(REASONS.read_text(encoding="utf-8")) if REASONS.exists() else {}
+    return [
+        "`make mutants`: small changes of the program (an operator, a number, a condition, a "
+        "call), drawn at random from all of an area, and how many of them the fast tests that get "
+        "there notice; of all areas together, each counted by its size, "
+        f"{share:.0%} ± {band:.0%} (95 %).\n",
+        "| area | changes | tried | noticed | |\n|---|---:|---:|---:|---:|",
+        *rows,
+        "",
+        "What nobody noticed, and why:\n",
+        "| change | |\n|---|---|",
+        *(f"| `{_cell(m)}` | {reasons.get(m, 'no test yet')} |" for m in sorted(alive)),
+        "",
+    ]
+
+
+def _cell(text: str) -> str:
+    """Code in a cell of a table."""
+    return text.replace("|", "\\|").replace("`", "'")
 
 
 if __name__ == "__main__":

@@ -56,13 +56,19 @@ def module_of(file: Path) -> str:
 
 
 @functools.cache
+def tree_of(file: Path) -> ast.Module:
+    """Syntax of a file; read once for all tests."""
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+@functools.cache
 def imports() -> dict[str, set[Path]]:
     """Module of the package to the files, all but the tests, that import it or something of it."""
     users: dict[str, set[Path]] = {module_of(file): set() for file in SOURCES}
     for file in (*project(), ROOT / "src" / "backsight" / "__init__.pyi"):
         if ROOT / "tests" in file.parents:
             continue
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(file)):
             if isinstance(node, ast.ImportFrom) and node.module:
                 for name in {f"{node.module}.{a.name}" for a in node.names} | {node.module}:
                     users.get(name, set()).add(file)
@@ -125,7 +131,7 @@ def test_nobody_outside_knows_a_method():
     home, cases = ROOT / "src" / "backsight" / "estimators", "backsight.testing._own"
     wrong = []
     for file in SOURCES:
-        tree = ast.parse(file.read_text(encoding="utf-8"))
+        tree = tree_of(file)
         if home in file.parents or module_of(file) == cases or is_door(tree):
             continue
         for node in ast.walk(tree):
@@ -142,7 +148,7 @@ def test_no_name_means_two_things():
     alike = {f"backsight.engine.{engine}" for engine in words(Engine)}
     homes: dict[str, list[str]] = {}
     for file in SOURCES:
-        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        for node in tree_of(file).body:
             if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
                 homes.setdefault(node.name, []).append(module_of(file))
     twice = {name: set(modules) for name, modules in homes.items() if len(modules) > 1}

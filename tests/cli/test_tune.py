@@ -2,11 +2,15 @@
 
 import tomllib
 
+import numpy as np
 import pytest
+import scipy
 
 import backsight as bs
 import small_problem
 from backsight.problem import load
+from backsight.problem._writing import written
+from backsight.problem.recorded import recording_of
 
 GUESSED = small_problem.TEXT.replace(
     "sigma_y = { y = 1e-4 }",
@@ -176,3 +180,93 @@ free = ["Gamma"]
     Gamma = found["estimators"]["observer"]["Gamma"]
     assert Gamma == pytest.approx([1e3 * factor, 10 * factor], rel=1e-4)
     assert load(out).estimators["observer"].Gamma.tolist() == Gamma
+
+
+WIND = """\
+[recording]
+path = "pole.csv"
+dt = 0.05
+inputs = {}
+outputs.y = { column = "y", unit = "m" }
+
+[model]
+kind = "modal"
+frequencies = [1.5]
+damping = 0.03
+sensors = { y = { kind = "displacement", at = [1.0] } }
+forces = { wind = [1.0] }
+
+[forces.wind]
+kind = "KIND"
+sigma = 1.0      # a guess
+TIME = 3.0
+
+[noise]
+sigma_y = { y = 1e-3 }
+
+[prior]
+sigma_x0 = { q1 = 0.1, q1_dot = 1.0 }
+
+[estimators.kf]
+kind = "kf"
+
+[tune]
+free = FREE
+"""
+
+
+def blown(tmp_path, kind, time, free):
+    """A problem file and its recording: a pole in a wind that forgets after 0.8 s."""
+    rng, x = np.random.default_rng(0), np.zeros(3)
+    Phi = scipy.linalg.expm(0.05 * np.array([[0, 1, 0], [-90, -0.6, 1], [0, 0, -1.2]]))
+    rows = []
+    for _ in range(100):
+        rows.append(x[0] + 1e-3 * rng.standard_normal())
+        x = Phi @ x + [0, 0, rng.standard_normal()]
+    np.savetxt(tmp_path / "pole.csv", rows, header="y", comments="")
+    text = WIND.replace("KIND", kind).replace("TIME", time).replace("FREE", free)
+    path = tmp_path / "problem.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def check_process(new, time, out):
+    """What the new text says of the process is what was found, and is read again as this."""
+    assert "# a guess" in new
+    document = tomllib.loads(new)
+    found, wind = document["tune"]["found"], document["forces"]["wind"]
+    assert wind["sigma"] == found["wind.sigma"]["value"] != 1.0
+    assert wind[time] == (found["wind.length"]["value"] if "wind.length" in found else 3.0)
+    assert set(wind) == {"kind", "sigma", time}
+    assert load(out).model.driven[0].process.sigma == wind["sigma"]
+    return wind
+
+
+KINDS = [("gauss_markov", "time", ["wind"]), ("matern", "length", ["wind.sigma", "wind.length"])]
+
+
+@pytest.mark.parametrize(("kind", "time", "free"), KINDS)
+def test_processes_of_forces_have_their_place_in_the_file(tmp_path, kind, time, free):
+    problem = load(blown(tmp_path, kind, time, "[]"))
+    recording = recording_of(problem).isel(time=slice(0, 20))
+    given = problem.estimators["kf"], problem.model, recording
+    tuned = bs.tune.fit(*given, free=free, passes=3, check=False, restarts=0)
+    text, out = written(problem, "kf", tuned, folder=tmp_path), tmp_path / "tuned.toml"
+    out.write_text(text, encoding="utf-8")
+    check_process(text, time, out)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "time", "free"), [*KINDS, ("gauss_markov", "time", ["wind.sigma"])]
+)
+def test_processes_of_forces_are_tuned_by_the_command(backsight, tmp_path, kind, time, free):
+    path, out = blown(tmp_path, kind, time, str(free)), tmp_path / "tuned.toml"
+    code, printed, told = backsight("tune", path, "--out", out)
+    assert (code in (0, 1), told) == (True, "")
+    assert "wind.sigma" in printed
+    wind = check_process(out.read_text(encoding="utf-8"), time, out)
+    # Another tuning of the new file has nothing left to do.
+    assert backsight("tune", out, "--out", out, "--force")[0] in (0, 1)
+    again = tomllib.loads(out.read_text(encoding="utf-8"))["forces"]["wind"]
+    assert again["sigma"] == pytest.approx(wind["sigma"], rel=0.05)

@@ -10,11 +10,8 @@ from backsight.errors import TuningError
 from backsight.estimators import ESTIMATORS
 from backsight.schema import Status
 from backsight.testing import CASES
+from estimators.exact_plants import DT, FILTERS, P0, SENSORS, A, N, Q, conditioned, drawn, plant
 
-DT, N = 0.05, 40
-A = np.array([[1.0, DT], [-4.0 * DT, 1.0 - 0.4 * DT]])
-Q, P0 = np.diag([0.0, 0.02**2]), np.diag([0.04, 1.0])
-FILTERS = (bs.KalmanFilter, bs.EKF, bs.UKF)
 EKF, UKF = bs.settings.EKFArrival(), bs.settings.UKFArrival()
 WINDOWS = {
     "mhe": lambda noise, prior: bs.MHE(noise, prior, N=4),
@@ -23,72 +20,21 @@ WINDOWS = {
     "lmhe": lambda noise, prior: bs.LinearMHE(noise, prior, N=4, arrival_weight=1.0),
 }
 
-SENSORS = {
-    "one": ([[1.0, 0.0]], np.zeros((1, 1))),
-    "with a noisy one": ([[1.0, 0.0], [1.0, 0.0]], np.diag([0.0, 1e-4])),
-    "noisy one first": ([[0.3, 1.0], [1.0, 0.0]], np.diag([1e-4, 0.0])),
-    "both states": (np.eye(2), np.zeros((2, 2))),
-    "two of one thing": ([[1.0, 0.0], [2.0, 0.0]], np.zeros((2, 2))),
-    "their difference": ([[1.0, 0.1], [1.0, 0.0]], np.full((2, 2), 1e-4)),
-    "two with the same noise": ([[1.0, 0.0], [1.0, 0.0]], np.full((2, 2), 1e-4)),
-}
+OFTEN = ("noisy one first", "two of one thing")
+"""Of the filter that shares the others' formulas."""
+FILTERED = [
+    pytest.param(
+        sensors,
+        method,
+        id=f"{method.key}-{sensors}",
+        marks=pytest.mark.slow if method is bs.IEKF and sensors not in OFTEN else (),
+    )
+    for method in FILTERS
+    for sensors in SENSORS
+]
 
 
-def plant(C):
-    states, outputs = {"q": "m", "v": "m/s"}, {f"y{i}": "m" for i in range(len(C))}
-    return bs.lti(A, np.zeros((2, 0)), C, states=states, inputs={}, outputs=outputs, dt=DT)
-
-
-def drawn(C, R, seed=0):
-    """A motion and what is measured of it, of which the sensors are exact combinations."""
-    rng = np.random.default_rng(seed)
-    values, axes = np.linalg.eigh(R)
-    root, x, y = axes * np.sqrt(np.maximum(values, 0)), np.array([0.1, 0.5]), []
-    for _ in range(N):
-        y.append(C @ x + root @ rng.standard_normal(len(C)))
-        x = A @ x + np.sqrt(np.diag(Q)) * rng.standard_normal(2)
-    y = np.array(y)
-    y[5:8, 0] = np.nan
-    return y
-
-
-def conditioned(C, R, y, *, smoothed=False):
-    """Estimates given all measurements so far: the least deviations that explain them exactly.
-
-    Smoothed, given all measurements.
-
-    The start, the noise of every sample and that of the sensors are L z with z of variance one;
-    measurements are M z = y, so that z = M^+ y and what is left of it is I - M^+ M.
-    """
-    n, ny = len(y), len(C)
-    walk, sensor = np.diag(np.sqrt(np.diag(Q))), np.linalg.eigh(R)
-    root = sensor.eigenvectors * np.sqrt(np.maximum(sensor.eigenvalues, 0))
-    effect = np.zeros((2, 2 * n + ny * n))
-    effect[:, :2] = np.diag(np.sqrt(np.diag(P0)))
-    rows, goal, means, covariances, every = [], [], [], [], []
-    for k in range(n):
-        shown = C @ effect
-        shown[:, 2 * n + ny * k : 2 * n + ny * (k + 1)] = root
-        rows += list(shown[np.isfinite(y[k])])
-        goal += list(y[k][np.isfinite(y[k])])
-        inverse = np.linalg.pinv(np.array(rows), rcond=1e-12)
-        means.append(effect @ inverse @ goal)
-        left = effect - effect @ inverse @ np.array(rows)
-        covariances.append(left @ left.T)
-        every.append(effect)
-        effect = A @ effect
-        if k + 1 < n:
-            effect[:, 2 * (k + 1) : 2 * (k + 2)] = walk
-    if smoothed:
-        left = [effect - effect @ inverse @ np.array(rows) for effect in every]
-        return np.array([effect @ inverse @ goal for effect in every]), np.array(
-            [part @ part.T for part in left]
-        )
-    return np.array(means), np.array(covariances)
-
-
-@pytest.mark.parametrize("method", FILTERS, ids=lambda method: method.key)
-@pytest.mark.parametrize("sensors", SENSORS)
+@pytest.mark.parametrize(("sensors", "method"), FILTERED)
 def test_estimates_are_those_of_conditioning(sensors, method):
     C, R = (np.array(given) for given in SENSORS[sensors])
     y = drawn(C, R)
@@ -213,7 +159,7 @@ def test_a_pendulum_with_an_exact_encoder_is_the_limit_of_small_noise():
         pendulum, np.zeros((60, 0)), dt=DT, x0=[1.0, 0.0], parameters={"g": 10.0}
     )
     prior = bs.Prior(sigma_x0=[0.5, 1.0, 3.0])
-    for method, small in ((bs.EKF, 1e-9), (bs.UKF, 1e-9), (bs.MHE, 1e-7)):
+    for method, small in ((bs.EKF, 1e-9), (bs.IEKF, 1e-7), (bs.UKF, 1e-9), (bs.MHE, 1e-7)):
         found = [
             bs.estimate(
                 method(bs.Noise(sigma_y=sigma, sigma_w={"w": 0.02}), prior),
@@ -237,12 +183,5 @@ def test_every_estimator_takes_exact_sensors_or_says_who_does(key):
     if ESTIMATORS[key] in (*FILTERS, bs.MHE):
         exact.compile(problem.model, 0.02)
     else:
-        with pytest.raises(TuningError, match=r"'position' has no noise .* EKF and UKF"):
+        with pytest.raises(TuningError, match=r"'position' has no noise .* EKF, IEKF and UKF"):
             exact.compile(problem.model, 0.02)
-
-
-def test_smoothers_refuse_exact_sensors():
-    kf = bs.KalmanFilter(bs.Noise(sigma_y=0.0, Q=Q), bs.Prior(P0=P0))
-    recording = bs.from_arrays(y=np.zeros((5, 1)), dt=DT, inputs={}, outputs={"y0": "m"})
-    with pytest.raises(TuningError, match="no smoother; give it a small sigma_y"):
-        bs.smooth(kf, plant([[1.0, 0.0]]), recording)

@@ -55,6 +55,7 @@ MAKERS = {
     "bucy": lambda n, p: bs.EKF(n, p, bs.Integrator("rk4", 2), measurement="continuous"),
     "iekf": bs.IEKF,
     "ukf": bs.UKF,
+    "mhe": lambda n, p: bs.MHE(n, p, N=2, arrival=bs.settings.EKFArrival()),
 }
 
 
@@ -78,7 +79,7 @@ def test_factor_is_that_of_the_standard_deviation(name, word):
 def test_methods_that_would_not_see_it_refuse():
     model = with_factor(plant())
     varied = VariedNoise(sigma_y=0.3, parts=(NoisePart(("factor", "factor"), Q=Q),))
-    for method in (bs.MHE(varied, bs.Prior(sigma_x0=1.0), N=3),
+    for method in (bs.RecursiveMHE(varied, bs.Prior(sigma_x0=1.0), N=3),
                    bs.KalmanFilter(varied, bs.Prior(sigma_x0=1.0), steady_state=True)):  # fmt: skip
         with pytest.raises(TuningError, match="takes no process noise that inputs multiply"):
             method.compile(model, DT)

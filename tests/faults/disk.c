@@ -15,6 +15,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/uio.h>
 #include <unistd.h>
@@ -24,8 +25,12 @@ enum { NOTHING, KILL, INTERRUPT, BROKEN, FULL };
 static char under[PATH_MAX], logged[PATH_MAX];
 static size_t length;
 static int kind, quiet;
-static long at, count, blobs;
-static char trace[1 << 16];
+
+/* Counted together with the processes that a command makes of itself. */
+static struct {
+    long at, count, blobs;
+    char trace[1 << 16];
+} *steps;
 
 #define REAL(name) static __typeof__(name) *real; if (!real) *(void **)&real = dlsym(RTLD_NEXT, #name)
 
@@ -36,15 +41,20 @@ void disk_arm(const char *folder, int what, long when, const char *log)
     snprintf(logged, sizeof logged, "%s", log ? log : "");
     length = strlen(under);
     kind = what;
-    at = when;
-    count = blobs = 0;
+    if (!steps) {
+        steps = mmap(0, sizeof *steps, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+        if (steps == MAP_FAILED)
+            abort();
+    }
+    memset(steps, 0, sizeof *steps);
+    steps->at = when;
 }
 
 /* A letter for every step so far. */
 const char *disk_trace(void)
 {
-    trace[count < (long)sizeof trace ? count : (long)sizeof trace - 1] = 0;
-    return trace;
+    steps->trace[sizeof steps->trace - 1] = 0; /* behind the last step there are zeros */
+    return steps->trace;
 }
 
 static int is_below(const char *path)
@@ -85,18 +95,18 @@ static int opened(int number, char *path)
 /* One step; an error number if it fails. */
 static int step(char letter, long bytes)
 {
-    long now = count++;
-    if (now < (long)sizeof trace - 1)
-        trace[now] = letter;
-    if (kind == KILL && now == at)
+    long now = __atomic_fetch_add(&steps->count, 1, __ATOMIC_RELAXED);
+    if (now < (long)sizeof steps->trace - 1)
+        steps->trace[now] = letter;
+    if (kind == KILL && now == steps->at)
         kill(getpid(), SIGKILL);
-    if (kind == INTERRUPT && now == at)
-        raise(SIGINT);
-    if (kind == BROKEN && now == at)
+    if (kind == INTERRUPT && now == steps->at)
+        kill(getpid(), SIGINT);
+    if (kind == BROKEN && now == steps->at)
         return EIO;
     if (kind == FULL && strchr("CMLW", letter)) {
-        at -= bytes;
-        if (at < 0)
+        steps->at -= bytes;
+        if (steps->at < 0)
             return ENOSPC;
     }
     return 0;
@@ -138,7 +148,7 @@ static void keep(const char *path)
     if (!*logged)
         return;
     quiet = 1;
-    snprintf(file, sizeof file, "%s/%ld", logged, blobs);
+    snprintf(file, sizeof file, "%s/%ld", logged, steps->blobs);
     from = open(path, O_RDONLY);
     to = open(file, O_WRONLY | O_CREAT | O_TRUNC, 0600);
     while ((n = read(from, buffer, sizeof buffer)) > 0)
@@ -147,7 +157,7 @@ static void keep(const char *path)
     close(from);
     close(to);
     quiet = 0;
-    note("S\t%lu\t%ld\n", inode(path), blobs++);
+    note("S\t%lu\t%ld\n", inode(path), steps->blobs++);
 }
 
 static int opening(int folder, const char *name, int flags, mode_t mode)
@@ -184,7 +194,7 @@ int creat(const char *name, mode_t mode) { return opening(AT_FDCWD, name, O_CREA
 static ssize_t allowed(int number, size_t size)
 {
     char path[PATH_MAX];
-    long left = at;
+    long left = steps ? steps->at : 0;
     int error;
     if (!opened(number, path))
         return size;

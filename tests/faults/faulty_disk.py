@@ -101,6 +101,7 @@ class Commands:
 def commands(folder: Path) -> Iterator[Commands]:
     """Start the process that forks for every command."""
     own = os.environ | {"LD_PRELOAD": str(library(folder)), "OPENBLAS_NUM_THREADS": "1"}
+    own["PYTHONPATH"] = f"{folder}:{own.get('PYTHONPATH', '')}"  # for extensions that are there
     with subprocess.Popen(
         [sys.executable, HERE / "zygote.py"],
         stdin=subprocess.PIPE,

@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from faulty_disk import Disk, builds_faults, commands, files
+from tests.extensions.distributions import install
 from tests.fleet.springs import write_fleet
 from tests.problem.test_in_parts import divided
 
@@ -55,6 +56,37 @@ def estimates(folder: Path, version: str) -> None:
     run_problem(load(folder / "problem.toml"), folder / "ran", progress=lambda *_: None)
 
 
+def played(folder: Path, version: str) -> None:
+    only = small_problem.TEXT.partition("[estimators.MHO]")[0]
+    small_problem.write(folder, only + REPLAYED)
+
+
+REPLAYED = """
+[live]
+[source.rig]
+kind = "replay"
+speed = 0
+[store]
+path = "results/out"
+every = 0.05
+"""
+
+STUDY = """
+from pathlib import Path
+from backsight_studies.checks import Check
+from backsight_studies.study import Study, Written
+
+def write(version, folder):
+    (folder / "table.csv").write_text(version * 5000)
+    (folder / "figure.svg").write_text(f"<svg>{version}</svg>")
+    check = Check("speed", 1.0, 1.0, 0.1, True, "table.csv")
+    return Written([check], f"<p>{version}</p>", [version])
+
+STUDY = Study(
+    "springs", "Springs", lambda *_: (Path(__file__).parent / "version").read_text(), write
+)
+"""
+
 VERBS = {
     "run": Verb(problem, lambda here, out: ["run", here / "problem.toml", "-o", out]),
     "export": Verb(
@@ -75,13 +107,21 @@ VERBS = {
         lambda folder, version: write_fleet(folder, count=3),
         lambda here, out: ["fleet", here / "fleet.toml", "-o", out, "--workers", 0],
     ),
+    "study": Verb(
+        lambda folder, version: (folder / "version").write_text(version),
+        lambda here, out: ["study", "run", "springs", "-o", out],
+    ),
+    "live": Verb(
+        played,
+        lambda here, out: ["live", here / "problem.toml"],
+    ),
     "parts": Verb(
         lambda folder, version: divided(folder) if not (folder / "parts").exists() else None,
         lambda here, out: ["run", here / "problem.toml", "-o", out],
     ),
 }
 
-GOES_ON = ("fleet", "parts")
+GOES_ON = ("fleet", "parts", "live")
 """What is finished is kept, and the rest is done by the next start."""
 
 SEPARATE = ("tune",)
@@ -92,6 +132,10 @@ SEPARATE = ("tune",)
 def place(request, tmp_path_factory):
     """A folder with what is read, one that is written to, and what runs the command."""
     here = tmp_path_factory.mktemp(request.param)
+    if request.param == "study":
+        install(
+            here, "springs", {"springs_study": STUDY}, studies={"springs": "springs_study:STUDY"}
+        )
     with commands(here) as run:
         yield Place(request.param, VERBS[request.param], here, run)
 
@@ -146,6 +190,8 @@ class Place:
 
     def facts(self):
         """The numbers of a store, however often it was begun."""
+        if self.name == "live":
+            return pd.read_parquet(self.out).to_csv()
         if self.name == "fleet":
             return pd.read_csv(self.out / "rows.csv").to_csv()
         told = json.loads((self.out / "summary.json").read_text())
@@ -199,14 +245,37 @@ def test_a_full_disk(place):
         done = place.start(kind="full", at=room)
         assert "Traceback" not in done.told, done.told
         assert not [n for n in files(place.out.parent) if ".part" in n]
-        if done.code in (0, 1):
+        whole = "No space left" not in done.told if place.name == "live" else done.code in (0, 1)
+        if whole:
             break
-        assert done.code == 2
+        assert done.code == 2 or (place.name == "live" and done.code == 1)
         full += 1
         assert "No space left" in done.told or "full" in done.told, done.told
         place.check()
         room = 100 + 4 * room
     assert full > 3
+
+
+@pytest.mark.parametrize("kind", ["kill", "interrupt", "broken", "full"])
+def test_what_is_kept_may_be_on_a_bad_disk(kind, tmp_path, monkeypatch):
+    """`check` writes nothing but compiled programs: it does without them."""
+    monkeypatch.setenv("BACKSIGHT_CACHE", str(tmp_path / "cache"))
+    words = "check", small_problem.write(tmp_path)
+    (tmp_path / "cache").mkdir()
+    with commands(tmp_path) as run:
+        run.warm("methods")
+        whole = run(*words, under=tmp_path / "cache")
+        for at in [0, 1, 100] if kind == "full" else range(0, len(whole.trace), 2):
+            shutil.rmtree(tmp_path / "cache")
+            (tmp_path / "cache").mkdir()
+            done = run(*words, under=tmp_path / "cache", kind=kind, at=at)
+            assert "Traceback" not in done.told, done.told
+            if kind in ("broken", "full"):
+                assert (done.code, done.printed) == (whole.code, whole.printed)
+            if kind == "interrupt":
+                assert done.code in (whole.code, 130)
+            again = run(*words, under=tmp_path / "cache")
+            assert (again.code, again.printed) == (whole.code, whole.printed)
 
 
 def test_a_power_cut(place, tmp_path):

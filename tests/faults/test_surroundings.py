@@ -10,6 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.extensions.distributions import install
+from tests.faults.test_commands_on_a_bad_disk import REPLAYED, STUDY
+from tests.fleet.springs import write_fleet
 
 import small_problem
 from backsight.output import MARKER
@@ -40,8 +43,15 @@ def here(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["methods | head -1", "schema | true"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        *("methods | head -1", "schema | true", "check problem.toml | head -1"),
+        *("columns spring.csv | true", "study list | head -1", "fleet fleet.toml -o out | true"),
+    ],
+)
 def test_whoever_reads_may_go(here, what):
+    write_fleet(here)
     done = shell(f"$BS {what}; echo ${{PIPESTATUS[0]}} >&2", here)
     *told, code = done.stderr.splitlines()
     assert not told
@@ -118,23 +128,42 @@ def limited(megabytes: int):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not keep to the limit")
-@pytest.mark.parametrize("verb", ["run", "check", "tune", "export"])
-def test_memory_runs_out(here, verb):
+@pytest.mark.parametrize(
+    "line",
+    [
+        "run problem.toml -o out",
+        "check problem.toml",
+        "tune problem.toml -e EKF -o out/t.toml",
+        "export problem.toml -e EKF -o out",
+        "report ran/estimates.nc -o out/page.html",
+        "fleet fleet.toml -o out --workers 0",
+        "live live.toml",
+        "study run springs -o out",
+    ],
+)
+def test_memory_runs_out(here, line):
     """With ever more of it, until it is enough: one line each time, and nothing is half done."""
-    more = {"tune": ["-e", "EKF", "-o", "out/t.toml"], "export": ["-e", "EKF", "-o", "out"]}
-    command = words(verb, "problem.toml", *more.get(verb, ["-o", "out"] if verb == "run" else []))
+    command, verb = words(*line.split()), line.split()[0]
+    if verb == "report":
+        assert not subprocess.run(words("run", "problem.toml", "-o", "ran"), cwd=here).returncode
+    write_fleet(here)
+    install(here, "springs", {"springs_study": STUDY}, studies={"springs": "springs_study:STUDY"})
+    (here / "version").write_text("New")
+    own = os.environ | HERE | {"PYTHONPATH": str(here)}
+    (here / "live.toml").write_text((here / "problem.toml").read_text() + REPLAYED)
     codes = []
     for megabytes in (150, 250, 350, 450, 550, 650, 800, 1000, 1300, 1700, 2200, 3000, 4000, 8000):
         shutil.rmtree(here / "out", ignore_errors=True)
         done = subprocess.run(
-            command, cwd=here, capture_output=True, text=True, env=os.environ | HERE,
+            command, cwd=here, capture_output=True, text=True, env=own,
             preexec_fn=limited(megabytes),
         )  # fmt: skip
         codes.append(done.returncode)
         if done.returncode in (0, 1):
             break
         assert "Traceback" not in done.stderr, (megabytes, done.stderr)
-        assert not (here / "out").exists()
+        if verb not in ("fleet", "live"):  # what they go on from is there from the beginning
+            assert not (here / "out").exists()
         assert not list(here.glob(".*part"))
     assert codes[-1] in (0, 1)
 

@@ -14,6 +14,7 @@ from tests.live.test_order import check
 
 import backsight as bs
 from backsight.errors import OutputError
+from backsight.live._status import LiveStatus
 from backsight.live.store.writing import opened_live_store
 
 
@@ -104,6 +105,19 @@ def test_a_full_disk_is_said_and_nothing_is_lost(tmp_path, samples, expected, mo
     check(tmp_path, expected)
     said = [s for s in live.told if "no space" in s or "can be written again" in s]
     assert len(said) == 2
+
+
+def test_what_finds_no_room_until_the_end_is_told(tmp_path, samples):
+    def full(*_args, **_given):
+        raise OutputError("cannot write: no space left on device")
+
+    with fed(tmp_path, STORED) as live:
+        live.session.keeper.store.add = full
+        live.feed(map(message, samples[:150]))
+    keeper = live.session.keeper
+    assert (keeper.stored, keeper.given_up) == (0, 150)
+    assert LiveStatus(live.session).given_up == 150
+    assert "the last 150 samples are not stored" in live.told[-1]
 
 
 def test_a_part_that_the_disk_refuses_leaves_nothing(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ from tests.models.finite_elements import CANTILEVER_HZ, FREE_HZ, beam_matrices, 
 from backsight.errors import BacksightWarning, ModelError
 from backsight.models.lti import state_space
 from backsight.models.structures import reduced
-from backsight.models.structures.matrices._lowest import lowest
+from backsight.models.structures.matrices.lowest_modes import lowest
 
 
 def hertz(M, K, modes, **changes):

@@ -166,9 +166,13 @@ def test_the_recording_of_the_beam_is_that_of_its_script():
     np.testing.assert_allclose(rows[0], rows[1], atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", ["motor", "quarter_car"])
 def test_examples_that_end_well(folder, tmp_path):
-    """They find what their recording was made with, and may be believed."""
+    """All their estimators find what the recording was made with, and may be believed.
+
+    Of the first one tests/examples says so each time.
+    """
     ran = CliRunner().invoke(
         app, ["run", str(EXAMPLES / folder / "problem.toml"), "-o", str(tmp_path)]
     )

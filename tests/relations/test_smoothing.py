@@ -9,7 +9,7 @@ import backsight as bs
 from backsight.discrete.exact import foh, zoh
 from backsight.discrete.noise import discretise_noise
 from backsight.estimators import EKF, IEKF, MHE, UKF, JointInput, KalmanFilter
-from backsight.run.estimation import _smooth
+from backsight.run.estimation import _both_ways
 from oracles.smoothing import Plant, conditioned
 from relations.smoothed_plants import (
     assert_smoothed,
@@ -158,12 +158,15 @@ def test_a_reversible_process_is_smoothed_alike_in_both_directions_of_time():
         assert np.allclose(smooth[0][name], smooth[1][name][::-1], rtol=1e-12, atol=1e-13)
 
 
-def test_blocks_engines_and_standard_deviations_alone_change_nothing(monkeypatch):
+@pytest.mark.parametrize("once", [True, False])
+def test_blocks_engines_and_standard_deviations_alone_change_nothing(monkeypatch, once):
     p = random_plant(8)
     u, y = data_of(p, 40, missing=0.2)
     model, recording, kf = model_of(p), recording_of(u, y), KalmanFilter(**assumed(p))
     whole = bs.smooth(kf, model, recording, engine="vm")
-    monkeypatch.setattr(_smooth, "LEAST_BLOCK", 7)
+    sizes = {"LEAST_BLOCK": 7, "CACHED": 0, "KEPT": 2**24 if once else 0}
+    for name, value in sizes.items():
+        monkeypatch.setattr(_both_ways, name, value)
     done = []
     native = bs.smooth(kf, model, recording, engine="native", progress=done.append)
     assert done == sorted(done)

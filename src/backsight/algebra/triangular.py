@@ -53,6 +53,37 @@ def forward(L: ca.SX, B: ca.SX) -> ca.SX:
     return X
 
 
+def forward_semidefinite(L: ca.SX, b: ca.SX, *, least: ca.SX | float) -> ca.SX:
+    """Solve L x = b for lower triangular L (n, n) and b (n,); 0 where the pivot is not above least.
+
+    For equations of which some follow from those before.
+    """
+    x: list[ca.SX] = []
+    for i in range(L.shape[0]):
+        left = b[i] - sum((L[i, j] * x[j] for j in range(i)), ca.SX(0))
+        some = L[i, i] > least
+        x.append(ca.if_else(some, left / ca.if_else(some, L[i, i], 1), 0))
+    return ca.vertcat(*x)
+
+
+def upper_triangular(A: ca.SX, B: ca.SX) -> ca.SX:
+    """Q' B for the orthogonal Q' (m, m) that makes A (m, n) upper triangular, by Householder.
+
+    Golub and Van Loan, "Matrix Computations", 2013, section 5.2.
+    """
+    A, B = ca.SX(ca.densify(A)), ca.SX(ca.densify(B))
+    m, n = A.shape
+    for j in range(min(n, m - 1)):
+        size = ca.norm_2(A[j:, j])
+        v = ca.SX(A[j:, j])
+        v[0] += ca.if_else(v[0] < 0, -size, size)
+        square = ca.dot(v, v)
+        scale = 2 / ca.if_else(square > 0, square, 1)
+        A[j:, j:] -= scale * v @ (v.T @ A[j:, j:])
+        B[j:, :] -= scale * v @ (v.T @ B[j:, :])
+    return B
+
+
 NOTHING = 1e-12
 """A pivot below this share of its row is rounding error: the direction carries no variance."""
 

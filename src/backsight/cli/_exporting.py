@@ -44,6 +44,10 @@ def export(
         list[str] | None,
         typer.Option(help="Of an FMU: x86_64-linux, aarch64-linux, x86_64-windows; several times."),
     ] = None,
+    template: Annotated[
+        str | None,
+        typer.Option(help="arduino: the folder is a sketch, for PlatformIO, too."),
+    ] = None,
     force: Force = False,
     outside: Outside = None,
     env: Env = None,
@@ -62,6 +66,8 @@ def export(
             raise EngineError(f"an FMU computes in double, not in {precision}: leave --precision")
         if platform and not fmi:
             raise EngineError("--platform is for FMUs: add --fmi")
+        if template and fmi:
+            raise EngineError("--template is for C, not for an FMU: leave one of them")
         read = load(problem)
         chosen = estimator_of(estimator, read.estimators)
         recording = recording_of(read, outside=outside or (), env=env or ())
@@ -89,9 +95,10 @@ def export(
             precision=cast(Literal["double", "float"], precision or "double"),
             accuracy=accuracy,
             tunable=tunable or None,
+            template=cast(Literal["arduino"] | None, template),
             force=force,
         )
-        say(f"Code: {out}\nTest: make -C {out} test")
+        say(f"Code: {out}" + ("" if template else f"\nTest: make -C {out} test"))
 
 
 def _prefix(estimator: str) -> str:

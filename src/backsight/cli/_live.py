@@ -23,7 +23,8 @@ def live(
 
     Ctrl-C ends it; what was measured until then is estimated and stored.
     A file without a source replays its recording. The exit code is 0 if it
-    was ended or the sources have, and 2 if it could not begin.
+    was ended or the sources have, 1 if there was no room on the disk for
+    some of the results, and 2 if it could not begin.
     """
     with told():
         from backsight.live import run_live
@@ -33,3 +34,5 @@ def live(
             problem, tell=tell, show=show, speed=speed, dashboard=dashboard, survive=True
         )
         say(status.summary())
+    if status.given_up:
+        raise typer.Exit(1)

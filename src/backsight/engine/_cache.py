@@ -21,7 +21,7 @@ from backsight.engine import _private as private
 from backsight.errors import BacksightWarning
 
 KEEP = 500
-"""Number of files kept; the ones not used for the longest time are removed."""
+"""Number of files kept; a tenth more, and those not used for the longest time are removed."""
 
 OWN = "backsight-code-1"
 """Folder inside the chosen one; the number changes with the form of the files."""
@@ -136,10 +136,12 @@ def _say(reason: str) -> None:
 def _remove_oldest(place: Path) -> None:
     files = [entry for entry in os.scandir(place) if entry.is_file(follow_symlinks=False)]
     own = [entry for entry in files if _NAME.fullmatch(entry.name)]
-    oldest = sorted(own, key=lambda entry: entry.stat().st_mtime)
-    for entry in oldest[: max(len(own) - KEEP, 0)]:
-        if _is_own(entry.path):
-            os.unlink(entry.path)
+    # To ask for the times of so many files takes longer than to write one: not every time.
+    if len(own) > KEEP + KEEP // 10:
+        oldest = sorted(own, key=lambda entry: entry.stat().st_mtime)
+        for entry in oldest[: len(own) - KEEP]:
+            if _is_own(entry.path):
+                os.unlink(entry.path)
     for entry in files:
         if _PART.fullmatch(entry.name) and time.time() - entry.stat().st_mtime > _FORGOTTEN:
             os.unlink(entry.path)

@@ -23,6 +23,7 @@ def run_many(
     recordings: Sequence[Sequence[Array]],
     *,
     carries: Sequence[Array],
+    lanes: int | None = None,
     threads: int | None = None,
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[Outcome]:
@@ -39,6 +40,9 @@ def run_many(
         The data of each recording, one row per sample.
     carries : sequence of (nc,) arrays
         The memory before the first sample of each recording.
+    lanes : int, optional
+        Recordings that advance together; by default as many as run well. Code for fewer is compiled
+        sooner.
     threads : int, optional
         Number of threads; by default one for each processor core.
     progress : callable
@@ -60,14 +64,15 @@ def run_many(
     longest_first = sorted(range(len(checked)), key=lambda k: -len(checked[k][0][0]))
     jobs: dict[int, _Job] = {}
     groups: list[list[_Job]] = []
-    width = machine.widest()
+    width = lanes or machine.widest()
     for first in range(0, len(longest_first), width):
         members = longest_first[first : first + width]
         outputs = _places([len(checked[k][0][0]) for k in members], recursion.output_sizes)
         group = {k: _Job(*checked[k], o) for k, o in zip(members, outputs, strict=True)}
         jobs |= group
         groups.append([job for job in group.values() if job.samples])
-    _run_groups(recursion, [g for g in groups if g], threads, progress)
+    program = native.compiled(recursion, lanes=width)
+    _run_groups(program, [g for g in groups if g], threads, progress)
     return [(jobs[k].memory, jobs[k].outputs) for k in range(len(checked))]
 
 
@@ -100,14 +105,13 @@ def _places(lengths: Sequence[int], sizes: Sequence[int]) -> list[list[Array]]:
 
 
 def _run_groups(
-    recursion: Recursion,
+    program: native.Compiled,
     groups: list[list[_Job]],
     threads: int | None,
     progress: Callable[[int], None],
 ) -> None:
     done = [0] * len(groups)
     stop = threading.Event()
-    program = native.compiled(recursion, lanes=machine.widest())
 
     if threads == 1:
         # A pool of one thread costs more than a short run.

@@ -120,8 +120,8 @@ class Noise(Description):
             of = f"'{exact[0]}'" if exact else "a combination of outputs"
             raise TuningError(
                 f"{of} has no noise (sigma_y = 0, a singular R): that is for MHE, LinearMHE with "
-                "an arrival_weight, KalmanFilter with constant matrices, EKF and UKF, and for no "
-                "smoother; give it a small sigma_y, or smooth by solve_window"
+                "an arrival_weight, KalmanFilter with constant matrices, EKF, IEKF and UKF, and "
+                "what smooths these; give it a small sigma_y"
             )
         return R
 

@@ -13,6 +13,12 @@ export it with `tolerance = 1e-3`, or with a fixed number of iterations.
 
 """
 
+TESTED = """`make test` compiles them with all
+warnings as errors and compares them with Python on the first samples of your recording."""
+
+SKETCH = """The folder is a sketch:
+open it in the Arduino IDE, or build it with `pio run`."""
+
 INT = 4
 """Bytes of an int on most controllers."""
 
@@ -22,7 +28,7 @@ def markdown(text: str) -> str:
     return re.sub(r"([\\`*_{}\[\]<>()#+!|~$&-])", r"\\\1", one_line(text))
 
 
-def readme(code: Written) -> str:
+def readme(code: Written, *, tested: bool = True) -> str:
     """How to use it, how much memory it takes, and how much a step may cost."""
     source, name, kind = code.source, code.name, code.kind
     recursion, model, passes = code.recursion, code.model, code.passes
@@ -49,8 +55,7 @@ def readme(code: Written) -> str:
     return f"""# {name}
 
 `{name}.c` and `{name}.h` estimate the states {states}, every {recursion.dt:g} s. They are C99 and
-need nothing but `<math.h>`{included}. `make test` compiles them with all
-warnings as errors and compares them with Python on the first samples of your recording.
+need nothing but `<math.h>`{included}. {TESTED if tested else SKETCH}
 
 ```c
 static {name}_memory memory;        /* survives from sample to sample */

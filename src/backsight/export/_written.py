@@ -83,8 +83,9 @@ def code_of(
     precision: str = "double",
     names: Sequence[str] | None,
     restart: bool,
+    most: float = np.inf,
 ) -> Written:
-    """Write an estimator in C, see `backsight.export.export_c`."""
+    """Write an estimator in C, see `backsight.export.export_c` and `write_c99`."""
     if not (name.isidentifier() and name.isascii()):
         raise EngineError(f"'{name}' is no name in C: use letters, digits and underscores")
     if name in ("kernels", *sources.names()):
@@ -104,6 +105,7 @@ def code_of(
         about=f"{estimator.title} for '{one_line(model.name)}', every {recursion.dt:g} s.\n"
         f"Written by Backsight {version('backsight')}; change the model, not this file.",
         settings=found.fields,
+        most=most,
     )
     return Written(name, kind, estimator, model, found, found.program, source, data)
 

@@ -16,6 +16,7 @@ from backsight.export._cpp import cpp_header
 from backsight.export._readme import readme
 from backsight.export._selftest import Vectors, selftest
 from backsight.export._single import check_single
+from backsight.export._sketch import sketch
 from backsight.export._written import Written, code_of
 from backsight.models.model import Model
 from backsight.output import whole
@@ -39,6 +40,7 @@ def export_c(
     accuracy: PositiveOrInfinite = ACCURACY,
     tunable: Sequence[str] | None = None,
     restart: bool = False,
+    template: Literal["arduino"] | None = None,
     force: bool = False,
 ) -> Path:
     """Write ``name.c``, ``name.h``, a class for C++, a self-test, a Makefile and a README.
@@ -73,6 +75,9 @@ def export_c(
     restart : bool
         After a sample whose estimate is not finite start anew from the prior; the status of that
         sample says so.
+    template : {"arduino"}, optional
+        ``"arduino"``: the folder is a sketch, for the Arduino IDE and PlatformIO, with a program
+        that takes a sample every period; without self-test and Makefile.
     force : bool
         Replace files of the same names in the folder that are not from an earlier export.
 
@@ -112,9 +117,7 @@ def export_c(
     )
     vectors = vectors_of(code)
     told = accuracy if np.isfinite(accuracy) else ACCURACY
-    files = {
-        **code.files,
-        f"{name}.hpp": cpp_header(code),
+    tested = {
         f"{name}_selftest.c": selftest(
             vectors,
             name,
@@ -124,10 +127,15 @@ def export_c(
             begins=code.open.start is not None,
         ),
         "Makefile": _makefile(name, list(code.kernels)),
-        "README.md": readme(code),
     }
     if precision == "float" and np.isfinite(accuracy):
-        check_single(code, files, vectors)
+        check_single(code, {**code.files, **tested}, vectors)
+    files = {
+        **code.files,
+        f"{name}.hpp": cpp_header(code),
+        **(tested if template is None else sketch(code, Path(out))),
+        "README.md": readme(code, tested=template is None),
+    }
     with whole(out, names=files, force=force) as folder:
         for file, text in files.items():
             (folder / file).write_text(text, encoding="utf-8")

@@ -126,6 +126,11 @@ class LiveStatus:
             parts.append(f"latency {1e3 * self.latency(0.5):.0f} ms")
         return "  ".join(parts)
 
+    @property
+    def given_up(self) -> int:
+        """Samples that could not be stored."""
+        return self.session.keeper.given_up if self.session.keeper is not None else 0
+
     def summary(self) -> str:
         """What happened, at the end."""
         session = self.session
@@ -139,8 +144,8 @@ class LiveStatus:
             parts.append(f"{lane.name}: {', '.join(words)}")
         if session.keeper is not None:
             parts.append(f"{session.keeper.stored} stored")
-            if session.keeper.given_up:
-                parts.append(f"{session.keeper.given_up} given up")
+            if self.given_up:
+                parts.append(f"{self.given_up} given up")
         return "; ".join(parts)
 
 

@@ -265,23 +265,21 @@ def _expected(path: FilterPath) -> Array:
     (n, lags + 1, ny), with the earlier sample's index first.
     """
     n, ny, nx = path.H.shape
-    K = filter_gains(path)
-    closed = path.F @ (np.eye(nx) - K @ path.H)
+    H, K = path.H, filter_gains(path)
+    closed = path.F @ (np.eye(nx) - K @ H)
+    P = np.zeros((n, nx, nx))
+    for k in range(n - 1):
+        P[k + 1] = closed[k] @ P[k] @ closed[k].T + path.Q[k]
+    PH = P @ H.transpose(0, 2, 1)
+    C = H @ PH
     found = np.zeros((n, LAGS + 1, ny))
-    P, pending = np.zeros((nx, nx)), np.zeros((LAGS + 1, nx, ny))
-    for k in range(n):
-        H, F = path.H[k], path.F[k]
-        PH = P @ H.T
-        C = H @ PH
-        found[k, 0] = np.diag(C)
-        reach = min(k, LAGS)
-        if reach:
-            across = np.einsum("ij,lji->li", H, pending[:reach])
-            lags = np.arange(reach)
-            found[k - 1 - lags, lags + 1] = across
-        pending[1:] = closed[k] @ pending[:-1]
-        pending[0] = F @ (PH - K[k] @ C)
-        P = closed[k] @ P @ closed[k].T + path.Q[k]
+    found[:, 0] = np.einsum("kii->ki", C)
+    # Of the errors `lag` samples later with the innovation of sample k.
+    across = path.F @ (PH - K @ C)
+    for lag in range(1, min(LAGS, n - 1) + 1):
+        across = across[: n - lag]
+        found[: n - lag, lag] = np.einsum("kij,kji->ki", H[lag:], across)
+        across = closed[lag:] @ across
     return found
 
 

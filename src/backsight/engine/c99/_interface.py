@@ -38,6 +38,8 @@ class Interface:
     about: str
     begins: bool = False
     """Whether the memory before the first sample follows the settings."""
+    aside: bool = False
+    """Whether the step is given an array of tables."""
 
     @property
     def real(self) -> str:
@@ -52,6 +54,7 @@ class Interface:
     def step(self, program: Program) -> str:
         """Declaration of the step."""
         lines = [f"{self.name}_memory *memory", f"{self.name}_workspace *work"]
+        lines += [f"const {self.real} *tables"] if self.aside else []
         lines += [f"const {self.name}_settings *settings"] if self.settings else []
         lines += [f"const {self.real} *{b.name}" for b in self.data(program)]
         lines += [f"{self.real} *{r}" for r in self.results]

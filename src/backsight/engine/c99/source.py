@@ -4,6 +4,8 @@ import dataclasses
 import re
 from collections.abc import Sequence
 
+import numpy as np
+
 from backsight.engine.c99._interface import (
     Interface,
     SettingsField,
@@ -14,6 +16,9 @@ from backsight.engine.c99._interface import (
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
 from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
 from backsight.engine.program import Beginning, Buffer, Program
+
+LARGE = 256
+"""Numbers of a table that may be kept elsewhere than in the code."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +37,8 @@ class Source:
         Kernels that the code includes, see `backsight.kernels.sources`.
     operations : int
         Arithmetic operations in all functions together, each counted once.
+    tables : tuple of float
+        Numbers that are not in the code: the step is given an array of them.
     """
 
     header: str
@@ -41,6 +48,7 @@ class Source:
     ints: int
     kernels: tuple[str, ...]
     operations: int
+    tables: tuple[float, ...]
 
 
 def write_c99(
@@ -53,6 +61,7 @@ def write_c99(
     about: str,
     settings: Sequence[SettingsField] = (),
     begin: Beginning | None = None,
+    most: float = np.inf,
 ) -> Source:
     """Write a program as C99.
 
@@ -72,15 +81,23 @@ def write_c99(
         Inputs that become a struct with defaults.
     begin : Beginning, optional
         How the memory before the first sample follows them.
+    most : float
+        Numbers in constants altogether; if there are more, the large ones are not in the code, see
+        `Source.tables`.
     """
     begins = begin is not None
-    interface = Interface(name, precision, tuple(results), tuple(settings), about, begins)
+    constant = {b: b.values for b in program.buffers if b.values is not None}
+    many = sum(map(len, constant.values())) > most
+    kept = {b: values for b, values in constant.items() if many and len(values) >= LARGE}
+    interface = Interface(
+        name, precision, tuple(results), tuple(settings), about, begins, bool(kept)
+    )
     working = [b for b in program.buffers if b.values is None]
     reals, ints = _space(program)
     size = sum(max(b.size, 1) for b in working) + reals
     return Source(
         header=_header(program, working, interface),
-        code=_code(program, interface, start, begin),
+        code=_code(program, interface, start, begin, list(kept)),
         memory=program.carry.size,
         workspace=max(size, 1),
         ints=ints,
@@ -90,6 +107,7 @@ def write_c99(
             for leaf in program.leaves
             for operation in leaf.operations
         ),
+        tables=tuple(v for values in kept.values() for v in values),
     )
 
 
@@ -149,7 +167,13 @@ def _header(program: Program, working: Sequence[Buffer], to: Interface) -> str:
     )
 
 
-def _code(program: Program, to: Interface, start: Sequence[float], begin: Beginning | None) -> str:
+def _code(
+    program: Program,
+    to: Interface,
+    start: Sequence[float],
+    begin: Beginning | None,
+    aside: Sequence[Buffer],
+) -> str:
     name, kind = to.name, to.kind
     place = {b: f"work->{identifier(b.name)}" for b in program.buffers if b.values is None}
     place |= {b: identifier(b.name) for b in program.buffers if b.values is not None}
@@ -163,7 +187,12 @@ def _code(program: Program, to: Interface, start: Sequence[float], begin: Beginn
         f"    static const {name}_real {identifier(b.name)}[{max(b.size, 1)}] = "
         f"{{{listed(kind.number(v) for v in b.values or (0.0,))}}};"
         for b in program.buffers
-        if b.values is not None
+        if b.values is not None and b not in aside
+    ]
+    at = np.cumsum([0, *(b.size for b in aside)])
+    constants += [
+        f"    const {name}_real *const {identifier(b.name)} = tables + {k};"
+        for b, k in zip(aside, at, strict=False)
     ]
     tables = [
         f"    static const int table_{t.name}[{len(t.values)}] = {{{listed(map(str, t.values))}}};"
@@ -222,7 +251,7 @@ def _includes(kernels: Sequence[str], kind: Precision) -> list[str]:
 
 
 def _declared(line: str) -> str:
-    return line.split("[")[0].split()[-1]
+    return re.split(r"\[| =", line)[0].split()[-1]
 
 
 def _mentions(text: str, name: str) -> bool:

@@ -186,6 +186,7 @@ def _too_late(virtual: Virtual, slopes: ca.Function) -> str:
     contain = "outputs {} contain" if len(rows) > 1 else "output {} contains"
     return (
         f"virtual {contain.format(names)} an unknown force of its own sample, which these sensors "
-        "show one sample later; add an accelerometer, or let the force walk: make it a state with "
-        "'augment' ([estimate] in a problem file) and take a Kalman filter"
+        "show one sample later; add an accelerometer, or let the force walk or follow a process: "
+        "make it a state with 'augment' ([estimate] or [forces] in a problem file) and take a "
+        "Kalman filter"
     )

@@ -24,6 +24,7 @@ from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.leaf import Results, leaf, notation
 from backsight.estimators.parts.limits import Limits
 from backsight.estimators.parts.substeps import flow
+from backsight.estimators.varied_noise import noise_at
 from backsight.types import Array
 
 STAGES, MOTION = "cs_window_stages", "cs_window_motion"
@@ -118,14 +119,16 @@ class Along:
             carry=[start[0], absent],
             xs=[counter, X, forces, known, U, Y, M],
         )
-        stages = [A, E, C, F, *map(_constant, self._noise()), absent]
+        s, (background, Q, R, sums) = solver.forced.system.s, self._noise()
+        Q = ca.MX(noise_at(Q, [(part.index, part.Q) for part in s.parts], U[:, -1]))
+        stages = [A, E, C, F, _constant(background), Q, _constant(R), _constant(sums), absent]
         rows, known_rows = ny * samples, steps * p
         shapes = [
             (rows, nx), (rows, known_rows), (rows, rows), (nx, nx * (samples + 1)),
             (nx, nx * (samples + 1)), (rows, nx * (samples + 1)), (nx, known_rows * (samples + 1)),
         ]  # fmt: skip
         problem = foreign.call(STAGES, self.sizes, inputs=stages, outputs=shapes)
-        problem = [*problem, _constant(self._noise()[2])]
+        problem = [*problem, _constant(R)]
         given = [residuals, M, *solver.ends(states, residuals, M), absent]
         found = solver.solve(given, start[1], weights, start[2], problem)
         moved, acting = foreign.call(

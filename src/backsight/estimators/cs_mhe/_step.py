@@ -58,8 +58,9 @@ def cs_recursion(
             m.x_start, absent, m.tail, U, Y, M
         )
         states = ca.horzcat(states, last)
-        window, problem = [residuals, M, *solver.ends(states[:, :-1], residuals, M), absent], []
-        found = solver.solve(window, m.P_start, weights, m.warm)
+        window = [residuals, M, *solver.ends(states[:, :-1], residuals, M), absent]
+        problem = solver.problem_at(u)
+        found = solver.solve(window, m.P_start, weights, m.warm, problem)
     else:
         shifted = ca.horzcat(m.forces[:, 1:], ca.MX.zeros(m.forces.shape[0], 1))
         start = [m.x_start, m.P_start, m.warm]

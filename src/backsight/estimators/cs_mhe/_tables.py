@@ -31,6 +31,9 @@ class Tables:
         Numbers by which all forces of a step act together.
     steps : int
         Steps at which a force can begin.
+    parts : tuple of tuples of arrays
+        What noise that inputs multiply adds to three arrays of `problem`, see `Solver.problem_at`;
+        nothing then follows without knowing these inputs, and `full` is empty.
     """
 
     problem: tuple[Array, ...]
@@ -38,6 +41,7 @@ class Tables:
     atoms: tuple[Array, ...]
     modal: int
     steps: int
+    parts: tuple[tuple[Array, ...], ...] = ()
 
 
 def tables(forced: Forced, shapes: Array, limits: Limits, *, N: int, lag: int) -> Tables:
@@ -60,22 +64,33 @@ def tables(forced: Forced, shapes: Array, limits: Limits, *, N: int, lag: int) -
     steps = N + forced.direct
     forces, onto = modal_forces(np.vstack([forced.E, forced.F]))
     modes = np.vstack([forces, -limits.residual @ forces[nx:]])
-    noise = _noise(forced)
-    noise = np.vstack([noise, limits.noise @ noise[:nx] - limits.residual @ noise[nx:]])
     R = scipy.linalg.block_diag(system.s.R, np.zeros((n, n)))
     p = modes.shape[1]
-    by_noise, seen_noise = _responses(A, C, noise, N=N, steps=N + 1)
     by_force, seen_force = _responses(A, C, modes, N=N, steps=steps)
     powers = [np.eye(nx)]
     for _ in range(N + 1):
         powers.append(A @ powers[-1])
     start = np.vstack([C @ power for power in powers[:-1]])
-    S0 = seen_noise @ seen_noise.T + np.kron(np.eye(N + 1), R)
-    P = [x @ x.T for x in by_noise]
-    cross = [seen_noise @ x.T for x in by_noise]
+
+    def of_noise(joint: Array) -> tuple[list[Array], ...]:
+        """Covariances of outputs, states, and both, by the joint one of next state and output."""
+        noise = root(joint) if joint.any() else np.zeros((len(joint), 1))
+        noise = np.vstack([noise, limits.noise @ noise[:nx] - limits.residual @ noise[nx:]])
+        by_noise, seen = _responses(A, C, noise, N=N, steps=N + 1)
+        return [seen @ seen.T], [x @ x.T for x in by_noise], [seen @ x.T for x in by_noise]
+
+    (S0,), P, cross = of_noise(_noise(forced))
+    S0 = S0 + np.kron(np.eye(N + 1), R)
     moved = [power @ modes[:nx] for power in powers[:-1]]
     joined = map(np.hstack, (powers, P, cross, moved))
     problem = (start, seen_force, S0, *joined, R)
+    if system.s.parts:
+        pairs = [
+            [of_noise(_joint(forced, Q)) for Q in _definite(part.Q)] for part in system.s.parts
+        ]
+        added = [[np.hstack(a) - np.hstack(b) for a, b in zip(*p, strict=True)] for p in pairs]
+        parts = tuple(map(tuple, added))
+        return Tables(problem, (), atoms_of(shapes, onto), p, steps, parts)
 
     outputs = np.tile(np.arange(len(C)) < len(system.C), N + 1)
     factor = scipy.linalg.cholesky(S0[np.ix_(outputs, outputs)], lower=True)
@@ -108,12 +123,22 @@ def modal_forces(both: Array) -> tuple[Array, Array]:
 
 
 def _noise(forced: Forced) -> Array:
-    """Root of the joint covariance of what the noise adds to next state and output."""
-    nx = len(forced.E)
+    """Joint covariance of what the noise adds to next state and output."""
     both = np.vstack([forced.E, forced.F]) * forced.sigma
-    joint = both @ both.T
-    joint[:nx, :nx] += forced.system.s.Q
-    return root(joint) if joint.any() else np.zeros((len(joint), 1))
+    return both @ both.T + _joint(forced, forced.system.s.Q)
+
+
+def _joint(forced: Forced, Q: Array) -> Array:
+    """The same of noise of the states alone."""
+    nx, ny = len(Q), len(forced.F)
+    return np.block([[Q, np.zeros((nx, ny))], [np.zeros((ny, nx + ny))]])
+
+
+def _definite(Q: Array) -> tuple[Array, Array]:
+    """Two positive semidefinite matrices whose difference is a symmetric one."""
+    values, V = np.linalg.eigh(Q)
+    plus = (V * np.maximum(values, 0)) @ V.T
+    return plus, plus - Q
 
 
 def _responses(A: Array, C: Array, effects: Array, *, N: int, steps: int) -> tuple[Array, Array]:

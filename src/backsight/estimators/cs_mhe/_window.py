@@ -30,6 +30,9 @@ INFO = 10
 STEPS_PER_ATOM = 4
 """The active set may take so many steps for every atom that can be active, and some more."""
 
+OF_NOISE = (2, 4, 5)
+"""Places of what follows from the process noise in `Tables.problem`."""
+
 MARGIN = 16
 """Atoms that may be active beyond those that can be independent."""
 
@@ -166,7 +169,7 @@ class Solver:
         side = np.tile(self.side, self.tables.steps)
         constants = [*full, *self.tables.atoms, side, self.caps.T, np.array(options)]
         given = [ca.MX(ca.DM(a)) for a in constants]
-        told = [*(ca.MX(ca.DM(a)) for a in self.tables.problem), *problem]
+        told = [*problem] or [ca.MX(ca.DM(a)) for a in self.tables.problem]
         rows = (len(self.limits.names) + len(self.forced.system.C)) * (self.N + 1)
         motion = rows + self.tables.modal * self.tables.steps + nx if problem else 1
         said = INFO + len(self.limits.names)
@@ -188,6 +191,21 @@ class Solver:
             info[INFO:],
             found,
         )
+
+    def problem_at(self, u: ca.MX) -> list[ca.MX]:
+        """Tables of a window at inputs that multiply noise, for `solve`; none if nothing does.
+
+        Covariances of the outputs of a window, of its states, and of both are linear in that of the
+        noise.
+        """
+        if not self.tables.parts:
+            return []
+        found = [ca.MX(ca.DM(a)) for a in self.tables.problem]
+        for part, added in zip(self.forced.system.s.parts, self.tables.parts, strict=True):
+            a, b = part.index
+            for place, matrix in zip(OF_NOISE, added, strict=True):
+                found[place] = found[place] + u[a] * u[b] * ca.MX(ca.DM(matrix))
+        return found
 
     def ends(self, states: ca.MX, residuals: ca.MX, M: ca.MX) -> list[ca.MX]:
         """Ends of the limits of all samples, (n, samples) each, less what the motion is.

@@ -47,7 +47,6 @@ from backsight.estimators.parts.limits import Limit, limits_of, names_used_twice
 from backsight.estimators.parts.linear import at_mean, linear
 from backsight.estimators.parts.window import lag_faults
 from backsight.estimators.uncertainty import Noise, Prior
-from backsight.estimators.varied_noise import VariedNoise
 from backsight.models.lti import is_linear
 from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
@@ -171,6 +170,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     kernels: ClassVar[tuple[str, ...]] = (KERNEL, STAGES, MOTION)
     weighs: ClassVar[bool] = True
     seeks_surprises: ClassVar[bool] = True
+    varies_noise: ClassVar[tuple[str, ...]] = ("Q",)
 
     noise: Noise
     prior: Prior
@@ -255,7 +255,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         joined = with_forces_as_inputs(model, self.forces)
         if (rule := self.outliers) is not None:
             raise TuningError(self._refusal(rule))
-        if isinstance(self.noise, VariedNoise) or self.noise.beyond_additive:
+        if self.noise.beyond_additive:
             raise TuningError(f"{self.title} takes additive noise of constant size only")
         return joined
 

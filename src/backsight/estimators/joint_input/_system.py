@@ -13,6 +13,12 @@ from backsight.types import Array
 GROWTH = 1e-6
 """A zero so far outside the unit circle is outside."""
 
+WITH_DYNAMICS = (
+    "let the force walk or follow a process: make it a state with 'augment' ([estimate] or "
+    "[forces] in a problem file) and take a Kalman filter, which also finds forces that show later"
+)
+"""What is left where a force of which nothing is known cannot be found."""
+
 LOST = 1e-6
 """Below this share of what all rows tell of the forces, the measured ones do not tell them."""
 
@@ -81,7 +87,7 @@ def forces_of(system: Linear, names: tuple[str, ...]) -> Forces:
         raise TuningError(
             f"forces {', '.join(names)}: an error of the estimate would grow by the transmission "
             f"zero {shown} from sample to sample; add a sensor, put the sensors where the forces "
-            "act, or sample less often"
+            f"act, or sample less often; or {WITH_DYNAMICS}"
         )
     return Forces(
         system=system,
@@ -113,7 +119,7 @@ def _check_rank(E: Array, F: Array, H: Array, names: tuple[str, ...]) -> None:
     if blind:
         raise TuningError(
             f"no sensor shows {', '.join(blind)} one sample later: {what} is {rank_of(H)} of "
-            f"{m}; add a sensor near it"
+            f"{m}; add a sensor near it, an accelerometer where it acts, or {WITH_DYNAMICS}"
         )
     rank, ways = rank_of(H), rank_of(E)
     if rank < m:

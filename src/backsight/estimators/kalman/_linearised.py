@@ -5,12 +5,19 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from backsight.algebra.factor import cholesky_semidefinite
+from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
+from backsight.estimators.kalman.exact_sensors import (
+    exact_sensors,
+    refuse_many_states,
+    telling,
+)
 from backsight.estimators.kalman.prediction import sensitivity
-from backsight.estimators.kalman.square_root import noise_drowns
+from backsight.estimators.kalman.square_root import noise_drowns, opened_factor
 from backsight.estimators.parts.covariance import Covariance, matrix_product, transposed
 from backsight.estimators.parts.factors import cholesky
 from backsight.estimators.parts.filtering import Halves
@@ -19,26 +26,22 @@ from backsight.estimators.parts.linear import Linear, Varying, root, unstable
 from backsight.estimators.parts.stages import measured_rows
 from backsight.estimators.parts.substeps import seen_outputs, substep_inputs
 from backsight.estimators.smoothing import Linearised, blurred
+from backsight.types import Array
 
 
-def linear_looks(system: Linear | Varying) -> Linearised:
+def linear_looks(system: Linear | Varying, halves: Halves) -> Linearised:
     """Of a linear model: the same at every sample, unless its coefficients change."""
     s = system.s
     if isinstance(system, Varying):
         return _varying_looks(system)
     G = root(s.Q)
     noise = np.array(blurred(ca.DM(G))) if unstable(system.A) else G
-    return Linearised(
-        root=covariance_root(s),
-        ahead=(system.A, noise),
-        seen=seen(s, at="prior"),
-        by_root=noise_drowns(s),
-    )
+    return _looks(s, halves, ahead=(system.A, noise), at="prior")
 
 
 def _varying_looks(system: Varying) -> Linearised:
     s, nx = system.s, system.s.model.nx
-    x, spread, u, u_next = _posterior(s)
+    x, spread, u, u_next = _posterior(s, spread=Covariance(nx).size)
     F, _, noise = system.transitions(u, u_next)
     added = half("noise_kept", s, lambda noise: {"P": noise}, {"noise": (nx, nx)})(noise)
     ahead = [F, blurred(covariance_root(s)(added))]
@@ -46,7 +49,7 @@ def _varying_looks(system: Varying) -> Linearised:
         root=covariance_root(s),
         ahead=ca.Function("ahead", [x, spread, u, u_next], ahead),
         seen=seen(s, at="prior"),
-        by_root=True,  # what drowns at one sample need not at another
+        gathers="root",  # what drowns at one sample need not at another
     )
 
 
@@ -58,7 +61,8 @@ def ekf_looks(
     The noise that a period adds is what the filter's own prediction makes of a state that is known.
     """
     nx = s.model.nx
-    x, spread, u, u_next = _posterior(s)
+    root_of = opened_factor(s) if exact_sensors(s) else covariance_root(s)
+    x, spread, u, u_next = _posterior(s, spread=root_of.numel_in(0))
     if s.model.continuous:
         xs, held = substep_inputs(integrator, u, u_next)
         start = [x, ca.MX(ca.DM(np.eye(nx)))]
@@ -66,13 +70,27 @@ def ekf_looks(
         (_, Ft), _ = scan(step, integrator.steps, carry=start, xs=xs, constants=held)
     else:
         Ft = _mapped(s)(x, u)
-    known = ca.MX(ca.DM.zeros(Covariance(nx).size))
+    known = ca.MX(ca.DM.zeros(spread.numel()))
     _, noise = halves.predict(x, known, u, u_next)
-    ahead = [_turned(s)(Ft), blurred(covariance_root(s)(noise))]
+    ahead = [_turned(s)(Ft), blurred(root_of(noise))]
     function = ca.Function("ahead", [x, spread, u, u_next], ahead)
-    return Linearised(
-        root=covariance_root(s), ahead=function, seen=seen(s, at=at), by_root=noise_drowns(s)
-    )
+    return _looks(s, halves, ahead=function, at=at)
+
+
+def _looks(
+    s: Setting,
+    halves: Halves,
+    *,
+    ahead: ca.Function | tuple[Array, Array],
+    at: Literal["prior", "estimate"],
+) -> Linearised:
+    """How outputs are seen, and what is gathered on the way back."""
+    if exact_sensors(s):
+        refuse_many_states(s)
+        rows = seen_exactly(s, halves.innovation, at=at)
+        return Linearised(root=opened_factor(s), ahead=ahead, seen=rows, gathers="equations")
+    gathers = "root" if noise_drowns(s) else "information"
+    return Linearised(root=covariance_root(s), ahead=ahead, seen=seen(s, at=at), gathers=gathers)
 
 
 def covariance_root(s: Setting) -> ca.Function:
@@ -96,6 +114,29 @@ def seen(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Function:
     return leaf("seen", {**notation(s), "spread": Covariance(s.model.nx).size}, formula)
 
 
+def seen_exactly(
+    s: Setting, innovation: ca.Function, *, at: Literal["prior", "estimate"]
+) -> ca.Function:
+    """`seen` with sensors without noise: the rows (H', e, N) that tell something new."""
+
+    def formula(x_prior: ca.SX, x_post: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
+        point = x_prior if at == "prior" else x_post
+        output = s.model.output(point, u)
+        H, e, R = masked(ca.jacobian(output, point), y - output, ca.SX(s.R), mask)
+        noise = ca.densify(cholesky_semidefinite(R))
+        return {"Ht": ca.densify(H.T), "e": e + H @ (point - x_prior), "noise": noise}
+
+    rows = leaf("seen_exactly", notation(s), formula)
+    names = ("x_prior", "spread", "x_post", "u", "y", "mask")
+    sizes = (s.model.nx, innovation.numel_in(1), s.model.nx, s.model.nu, s.model.ny, s.model.ny)
+    x_prior, spread, x_post, u, y, mask = given = [
+        ca.MX.sym(k, n) for k, n in zip(names, sizes, strict=True)
+    ]
+    _, S = innovation(x_prior, spread, u, y, mask)
+    new, _ = telling(s)(x_prior, S, u, mask)
+    return ca.Function("seen", given, list(rows(x_prior, x_post, u, y, new)))
+
+
 def _seen_by_many(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Function:
     """`seen` of many states, as operations on matrices; the noises of the outputs are independent.
 
@@ -115,9 +156,9 @@ def _seen_by_many(s: Setting, *, at: Literal["prior", "estimate"]) -> ca.Functio
     return ca.Function("seen", given, [Ht, e])
 
 
-def _posterior(s: Setting) -> list[ca.MX]:
+def _posterior(s: Setting, *, spread: int) -> list[ca.MX]:
     nx, nu = s.model.nx, s.model.nu
-    sizes = {"x": nx, "spread": Covariance(nx).size, "u": nu, "u_next": nu}
+    sizes = {"x": nx, "spread": spread, "u": nu, "u_next": nu}
     return [ca.MX.sym(k, n) for k, n in sizes.items()]
 
 

@@ -15,7 +15,7 @@ from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
 from backsight.estimators.kalman._bucy import assemble_continuous
 from backsight.estimators.kalman._linearised import ekf_looks
-from backsight.estimators.kalman.exact_sensors import with_exact_sensors
+from backsight.estimators.kalman.exact_sensors import exact_sensors, with_exact_sensors
 from backsight.estimators.kalman.prediction import Propagation, predict, transition
 from backsight.estimators.kalman.square_root import square_root_halves, wide
 from backsight.estimators.parts.covariance import (
@@ -130,18 +130,9 @@ class EKF(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        by_factor = self.measurement == "sampled" and self.covariance != "ode"
-        s = setting(
-            model,
-            dt,
-            noise=self.noise,
-            prior=self.prior,
-            integrator=self.integrator,
-            noiseless=by_factor,
-        )
-        if by_factor and wide(s):
-            kept = s.sampled() if self.covariance == "discrete" else s
-            return assemble(self.key, s, with_exact_sensors(s, square_root_halves(kept)))
+        s = self._setting(model, dt)
+        if self._by_factor and wide(s):
+            return assemble(self.key, s, self._halves_of_factor(s))
         reusing = self._reusing(model, s)
         if reusing is not None:
             return reusing
@@ -152,6 +143,25 @@ class EKF(AbstractEstimator):
         spread = s.with_noise(lambda Q, Qc: (0 * Q, Qc + Q / dt))
         step = transition(spread, s.integrator)
         return assemble_continuous(self.key, s, parts, transition=step, integrator=s.integrator)
+
+    @property
+    def _by_factor(self) -> bool:
+        """Whether it can keep a factor of the covariance."""
+        return self.measurement == "sampled" and self.covariance != "ode"
+
+    def _setting(self, model: Model, dt: float) -> Setting:
+        return setting(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            integrator=self.integrator,
+            noiseless=self._by_factor,
+        )
+
+    def _halves_of_factor(self, s: Setting) -> Halves:
+        kept = s.sampled() if self.covariance == "discrete" else s
+        return with_exact_sensors(s, square_root_halves(kept))
 
     def _reusing(self, model: Model, s: Setting) -> Recursion | None:
         """The Kalman filter that reuses its gain, if this is one and there is a limit."""
@@ -168,8 +178,11 @@ class EKF(AbstractEstimator):
         """See `AbstractEstimator.smoother`."""
         if self.measurement == "continuous":
             raise TuningError("measurement='continuous' cannot be smoothed; use 'sampled'")
-        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
-        parts = ekf_halves(s, s.integrator, self.covariance)
+        s = self._setting(model, dt)
+        if exact_sensors(s):
+            parts = self._halves_of_factor(s)
+        else:
+            parts = ekf_halves(s, s.integrator, self.covariance)
         looks = ekf_looks(s, s.integrator, parts, at="prior")
         return passes(self.key, s, parts, looks, covariance=covariance)
 

@@ -13,7 +13,10 @@ import dataclasses
 import casadi as ca
 
 from backsight.algebra.update import measured
+from backsight.engine.dense import UNROLL
+from backsight.errors import TuningError
 from backsight.estimators.base import Setting
+from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
@@ -32,6 +35,16 @@ def exact_sensors(s: Setting) -> bool:
     return any(covariance_faults(s.R, what="R", singular=False))
 
 
+def refuse_many_states(s: Setting) -> None:
+    """Raise `TuningError` where straight-line code would be too long."""
+    if Covariance(s.model.nx).whole:
+        raise TuningError(
+            f"the model has {s.model.nx} states, and sensors have no noise (sigma_y = 0, a "
+            f"singular R): that can be smoothed with up to {UNROLL} states; give the sensors a "
+            "small sigma_y, or smooth by solve_window with an MHE"
+        )
+
+
 def with_exact_sensors(s: Setting, halves: Halves) -> Halves:
     """The same filter, which leaves out what is known exactly before it is measured."""
     correct = correcting_exactly(s, innovation=halves.innovation, correct=halves.correct)
@@ -48,13 +61,13 @@ def correcting_exactly(s: Setting, *, innovation: ca.Function, correct: ca.Funct
     given = [ca.MX.sym(correct.name_in(i), *correct.size_in(i)) for i in range(correct.n_in())]
     x, spread, u, y, mask = given
     _, S = innovation(*given)
-    kept, left_out = _telling(s)(x, S, u, mask)
+    kept, left_out = telling(s)(x, S, u, mask)
     x_post, spread_post, flags = correct(x, spread, u, y, kept)
     results = [x_post, spread_post, _redundant(flags, left_out)]
     return ca.Function("correct_exactly", given, results)
 
 
-def _telling(s: Setting) -> ca.Function:
+def telling(s: Setting) -> ca.Function:
     """``(x, S, u, mask) -> (mask, 1 if a row was left out)``, by the pivots of S = L D L'."""
     ny = s.model.ny
 

@@ -13,10 +13,12 @@ from backsight.engine.dense import all_entries, scaled_rows
 from backsight.engine.loops import iterate
 from backsight.engine.recursion import ForwardBackward, Recursion
 from backsight.estimators.base import AbstractEstimator, Setting, Spread, setting
+from backsight.estimators.kalman._iterated_exactly import iterated_exactly
 from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.ekf import correct, ekf_halves
+from backsight.estimators.kalman.exact_sensors import exact_sensors, with_exact_sensors
 from backsight.estimators.kalman.prediction import Propagation
-from backsight.estimators.kalman.square_root import refuse_too_wide
+from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -27,7 +29,7 @@ from backsight.estimators.parts.covariance import (
     turned_product,
 )
 from backsight.estimators.parts.factors import solve_definite
-from backsight.estimators.parts.filtering import assemble
+from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.stages import noise_seen
@@ -66,7 +68,9 @@ class IEKF(AbstractEstimator):
 
     The first step is that of the EKF. A later one that does not lower J is halved until it does,
     so that the result is never less likely than that of the EKF. The covariance is that of the
-    EKF with the Jacobian of the last linearisation; prediction is that of the EKF.
+    EKF with the Jacobian of the last linearisation; prediction is that of the EKF. Readings of
+    sensors without noise are equations that the result obeys, see
+    `backsight.estimators.kalman._iterated_exactly`.
 
     Parameters
     ----------
@@ -122,19 +126,38 @@ class IEKF(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
+        s = self._setting(model, dt)
         refuse_too_wide(s, "IEKF")
-        once = ekf_halves(s, s.integrator, self.covariance)
-        iterated = _correct(s, self.max_iterations, self.tolerance)
-        return assemble(self.key, s, dataclasses.replace(once, correct=iterated, iterated=True))
+        return assemble(self.key, s, self._halves(s))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
-        once = ekf_halves(s, s.integrator, self.covariance)
-        parts = dataclasses.replace(once, correct=_correct(s, self.max_iterations, self.tolerance))
+        s = self._setting(model, dt)
+        parts = self._halves(s)
         looks = ekf_looks(s, s.integrator, parts, at="estimate")
         return passes(self.key, s, parts, looks, covariance=covariance)
+
+    def _setting(self, model: Model, dt: float) -> Setting:
+        return setting(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            integrator=self.integrator,
+            noiseless=self.covariance != "ode",
+        )
+
+    def _halves(self, s: Setting) -> Halves:
+        """Those of the EKF, with an iterated measurement update."""
+        limit, tolerance = self.max_iterations, self.tolerance
+        if exact_sensors(s):
+            once = square_root_halves(s.sampled() if self.covariance == "discrete" else s)
+            return with_exact_sensors(
+                s, iterated_exactly(s, once, limit=limit, tolerance=tolerance)
+            )
+        once = ekf_halves(s, s.integrator, self.covariance)
+        iterated = _correct(s, limit, tolerance)
+        return dataclasses.replace(once, correct=iterated, iterated=True)
 
 
 def _correct(s: Setting, limit: int, tolerance: float) -> ca.Function:

@@ -13,7 +13,7 @@ from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.estimators.kalman import ekf
 from backsight.estimators.kalman._linearised import linear_looks
-from backsight.estimators.kalman.exact_sensors import with_exact_sensors
+from backsight.estimators.kalman.exact_sensors import exact_sensors, with_exact_sensors
 from backsight.estimators.kalman.prediction import predict
 from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves, wide
 from backsight.estimators.parts.covariance import Covariance, Term, congruence, matrix_product
@@ -123,9 +123,7 @@ class KalmanFilter(AbstractEstimator):
         if self.steady_state:
             return assemble(self.key, system.s, fixed_gain_halves(system, _riccati(system)[0]))
         if wide(system.s):
-            ramp = ramp_end(system) if system.ramp else None
-            halves = square_root_halves(system.s, ramp=ramp)
-            return assemble(self.key, system.s, with_exact_sensors(system.s, halves))
+            return assemble(self.key, system.s, halves_of_factor(system))
         found = filter_limit(system) if self.gain == "converged" else None
         if found is not None:
             return reusing_filter(self.key, system, found)
@@ -133,9 +131,13 @@ class KalmanFilter(AbstractEstimator):
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`; exact, whatever `steady_state` says."""
-        system = self._system(model, dt)
-        parts = linear_halves(system, ekf.correct(system.s))
-        return passes(self.key, system.s, parts, linear_looks(system), covariance=covariance)
+        system = self._system(model, dt, noiseless=True)
+        if isinstance(system, Linear) and exact_sensors(system.s):
+            halves = halves_of_factor(system)
+        else:
+            halves = linear_halves(system, ekf.correct(system.s))
+        looks = linear_looks(system, halves)
+        return passes(self.key, system.s, halves, looks, covariance=covariance)
 
     def steady(self, model: Model, dt: float) -> tuple[Array, Array]:
         """Gain K (nx, ny) and covariance of the one-step prediction (nx, nx) in the steady state.
@@ -174,6 +176,12 @@ def linear_halves(system: Linear | Varying, correct: ca.Function) -> Halves:
         covariance=kept.triangle(),
         ramp=system.ramp,
     )
+
+
+def halves_of_factor(system: Linear) -> Halves:
+    """Halves with a factor of the covariance, for wide priors and sensors without noise."""
+    ramp = ramp_end(system) if system.ramp else None
+    return with_exact_sensors(system.s, square_root_halves(system.s, ramp=ramp))
 
 
 def fixed_gain_halves(system: Linear, gain: Array) -> Halves:

@@ -222,6 +222,13 @@ def _predict(s: Setting, ramp: ca.Function | None) -> ca.Function:
     return ca.Function("predict", [x, spread, u, u_next], [x_end, end])
 
 
+def opened_factor(s: Setting) -> ca.Function:
+    """Spread to the lower factor (nx, nx)."""
+    kept = Factor(Covariance(s.model.nx))
+    sizes = {"spread": kept.size}
+    return half("opened", s, lambda spread: {"L": ca.densify(kept.opened(spread))}, sizes)
+
+
 def covariance_of_factor(s: Setting) -> ca.Function:
     """Spread of `Factor` to the lower triangle of the covariance."""
     kept = Factor(Covariance(s.model.nx))

@@ -18,11 +18,10 @@ from backsight.estimators.kalman.sigma_points import (
     SigmaPoints,
     images_ahead,
     images_seen,
-    opened_factor,
     points_of,
     unscented_looks,
 )
-from backsight.estimators.kalman.square_root import covariance_of_factor
+from backsight.estimators.kalman.square_root import covariance_of_factor, opened_factor
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -116,7 +115,28 @@ class UKF(AbstractEstimator):
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
-        s = setting(
+        s = self._setting(model, dt)
+        halves = ukf_halves(s, s.integrator, self._points(s))
+        return assemble(self.key, s, with_exact_sensors(s, halves))
+
+    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
+        """See `AbstractEstimator.smoother`."""
+        s = self._setting(model, dt)
+        points = self._points(s)
+        parts = with_exact_sensors(s, ukf_halves(s, s.integrator, points))
+        looks = unscented_looks(
+            s,
+            points.weights,
+            opened=opened_factor(s),
+            moved=images_ahead(s, points, s.integrator),
+            shown=_shown(s, images_seen(s, points)),
+            innovation=parts.innovation,
+            Q=_noise_root(s),
+        )
+        return passes(self.key, s, parts, looks, covariance=covariance)
+
+    def _setting(self, model: Model, dt: float) -> Setting:
+        return setting(
             model,
             dt,
             noise=self.noise,
@@ -124,23 +144,6 @@ class UKF(AbstractEstimator):
             integrator=self.integrator,
             noiseless=True,
         )
-        halves = ukf_halves(s, s.integrator, self._points(s))
-        return assemble(self.key, s, with_exact_sensors(s, halves))
-
-    def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
-        """See `AbstractEstimator.smoother`."""
-        s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)
-        points = self._points(s)
-        looks = unscented_looks(
-            s,
-            points.weights,
-            opened=opened_factor(s),
-            moved=images_ahead(s, points, s.integrator),
-            shown=_shown(s, images_seen(s, points)),
-            Q=_noise_root(s),
-        )
-        parts = ukf_halves(s, s.integrator, points)
-        return passes(self.key, s, parts, looks, covariance=covariance)
 
     def _points(self, s: Setting) -> SigmaPoints:
         return points_of(

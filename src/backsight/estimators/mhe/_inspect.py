@@ -83,10 +83,11 @@ def _physical(parts: Parts) -> ca.Function:
             "k": k + 1,
             "x": ca.SX(s.sx) * x,
             "triangle": ca.densify(vech(chain.matrix(P) * ca.SX(units))),
-            "w": ca.densify(ca.SX(s.sx) * (before * (ca.SX(ca.DM(chain.Q)) @ eta))),
+            "w": ca.densify(ca.SX(s.sx) * chain.noise_along(before, eta)),
             "v": ca.densify(ca.SX(s.sy) * (y - s.model.output(x, u))),
             "multiplier": ca.densify(nu / ca.SX(parts.limits.unit)),
         }
 
-    window = {"k": 1, "P": chain.size_P, "eta": s.model.nx, "nu": chain.n, "before": 1}
+    window = {"k": 1, "P": chain.size_P, "eta": s.model.nx, "nu": chain.n}
+    window["before"] = chain.sizes["before"]
     return leaf("physical_sample", {**notation(s), **window}, formula)

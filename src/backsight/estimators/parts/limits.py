@@ -119,7 +119,7 @@ def limits_of(s: Setting, Q: Array, limits: Sequence[Limit], soft: Mapping[str, 
     Raises
     ------
     TuningError
-        If a name is unknown.
+        If a name is unknown, or noise is limited that inputs multiply.
     """
     model = s.model
     boxes = [
@@ -130,6 +130,8 @@ def limits_of(s: Setting, Q: Array, limits: Sequence[Limit], soft: Mapping[str, 
     every = (*boxes, *limits)
     names = tuple(limit.name for limit in every)
     _check(names, soft)
+    if s.parts and any(limit.of == "noise" for limit in limits):
+        raise TuningError("noise that inputs multiply does not go with limits of the noise")
     rows = [_row(s, Q, limit, float(soft.get(limit.name, np.inf))) for limit in every]
     of_sensors = {len(every) + k: j for k, j in enumerate(exact_outputs(s.R))}
     rows += [_exact_row(s, j) for j in of_sensors.values()]

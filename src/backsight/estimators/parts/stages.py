@@ -1,6 +1,7 @@
 """The samples of a window as the trajectory solver wants them: outputs and limits."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -26,7 +27,15 @@ from backsight.solvers.trajectory import Chain, end_covariance
 from backsight.types import Array
 
 
-def chain_of(s: Setting, limits: Limits, F: ca.Sparsity, *, Q: Array, N: int) -> Chain:
+def chain_of(
+    s: Setting,
+    limits: Limits,
+    F: ca.Sparsity,
+    *,
+    Q: Array,
+    N: int,
+    parts: Sequence[Array] = (),
+) -> Chain:
     """Sizes and constants of a window; F is where its transition matrices can differ from zero."""
     seen = _linear_outputs(s)
     if seen is None:
@@ -47,13 +56,15 @@ def chain_of(s: Setting, limits: Limits, F: ca.Sparsity, *, Q: Array, N: int) ->
         softness=limits.softness,
         slack=limits.slack,
         exact=tuple(limits.exact),
+        parts=tuple(parts),
     )
 
 
 def outputs_and_limits(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
     """``(X, U, Y, M, present) -> (before, H, e, A, low, high)`` of all samples, see `Chain.sizes`.
 
-    X is the trajectory along which outputs and residuals are linearised.
+    X is the trajectory along which outputs and residuals are linearised. The noise of a transition
+    is multiplied by inputs of the sample from which it leads.
     """
     nx, nu, ny, N = s.model.nx, s.model.nu, s.model.ny, chain.N
     sizes = {"X": nx, "U": nu, "Y": ny, "M": ny, "present": 1}
@@ -63,7 +74,9 @@ def outputs_and_limits(s: Setting, limits: Limits, chain: Chain) -> ca.Function:
     found = _linear_outputs(s)
     one = _sample(s, limits, chain) if found is None else _of_many(s, limits, chain, *found)
     _, seen = scan(one, N + 1, carry=[ca.MX(0)], xs=[X, U, Y, M, before, present, last])
-    return ca.Function("outputs_and_limits", given, [before, *seen])
+    factors = [present * U[a, :] * U[b, :] for a, b in (p.index for p in s.parts)]
+    multiplied = [ca.horzcat(0, factor[:, :-1]) for factor in factors[: len(chain.parts)]]
+    return ca.Function("outputs_and_limits", given, [ca.vertcat(before, *multiplied), *seen])
 
 
 def equations_among(chain: Chain) -> ca.Function:

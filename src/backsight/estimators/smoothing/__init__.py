@@ -1,6 +1,6 @@
 """Fixed-interval smoothing: a filter forward, an information filter back."""
 
-from backsight.estimators.smoothing._passes import Linearised as Linearised
+from backsight.estimators.smoothing._backward import Linearised as Linearised
 from backsight.estimators.smoothing._passes import filter_channels as filter_channels
 from backsight.estimators.smoothing._passes import leaving as leaving
 from backsight.estimators.smoothing._passes import passes as passes

@@ -40,6 +40,7 @@ def model_header(code: Written, found: Sequence[Variable], token: str) -> str:
         "STATUS": at["status"],
         "WEIGHT": weight,
         "WEIGHS": int(code.estimator.weighs),
+        "TABLES": len(code.source.tables),
     }
     start = ",\n    ".join(DOUBLE.number(0.0 if v.reference == 0 else v.start) for v in found)
     n = model.ny
@@ -81,12 +82,14 @@ def model_header(code: Written, found: Sequence[Variable], token: str) -> str:
             "}",
             "",
             "static void model_sample(",
-            "    model_memory *memory, model_workspace *work, double *values, const double *y,",
-            "    const double *mask, model_innovation *innovation)",
+            "    model_memory *memory, model_workspace *work, const double *tables,",
+            "    double *values, const double *y, const double *mask,",
+            "    model_innovation *innovation)",
             "{",
             *_locals(code),
             "    int i;",
             *_settings(code),
+            *([] if code.source.tables else ["    (void)tables;"]),
             f"    {name}_step(memory, work, {_arguments(code)});",
             f"    for (i = 0; i < {n}; ++i) {{",
             *copied,
@@ -136,7 +139,8 @@ def _settings(code: Written) -> list[str]:
 
 
 def _arguments(code: Written) -> str:
-    settings = ["&settings"] if code.open.fields else []
+    settings = ["tables"] if code.source.tables else []
+    settings += ["&settings"] if code.open.fields else []
     outputs = [c.name for c in code.recursion.channels]
     return ", ".join([*settings, "values + MODEL_U", "y", "mask", *outputs])
 

@@ -32,6 +32,7 @@ typedef struct {
 typedef struct {
     State state;
     model_workspace work;
+    double tables[MODEL_TABLES + 1];
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
     bool logging;
@@ -74,6 +75,7 @@ static void restart(State *state)
 }
 
 #include "innovation.h"
+#include "tables.h"
 
 /* --- Samples ---------------------------------------------------------------------------------- */
 
@@ -119,7 +121,7 @@ static fmi3Status sample(Instance *it)
     const fmi3Status status = measured(it, y, mask);
     if (status != fmi3OK)
         return status;
-    model_sample(&state->memory, &it->work, state->values, y, mask, &innovation);
+    model_sample(&state->memory, &it->work, it->tables, state->values, y, mask, &innovation);
     for (k = MODEL_LAG; k > 0; --k)
         for (i = 0; i < MODEL_NY; ++i)
             state->masks[k][i] = state->masks[k - 1][i];
@@ -172,6 +174,11 @@ FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(
     it->environment = instanceEnvironment;
     it->log = logMessage;
     it->logging = loggingOn;
+    if (MODEL_TABLES > 0 && !read_tables(resourcePath, it->tables)) {
+        (void)failed(it, "the folder of resources has no file 'tables.bin', or another one");
+        free(it);
+        return NULL;
+    }
     restart(&it->state);
     return it;
 }

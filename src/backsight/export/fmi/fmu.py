@@ -12,6 +12,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
 from backsight.description import checked
@@ -27,8 +28,12 @@ from backsight.export.fmi._variables import variables
 from backsight.models.model import Model
 from backsight.output import write_whole
 
-WRAPPER = ("fmu.c", "fmi3.h", "absent.h", "innovation.h", "state.h", "values.h")
+WRAPPER = ("fmu.c", "fmi3.h", "absent.h", "innovation.h", "state.h", "tables.h", "values.h")
 """Files in C that all FMUs share."""
+
+MOST = 16_000
+"""Numbers in tables of the code; if there are more, they are once in the folder of resources, and
+not in each library and the sources."""
 
 MOMENT = (1980, 1, 1, 0, 0, 0)
 """Of all files in the archive, so that the same estimator gives the same bytes."""
@@ -106,7 +111,9 @@ def export_fmu(
     wanted = list(dict.fromkeys([this_machine()] if platforms is None else platforms))
     if unknown := [p for p in wanted if p not in TARGETS]:
         raise EngineError(f"FMUs are not made for {unknown[0]}: choose from {', '.join(TARGETS)}")
-    code = code_of(estimator, model, recording, name=name, names=tunable, restart=restart)
+    code = code_of(
+        estimator, model, recording, name=name, names=tunable, restart=restart, most=MOST
+    )
     return write_whole(target, _archive(_content(code, wanted)))
 
 
@@ -124,6 +131,7 @@ def _content(code: Written, platforms: Sequence[str]) -> dict[str, bytes]:
     compiled = ["fmu.c", f"{code.name}.c"]
     return {
         "modelDescription.xml": model_description(code, found, token),
+        **_resources(code),
         **_libraries(code.name, sources, compiled, platforms),
         **{f"sources/{n}": text.encode() for n, text in sources.items()},
         "sources/buildDescription.xml": build_description(code, compiled),
@@ -131,6 +139,11 @@ def _content(code: Written, platforms: Sequence[str]) -> dict[str, bytes]:
         "terminalsAndIcons/terminalsAndIcons.xml": terminals(found),
         "terminalsAndIcons/icon.png": icon(),
     }
+
+
+def _resources(code: Written) -> dict[str, bytes]:
+    tables = np.array(code.source.tables, dtype="<f8")
+    return {"resources/tables.bin": tables.tobytes()} if tables.size else {}
 
 
 def _libraries(

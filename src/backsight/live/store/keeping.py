@@ -124,7 +124,7 @@ class Keeper:
         """For payloads that are acknowledged before they are in a part."""
         self._superfluous: list[Callable[[], None]] = []
         self.stored = self.given_up = 0
-        """Samples on the disk, and such for which there was no room for too long."""
+        """Samples on the disk, and such for which there was no room for too long, or at the end."""
         self.failure = ""
         """Why the last part could not be written."""
 
@@ -183,6 +183,9 @@ class Keeper:
         self.tick(checkpoint, stored)
         self._pool.shutdown(wait=True)
         self._look()
+        if lost := sum(map(len, self._waiting)):
+            self.given_up += lost
+            self._tell(f"{self.failure}: the last {lost} samples are not stored")
         if self.journal is not None:
             self.journal.close()
 

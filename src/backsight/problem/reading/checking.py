@@ -25,9 +25,10 @@ _REASONS = {
     "dict_type": "must be a table, not {}",
     "model_type": "must be a table, not {}",
     "too_short": "is empty; at least one entry is needed",
-    "greater_than_equal": "is {}; it must not be negative",
+    "greater_than_equal": "is {}; it must be at least {ge:g}",
+    "less_than_equal": "is {}; it must be at most {le:g}",
 }
-"""What is wrong, by pydantic's kind of error; the braces stand for what was given."""
+"""What is wrong, by pydantic's kind of error; braces stand for what was given, and for limits."""
 
 
 def validated(kind: type[AnyTable], given: object, *, where: str = "") -> AnyTable:
@@ -74,7 +75,8 @@ def _line(error: Any, kind: type[StrictTable], where: str) -> str:
     if error["type"] == "extra_forbidden":
         return f"{key}: unknown key, {nearest(place[-1], _keys(kind, place[:-1]))}"
     reason = _REASONS.get(error["type"], f"{error['msg'].lower()}, not {{}}")
-    return f"{key or 'the file'}: {reason.format(shown_value(error['input']))}"
+    said = reason.format(shown_value(error["input"]), **error.get("ctx", {}))
+    return f"{key or 'the file'}: {said}"
 
 
 def _keys(kind: type[StrictTable], place: Sequence[int | str]) -> list[str]:

@@ -202,8 +202,7 @@ def _left_out(estimator: AbstractEstimator, model: Model) -> Iterator[str]:
     """What `_on` and `_plain` take off, by name."""
     noise, _ = estimator.assumed
     yield from (text for name, text in OF_NOISE.items() if getattr(noise, name) is not None)
-    fields = {f.name for f in dataclasses.fields(estimator)}
-    yield from (name for name in ("limits", "soft") if name in fields and getattr(estimator, name))
+    yield from estimator.restrictions
     bounded = [s.name for s in model.states if np.isfinite([s.lower, s.upper]).any()]
     if bounded:
         yield f"the bounds of {', '.join(bounded)}"

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from backsight.data.listing import clipped_ends
+from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.uncertainty import Noise
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.rounding import significant
@@ -115,8 +115,9 @@ def _read(model: Model, recording: xr.Dataset) -> list[tuple[Signal, Array]]:
 
 def _deviations(estimator: AbstractEstimator, model: Model) -> dict[str, float]:
     """Standard deviation of the noise of every output; empty if the estimator has none."""
-    noise = getattr(estimator, "noise", None)
-    if not isinstance(noise, Noise):
+    try:
+        noise, _ = estimator.assumed
+    except TuningError:
         return {}
     sigma = np.sqrt(np.diag(noise.measurement(model, singular=True)))
     return dict(zip([s.name for s in model.outputs], map(float, sigma), strict=True))

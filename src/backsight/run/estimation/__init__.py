@@ -20,7 +20,6 @@ from backsight.run.estimation._smooth import carry_out_smoothing as carry_out_sm
 from backsight.run.estimation._smooth import ready_to_smooth as ready_to_smooth
 from backsight.run.estimation._smooth import smooth as smooth
 from backsight.run.estimation._smooth import smoothed_between as smoothed_between
-from backsight.run.estimation._smooth import smoothed_result as smoothed_result
 from backsight.run.estimation._stream import stream as stream
 from backsight.run.estimation.carrying import Block as Block
 from backsight.run.estimation.carrying import Thinning as Thinning

@@ -1,34 +1,37 @@
 """Smooth a recording: every estimate knows all of it."""
 
 import dataclasses
-import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import xarray as xr
 
 from backsight.description import checked
-from backsight.engine.execute import Engine, choose_engine, prepare, run_part, run_recursion
+from backsight.engine.execute import Engine, choose_engine, prepare, run_recursion
 from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import EstimationError, TuningError
 from backsight.estimators.base import AbstractEstimator, Spread
 from backsight.models.model import Model
+from backsight.run.estimation._both_ways import (
+    Samples,
+    blocks_back,
+    lengths_of,
+    results_of,
+    samples_of,
+)
 from backsight.run.estimation._estimate import (
     check_memory,
     failure,
     numbers_of,
     warn_of_useless_rule,
 )
-from backsight.run.estimation._match import match, with_turns
-from backsight.run.estimation.results.result import as_result
+from backsight.run.estimation._match import match, sensed_outputs, with_turns
+from backsight.run.estimation.carrying import Store
+from backsight.run.estimation.results.outputs import ALL
+from backsight.run.estimation.results.result import Made, coordinates, result_of
+from backsight.run.estimation.results.values import Measured, deviation, looked_at, named
 from backsight.types import Array
-
-LEAST_BLOCK = 1000
-"""Samples of a block at least."""
-
-KEPT = 2**24
-"""Numbers that a block may take: it goes forward once only if the whole recording is one block."""
 
 
 @checked()
@@ -101,23 +104,43 @@ def smooth(
 
 @dataclasses.dataclass(frozen=True)
 class SmoothingTask:
-    """A smoother compiled for a model, and data that fit: inputs, outputs and mask."""
+    """A smoother compiled for a model, and data that fit.
+
+    Parameters
+    ----------
+    estimator, model, recording
+    passes : ForwardBackward
+    u, y : arrays
+        Inputs (n, nu), and outputs (n, ny) where a sensor measured them, else NaN.
+    data : callable
+        What the passes take of some samples.
+    """
 
     estimator: AbstractEstimator
     model: Model
     recording: xr.Dataset
     passes: ForwardBackward
-    data: tuple[Array, Array, Array]
+    u: Array
+    y: Array
+    data: Samples
+
+    def over(self, recording: xr.Dataset, data: tuple[Array, Array, Array]) -> "SmoothingTask":
+        """The same smoother over another recording, of which data are what `match` gives."""
+        u, y, mask = data
+        measured = sensed_outputs(self.model, y, mask)
+        return dataclasses.replace(
+            self, recording=recording, u=u, y=measured, data=samples_of(self.model, data, measured)
+        )
 
     @property
     def samples(self) -> int:
         """Number of samples of the recording."""
-        return len(self.data[0])
+        return len(self.u)
 
     @property
     def numbers(self) -> int:
         """Numbers that are needed for a sample of the result."""
-        lengths, channels = _lengths(self.passes), _channels(self.passes)
+        lengths, channels = lengths_of(self.passes), results_of(self.passes)
         return numbers_of([channels[name] for name in lengths], list(lengths.values()))
 
 
@@ -136,7 +159,10 @@ def ready_to_smooth(
     passes = estimator.both_ways(model, dt, covariance=covariance)
     if any(s.wrap is not None for s in model.outputs):
         data = _unwrapped(estimator.compile(model, dt), model, data)
-    return SmoothingTask(estimator, model, recording, passes, data)
+    u, y, mask = data
+    measured = sensed_outputs(model, y, mask)
+    rows = samples_of(model, data, measured)
+    return SmoothingTask(estimator, model, recording, passes, u, measured, rows)
 
 
 def _unwrapped(
@@ -167,131 +193,83 @@ def carry_out_smoothing(
     task: SmoothingTask, *, engine: str | None, throw: bool, progress: Callable[[int], None]
 ) -> xr.Dataset:
     """Run what is ready, see `smooth`."""
-    passes, chosen = task.passes, choose_engine(engine, task.samples)
-    for one in (passes.forward, passes.backward):
+    chosen = choose_engine(engine, task.samples)
+    for one in (task.passes.forward, task.passes.backward):
         prepare(one, chosen)
-    started = time.perf_counter()
-    values = _smoothed(passes, task.data, engine=chosen, progress=progress)
-    seconds = time.perf_counter() - started
-    result = smoothed_result(task, values, engine=chosen, seconds=seconds)
+    carries = task.passes.forward.carry0, task.passes.backward.carry0
+    result, _ = smoothed_between(
+        task, carries, u_after=task.u[-1], engine=chosen, progress=progress
+    )
     if throw and (message := failure(result)):
         raise EstimationError(message, result)
     return result
 
 
-def smoothed_result(
-    task: SmoothingTask,
-    values: Mapping[str, Array],
-    *,
-    engine: str,
-    seconds: float,
-    largest: Array | None = None,
-) -> xr.Dataset:
-    """What `smooth` returns; of a part of a recording with the size of its outputs in all of it."""
-    result = as_result(
-        list(values.values()),
-        [_channels(task.passes)[name] for name in values],
-        task.estimator,
-        task.model,
-        task.recording,
-        engine=engine,
-        seconds=seconds,
-        largest=largest,
-    )
-    result["v"] = result["y"] - result["y_hat"]
-    result["v"].attrs["long_name"] = "residual: measurement minus the output computed from x_hat"
-    result.attrs["smoothed"] = 1
-    return result
-
-
-def _smoothed(
-    passes: ForwardBackward,
-    data: tuple[Array, Array, Array],
-    *,
-    engine: str,
-    progress: Callable[[int], None],
-) -> dict[str, Array]:
-    carries = passes.forward.carry0, passes.backward.carry0
-    return smoothed_between(
-        passes, data, carries, u_after=data[0][-1], engine=engine, progress=progress
-    )[0]
-
-
 def smoothed_between(
-    passes: ForwardBackward,
-    data: tuple[Array, Array, Array],
+    task: SmoothingTask,
     carries: tuple[Array, Array],
     *,
     u_after: Array,
     engine: str,
+    largest: Array | None = None,
     progress: Callable[[int], None] = lambda _: None,
-) -> tuple[dict[str, Array], Array]:
+) -> tuple[xr.Dataset, Array]:
     """Forward once to keep the memory at the start of every block, then back block by block.
 
     Parameters
     ----------
-    passes : ForwardBackward
-    data : tuple of arrays
-        Inputs, outputs and mask of samples that follow each other.
+    task : SmoothingTask
     carries : tuple of arrays
-        Memory of the pass forward before the first of them, and of the pass back after the last.
+        Memory of the pass forward before the first sample, and of the pass back after the last.
     u_after : (nu,) array
         Inputs of the sample after the last one.
     engine : str
+    largest : (ny,) array, optional
+        Size of every output in the whole recording, if this is a part of one.
     progress : callable
         Told the number of samples done.
 
     Returns
     -------
-    values : dict
-        Results by name, one row per sample.
+    result : Dataset
+        What `smooth` returns.
     carry : array
         Memory of the pass back before the first sample.
     """
-    u, y, mask = data
-    n, forward, backward = len(u), passes.forward, passes.backward
-    size = max(LEAST_BLOCK, math.isqrt(n), KEPT // sum(forward.output_sizes))
-    blocks = [slice(start, min(start + size, n)) for start in range(0, n, size)]
-    starts, carry = [carries[0]], carries[1]
-    for part in blocks[:-1]:
-        rows = [a[part] for a in data]
-        starts.append(run_part(forward, starts[-1], rows, engine=engine)[0])
-        progress(part.stop // 2)
-    values = {name: np.empty((n, length)) for name, length in _lengths(passes).items()}
-    after = np.vstack([u[1:], u_after[None]])
-    for part, start in zip(reversed(blocks), reversed(starts), strict=True):
-        _, outputs = run_part(forward, start, [a[part] for a in data], engine=engine)
-        handed, own = outputs[: passes.handed], outputs[passes.handed :]
-        weighed = mask[part]
-        if passes.weights is not None:
-            weighed = weighed * outputs[passes.weights]
-        rows = [*handed, u[part], after[part], y[part], weighed]
-        carry, estimates = run_part(backward, carry, [a[::-1] for a in rows], engine=engine)
-        found = {c.name: v[::-1] for c, v in zip(backward.channels, estimates, strict=True)}
-        for channel, value in zip(forward.channels[passes.handed :], own, strict=True):
-            known = found.get(channel.name)
-            found[channel.name] = value if known is None else _either(value, known)
-        for name, value in found.items():
-            values[name][part] = value
-        progress(n - part.start // 2 - part.start % 2)
-    return values, carry
+    channels, model = list(results_of(task.passes).values()), task.model
+    told = [*channels, Channel("x_std", ("state",))] if _has_covariance(channels) else channels
+    made = Made(
+        task.estimator,
+        model,
+        task.recording,
+        u=task.u,
+        y=task.y,
+        integrator=task.estimator.chosen(model, float(task.recording.attrs["dt"])),
+        coordinates=coordinates(model, told),
+    )
+    measured = Measured.of(made.y) if largest is None else Measured(made.y, largest)
+    store = Store(ALL, task.samples)
+    store.values["y"] = made.y
+    started = time.perf_counter()
+    carry = carries[1]
+    n = task.samples
+    ways = blocks_back(
+        task.passes, task.data, carries, u_after, samples=n, engine=engine, progress=progress
+    )
+    for block, left in ways:
+        carry = left
+        values = named([block.values[c.name] for c in channels], channels)
+        if _has_covariance(channels):
+            values["x_std"] = deviation(values["P"])
+        looked = looked_at(values, measured[block.start : block.stop], model)
+        store.add(dataclasses.replace(block, values=looked))
+    seconds = time.perf_counter() - started
+    result = result_of(store.values, told, made, outputs=ALL, engine=engine, seconds=seconds)
+    result["v"] = result["y"] - result["y_hat"]
+    result["v"].attrs["long_name"] = "residual: measurement minus the output computed from x_hat"
+    result.attrs["smoothed"] = 1
+    return result, carry
 
 
-def _either(a: Array, b: Array) -> Array:
-    """Status bits that are raised in one pass or the other; NaN is not a status."""
-    bits = (np.nan_to_num(k).astype(np.int64) for k in (a, b))
-    return np.bitwise_or(*bits).astype(float)
-
-
-def _channels(passes: ForwardBackward) -> dict[str, Channel]:
-    """Results by name: those of the pass back, then those of the pass forward."""
-    both = (*passes.backward.channels, *passes.forward.channels[passes.handed :])
-    return {channel.name: channel for channel in both}
-
-
-def _lengths(passes: ForwardBackward) -> dict[str, int]:
-    """How many numbers of a result there are at a sample."""
-    back = zip(passes.backward.channels, passes.backward.output_sizes, strict=True)
-    forward = zip(passes.forward.channels, passes.forward.output_sizes, strict=True)
-    own = list(forward)[passes.handed :]
-    return {channel.name: size for channel, size in (*back, *own)}
+def _has_covariance(channels: Iterable[Channel]) -> bool:
+    return "P" in {channel.name for channel in channels}

@@ -22,7 +22,6 @@ from backsight.run.estimation import (
     ready_to_smooth,
     sensed_outputs,
     smoothed_between,
-    smoothed_result,
 )
 from backsight.run.parts._pace import Pace, check_unchanged, in_step, said_of, stamps_of
 from backsight.run.parts._store import PartStore, opened_store
@@ -190,11 +189,12 @@ def _backward(
         recording, data = _read(task, parts, k, float(begin["end"]), pace)
         u, y, mask = data
         after = u[-1] if k == parts.count - 1 else state["u_after"]
-        carries = begin["carry"], state["carry"]
-        values, carry = smoothed_between(task.passes, data, carries, u_after=after, engine=engine)
-        here = SmoothingTask(task.estimator, task.model, recording, task.passes, data)
-        result = smoothed_result(
-            here, values, engine=engine, seconds=np.nan, largest=state["largest"]
+        result, carry = smoothed_between(
+            task.over(recording, data),
+            (begin["carry"], state["carry"]),
+            u_after=after,
+            engine=engine,
+            largest=state["largest"],
         )
         for name in ("seconds", "us_per_sample", "engine"):
             del result.attrs[name]

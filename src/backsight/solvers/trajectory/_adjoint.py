@@ -68,7 +68,7 @@ def _backward(chain: Chain) -> ca.Function:
         if chain.noise[r].any():
             nu[r] = nu0[r] - ca.dot(K[:, r], eta)
             eta = eta + ca.SX(ca.DM(chain.noise[r])) * nu[r]
-    w = z.before * (constant(chain.Q) @ eta)
+    w = chain.noise_along(z.before, eta)
     value = ca.densify(A @ x + constant(chain.noise) @ w)
     side, change = _sides(chain, z, nu, g, value, enter)
     broken = _broken(chain, z, value)

@@ -47,11 +47,11 @@ def impose(
 
 def limited_noise(chain: Chain, z: Stage) -> tuple[ca.SX, ...]:
     """Noise of a transition with its active limits: ``w, Q, K, nu, conflict``."""
-    w, Q = ca.SX.zeros(chain.nx), z.before * constant(chain.Q)
+    w, Q = ca.SX.zeros(chain.nx), chain.moving_noise(z.before)
     K, nu, conflict = ca.SX.zeros(chain.nx, chain.n), ca.SX.zeros(chain.n), ca.SX.zeros(chain.n)
     for r in range(chain.n):
         if chain.noise[r].any():
-            a, size = constant(chain.noise[r]), z.before * noise_variance(chain, r)
+            a, size = constant(chain.noise[r]), z.before[0] * noise_variance(chain, r)
             w, Q, K[:, r], nu[r], _, conflict[r] = impose(chain, z, r, w, Q, a, size)
     return w, Q, K, nu, conflict
 
@@ -67,7 +67,7 @@ def limited_sizes(chain: Chain, z: Stage, variances: ca.SX, Q: ca.SX) -> ca.SX:
     found = ca.SX.zeros(chain.n)
     for r in range(chain.n):
         if chain.noise[r].any():
-            found[r] = z.before * noise_variance(chain, r)
+            found[r] = z.before[0] * noise_variance(chain, r)
         else:
             found[r] = ((A[r, :] @ F) ** 2) @ variances + A[r, :] @ Q @ A[r, :].T
     return found

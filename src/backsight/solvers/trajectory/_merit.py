@@ -61,9 +61,8 @@ def _of_sample(chain: Chain) -> ca.Function:
     defects, adjoints, steps = sums
     _, c, before, vH, e, vA, low, high = stage = [ca.SX.sym(k, n) for k, n in chain.sizes.items()]
     eta, x, eta_next = paths = [ca.SX.sym(k, nx) for k in ("eta", "dX", "eta_next")]
-    Q, noise = constant(chain.Q), constant(chain.noise)
-    w = before * (Q @ eta)
-    dw = before * (Q @ (eta_next - eta))
+    noise = constant(chain.noise)
+    w, dw = (chain.noise_along(before, k) for k in (eta, eta_next - eta))
     J_next = J + ca.sumsqr(e) / 2 + ca.dot(eta, w) / 2
     slope_next = slope - ca.dot(e, ca.SX(chain.H, vH) @ x) + ca.dot(eta, dw)
     # The noise is Q (lam + a nu): of its adjoint only lam is the multiplier of the defects. Where a

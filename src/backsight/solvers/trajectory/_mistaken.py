@@ -97,7 +97,7 @@ class _Sample:
         return cls(
             symbols=[*past.values(), *z.symbols],
             F=ca.SX(chain.F, z.F),
-            Q=limited_noise(chain, z)[1] + z.before * constant(more),
+            Q=limited_noise(chain, z)[1] + z.before[0] * constant(more),
             rows=[*limits, *outputs],
         )
 

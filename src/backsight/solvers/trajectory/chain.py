@@ -42,6 +42,9 @@ class Chain:
     exact : tuple of int
         Limits that are equations wherever they have an end, whatever their sides: readings of
         sensors without noise.
+    parts : tuple of (nx, nx) arrays
+        Covariances of noise that numbers of the sample multiply, beside `Q`: ``before`` has 1 where
+        there is a transition to it, and then these numbers.
     """
 
     N: int
@@ -53,6 +56,7 @@ class Chain:
     softness: Array
     slack: Array
     exact: tuple[int, ...] = ()
+    parts: tuple[Array, ...] = ()
 
     @property
     def nx(self) -> int:
@@ -73,8 +77,8 @@ class Chain:
     def sizes(self) -> dict[str, int]:
         """Lengths of what describes a sample, in the order of the functions here."""
         return {
-            "F": self.F.nnz(), "c": self.nx, "before": 1, "H": self.H.nnz(), "e": self.ny,
-            "A": self.A.nnz(), "low": self.n, "high": self.n,
+            "F": self.F.nnz(), "c": self.nx, "before": 1 + len(self.parts),
+            "H": self.H.nnz(), "e": self.ny, "A": self.A.nnz(), "low": self.n, "high": self.n,
         }  # fmt: skip
 
     @property
@@ -115,6 +119,21 @@ class Chain:
         if self.dense:
             return stored[:: self.nx + 1]
         return stored[np.cumsum([0, *range(self.nx, 1, -1)]).tolist()]
+
+    def moving_noise(self, before: ca.SX) -> ca.SX:
+        """Covariance of the noise of the transition to a sample."""
+        first, *rest = (before[k] * constant(part) for k, part in enumerate(self._noises))
+        return sum(rest, first)
+
+    def noise_along(self, before: ca.SX, eta: ca.SX) -> ca.SX:
+        """Noise (nx,) of the transition to a sample, in terms of its adjoint."""
+        noises = enumerate(self._noises)
+        first, *rest = (before[k] * (constant(part) @ eta) for k, part in noises)
+        return sum(rest, first)
+
+    @property
+    def _noises(self) -> tuple[Array, ...]:
+        return self.Q, *self.parts
 
     def triangle(self) -> ca.Function:
         """From a stored covariance to its lower triangle."""

@@ -162,6 +162,6 @@ def _of(estimator: AbstractForceEstimator, model: Model, recording: xr.Dataset) 
     # The deviation of what may lie anywhere between two ends; at least that of the grid.
     step = float(np.abs(np.diff(np.log(lam))).max(initial=0.0))
     size = max(float(np.ptp(ends)), step) / np.sqrt(12)
-    start = float(getattr(estimator, "lam", choice.lam))
+    start = estimator.lam
     at, before = (int(np.abs(np.log(lam / value)).argmin()) for value in (choice.lam, start))
     return _Found(choice, size, float(cost_of[at]), float(cost_of[before]))

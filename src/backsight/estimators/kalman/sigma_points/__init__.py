@@ -2,7 +2,6 @@
 
 from backsight.estimators.kalman.sigma_points._images import images_ahead as images_ahead
 from backsight.estimators.kalman.sigma_points._images import images_seen as images_seen
-from backsight.estimators.kalman.sigma_points._images import opened_factor as opened_factor
 from backsight.estimators.kalman.sigma_points._looks import unscented_looks as unscented_looks
 from backsight.estimators.kalman.sigma_points._pairs import Outside as Outside
 from backsight.estimators.kalman.sigma_points._pairs import SigmaPoints as SigmaPoints

@@ -7,19 +7,13 @@ from backsight.engine.dense import few_entries, product_of
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman.sigma_points._pairs import SigmaPoints
+from backsight.estimators.kalman.square_root import opened_factor
 from backsight.estimators.parts.covariance import Covariance, matrix_product
-from backsight.estimators.parts.factors import Factor, each_column
+from backsight.estimators.parts.factors import each_column
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.substeps import flow, linear_step, substep_inputs
 from backsight.models.lti import output_equation
 from backsight.types import Array
-
-
-def opened_factor(s: Setting) -> ca.Function:
-    """Spread to the lower factor (nx, nx)."""
-    kept = Factor(Covariance(s.model.nx))
-    sizes = {"spread": kept.size}
-    return half("opened", s, lambda spread: {"L": ca.densify(kept.opened(spread))}, sizes)
 
 
 def images_seen(s: Setting, points: SigmaPoints) -> ca.Function:

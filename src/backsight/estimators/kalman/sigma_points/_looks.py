@@ -19,6 +19,11 @@ from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights
 from backsight.algebra.update import masked
 from backsight.estimators.base import Setting
+from backsight.estimators.kalman.exact_sensors import (
+    exact_sensors,
+    refuse_many_states,
+    telling,
+)
 from backsight.estimators.kalman.square_root import noise_drowns
 from backsight.estimators.parts.covariance import Term, transposed
 from backsight.estimators.parts.factors import (
@@ -33,7 +38,14 @@ from backsight.types import Array
 
 
 def unscented_looks(
-    s: Setting, w: Weights, *, opened: ca.Function, moved: ca.Function, shown: ca.Function, Q: Array
+    s: Setting,
+    w: Weights,
+    *,
+    opened: ca.Function,
+    moved: ca.Function,
+    shown: ca.Function,
+    innovation: ca.Function,
+    Q: Array,
 ) -> Linearised:
     """Of an unscented Kalman filter.
 
@@ -47,10 +59,14 @@ def unscented_looks(
         ``(x, spread, u, u_next) -> X``: sigma points one sample later.
     shown : casadi.Function
         ``(x, spread, u) -> Y``: outputs at the sigma points.
+    innovation : casadi.Function
+        ``(x, spread, u, y, mask) -> (e, S)`` of the filter.
     Q : (nx, nx) array
         Factor of the process noise that is added per sample.
     """
-    nx, ny, count = s.model.nx, s.model.ny, len(w.mean)
+    nx, ny, count, exact = s.model.nx, s.model.ny, len(w.mean), exact_sensors(s)
+    if exact:
+        refuse_many_states(s)
     sizes = {
         "X": (nx, count), "Y": (ny, count), "L": (nx, nx), "Ht": (nx, ny), "Fm": (nx, nx),
         "noise": (ny, ny), "factor": (nx, 2 * nx),
@@ -67,6 +83,8 @@ def unscented_looks(
 
     def seen(Y: Term, e: Term, noise: Term, L: Term) -> Results:
         Ht, scatter = regression(Y, w, noise, L)
+        if exact:
+            return {"Ht": Ht, "e_seen": e, "noise_seen": scatter}
         white = solve_lower(scatter, transposed(Ht))
         return {"Ht": transposed(white), "e_white": solve_lower(scatter, e)}
 
@@ -76,11 +94,17 @@ def unscented_looks(
     images = moved(x, spread, u, u_next)
     on = half("unscented_ahead", s, ahead, sizes)(images, opened(spread))
     y, mask, x_post = ca.MX.sym("y", ny), ca.MX.sym("mask", ny), ca.MX.sym("x_post", nx)
-    rows = leaf("unscented_rows", {**notation(s), **sizes}, weighed)(shown(x, spread, u), y, mask)
+    if exact:  # rows that tell something new
+        mask_seen, _ = telling(s)(x, innovation(x, spread, u, y, mask)[1], u, mask)
+    else:
+        mask_seen = mask
+    rows = leaf("unscented_rows", {**notation(s), **sizes}, weighed)(
+        shown(x, spread, u), y, mask_seen
+    )
     looked = half("unscented_seen", s, seen, sizes)(*rows, opened(spread))
     return Linearised(
         root=opened,
-        by_root=noise_drowns(s),
+        gathers="equations" if exact else "root" if noise_drowns(s) else "information",
         ahead=ca.Function("ahead", [x, spread, u, u_next], list(on)),
         seen=ca.Function("seen", [x, spread, x_post, u, y, mask], list(looked)),
     )

@@ -12,7 +12,7 @@ Source: Craig, Kurdila, "Fundamentals of Structural Dynamics", 2nd ed. 2006, sec
 import numpy as np
 
 from backsight.errors import ModelError
-from backsight.models.structures.matrices._lowest import LowestModes
+from backsight.models.structures.matrices.lowest_modes import LowestModes
 from backsight.types import Array, Sparse
 
 _CONVERGED = 1e-13

@@ -6,11 +6,11 @@ import numpy as np
 
 from backsight.models.model import Model
 from backsight.models.structures.matrices._around import Around, feedthrough, with_ground
-from backsight.models.structures.matrices._lowest import lowest
 from backsight.models.structures.matrices._motion import Moving, ground_shape
 from backsight.models.structures.matrices._places import deflection
 from backsight.models.structures.matrices._statics import residual as residual_of
 from backsight.models.structures.matrices._statics import residual_modes, static
+from backsight.models.structures.matrices.lowest_modes import lowest
 from backsight.models.structures.modal import modal
 from backsight.types import Array
 

@@ -16,10 +16,10 @@ import scipy.sparse as sparse
 
 from backsight.errors import ModelError
 from backsight.models.structures.matrices._given import MatrixLike, matrices
-from backsight.models.structures.matrices._lowest import lowest
 from backsight.models.structures.matrices._motion import Equations, Moving, motions, moving
 from backsight.models.structures.matrices._places import Place, Places
 from backsight.models.structures.matrices._statics import static
+from backsight.models.structures.matrices.lowest_modes import lowest
 from backsight.types import Array, Indices
 
 

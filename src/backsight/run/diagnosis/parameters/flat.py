@@ -10,7 +10,6 @@ from backsight.algebra.kinks import kinked
 from backsight.analysis.consistency import mean_nis, nis_band
 from backsight.errors import BacksightError
 from backsight.estimators import yardstick
-from backsight.estimators.arrival import EKFArrival
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.rounding import significant
@@ -46,8 +45,7 @@ def behind_kinks(estimator: AbstractEstimator, model: Model, result: xr.Dataset)
     last = result.isel(time=-1)
     x, std = last["x_hat"].values, last["x_std"].values
     untold = [i for i in places if std0[i] > 0 and std[i] >= UNTOLD * std0[i]]
-    one_sided = isinstance(getattr(estimator, "arrival", None), EKFArrival)
-    if not (untold or one_sided):
+    if not (untold or estimator.one_sided):
         return []
     move = _function(model)
     if not kinked(move):
@@ -56,7 +54,7 @@ def behind_kinks(estimator: AbstractEstimator, model: Model, result: xr.Dataset)
     X, U = result["x_hat"].values[::every].T, result["u"].values[::every].T
     found = [(i, _beyond(model, move, X, U, i, std0[i])) for i in untold]
     lines = [_told(model.states[i].name, x[i], there) for i, there in found if there is not None]
-    if one_sided and not lines:
+    if estimator.one_sided and not lines:
         lines = [
             "the model has a kink, and its arrival cost is an extended Kalman filter, which has "
             "the slope of one side: bands of what is behind it may be too narrow; take "

@@ -4,7 +4,7 @@ import casadi as ca
 
 from backsight.engine.dense import applied, few_entries, product_of
 from backsight.solvers.trajectory.chain import Chain
-from backsight.solvers.trajectory.many_states._symbols import SampleMatrices, recorded
+from backsight.solvers.trajectory.many_states._symbols import SampleMatrices, noise_along, recorded
 
 
 def backward_of_many(chain: Chain, told: ca.Function) -> ca.Function:
@@ -28,7 +28,7 @@ def backward_of_many(chain: Chain, told: ca.Function) -> ca.Function:
     adj = lam + applied(z.H, nu_y, turned=True)
     adj, eta, nu = _limits(chain, z, past, adj)
     # What is left is the adjoint of the transition; with the limits on its noise that of the noise.
-    w = z.before * applied(few_entries(chain.Q), eta)
+    w = noise_along(chain, z.before, eta)
     value = ca.MX.zeros(0, 1)
     if chain.n:
         value = product_of(z.A, x) + applied(few_entries(chain.noise), w)

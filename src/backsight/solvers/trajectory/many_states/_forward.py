@@ -41,7 +41,9 @@ def noise_of_transition(chain: Chain, z: SampleMatrices) -> tuple[ca.MX, ...]:
     nx, n = chain.nx, chain.n
     if not chain.noise.any():
         nothing = [ca.MX.zeros(*size) for size in ((nx, 1), (nx, n), (n, 1), (n, 1))]
-        return z.before * ca.MX(ca.DM(chain.Q)), *nothing
+        parts = enumerate((chain.Q, *chain.parts))
+        first, *rest = (z.before[k] * ca.MX(ca.DM(part)) for k, part in parts)
+        return sum(rest, first), *nothing
     stage = Stage.of(chain)
     w, Q, *limited = limited_noise(chain, stage)
     leaf = ca.Function("noise_of_many", stage.symbols, [ca.densify(Q), ca.densify(w), *limited])
@@ -56,7 +58,7 @@ def _limited_sizes(chain: Chain, z: SampleMatrices, variances: ca.MX, Q: ca.MX) 
     moved = add_product(ca.MX.zeros(chain.n, chain.nx), z.A, z.F, turned=False)
     of_state = product_of(moved * moved, variances) + product_of(product_of(z.A, Q) * z.A, ones)
     own = np.einsum("ri,ij,rj->r", chain.noise, chain.Q, chain.noise)
-    return of_state + z.before * ca.MX(ca.DM(own))
+    return of_state + z.before[0] * ca.MX(ca.DM(own))
 
 
 def update_of_many(chain: Chain) -> ca.Function:

@@ -4,7 +4,7 @@ import casadi as ca
 
 from backsight.engine.dense import applied, few_entries, product_of
 from backsight.solvers.trajectory.chain import Chain
-from backsight.solvers.trajectory.many_states._symbols import SampleMatrices
+from backsight.solvers.trajectory.many_states._symbols import SampleMatrices, noise_along
 
 
 def merit_of_many(chain: Chain, limits: ca.Function) -> ca.Function:
@@ -21,8 +21,8 @@ def merit_of_many(chain: Chain, limits: ca.Function) -> ca.Function:
     sizes = {"J": 1, "slope": 1, "defects": nx + n, "adjoints": nx + n, "steps": nx}
     J, slope, defects, adjoints, steps = sums = [ca.MX.sym(k, size) for k, size in sizes.items()]
     eta, x, eta_next = paths = [ca.MX.sym(k, nx) for k in ("eta", "dX", "eta_next")]
-    nu, Q = ca.MX.sym("nu", n), few_entries(chain.Q)
-    w, dw = z.before * applied(Q, eta), z.before * applied(Q, eta_next - eta)
+    nu = ca.MX.sym("nu", n)
+    w, dw = (noise_along(chain, z.before, k) for k in (eta, eta_next - eta))
     J_next = J + (inner(z.e, z.e) + inner(eta, w)) / 2
     slope_next = slope - inner(z.e, applied(z.H, x)) + inner(eta, dw)
     # Of the adjoint of the noise only this is the multiplier of the defects, see `_merit`.

@@ -98,7 +98,7 @@ class _Update:
 
 def _carried(chain: Chain, z: SampleMatrices, T: ca.MX, more: Array) -> ca.MX:
     """F T F' + Q, with the noise that was left out."""
-    Q = noise_of_transition(chain, z)[0] + z.before * ca.MX(ca.DM(more))
+    Q = noise_of_transition(chain, z)[0] + z.before[0] * ca.MX(ca.DM(more))
     half = transpose(add_product(ca.MX.zeros(chain.nx, chain.nx), T, z.F))
     return symmetrise(add_product(Q, half, z.F))
 

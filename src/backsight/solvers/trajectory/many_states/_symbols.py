@@ -6,7 +6,7 @@ import dataclasses
 
 import casadi as ca
 
-from backsight.engine.dense import all_entries
+from backsight.engine.dense import all_entries, applied, few_entries
 from backsight.solvers.trajectory.chain import Chain
 
 
@@ -35,6 +35,13 @@ class SampleMatrices:
             e=symbols["e"],
             A=all_entries(ca.MX(chain.A, symbols["A"])) if chain.n else ca.MX(0, chain.nx),
         )
+
+
+def noise_along(chain: Chain, before: ca.MX, eta: ca.MX) -> ca.MX:
+    """Noise (nx,) of the transition to a sample, of its adjoint eta."""
+    parts = enumerate((chain.Q, *chain.parts))
+    first, *rest = (before[k] * applied(few_entries(part), eta) for k, part in parts)
+    return sum(rest, first)
 
 
 def recorded(chain: Chain) -> dict[str, ca.MX]:

@@ -23,8 +23,10 @@ from backsight.description import Kept, content
 from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.estimators.varied_noise import noise_at, scaled_parts
 from backsight.models.model import Model
+from backsight.run.estimation.carrying import from_first_sample, run_on
 from backsight.tune.fitting.runners._delays import shifted
 from backsight.tune.fitting.runners._foresight import foresight, last_estimates
 from backsight.tune.fitting.runners._wide import Wide, opened_to_inputs
@@ -37,6 +39,9 @@ Data = tuple[Array, Array, Array, Array, Array]
 CHUNK = 100_000
 """Samples of which the innovations of all lanes are kept at a time."""
 
+FEW = 4
+"""Lanes that every processor has."""
+
 KEPT = 16
 """Number of programs that are kept from fit to fit."""
 
@@ -48,7 +53,8 @@ class LaneRunner:
     Parameters
     ----------
     recursion : Recursion
-        ``(carry, u, y, mask, y_all, mask_all) -> (carry, r, d)``.
+        ``(carry, u, y, mask, y_all, mask_all) -> (carry, r, d)``; of an estimator that looks back
+        the weights that the estimator saw of the sample that is judged come last.
     estimator, model : AbstractEstimator, Model
         As given, and with values as inputs.
     wide : Wide
@@ -75,21 +81,32 @@ class LaneRunner:
         """Innovations and their variances (lanes, n, ny) with every setting, piece by piece."""
         from backsight.engine.lanes import run_many  # brings the compiler along
 
+        # With few values half of a wide vector would be empty.
+        lanes = FEW if len(self.unknowns) < FEW else None
         many = [self._start(values) for values in settings]
         rows = [self._rows(data, values) for values in settings]
-        for first in range(0, len(data[0]), CHUNK):
+        for first in range(0, len(data[0]) + self.recursion.lag, CHUNK):
             part = [[a[first : first + CHUNK] for a in lane] for lane in rows]
-            outcome = run_many(self.recursion, part, carries=many, threads=1)
+            outcome = run_many(self.recursion, part, carries=many, lanes=lanes, threads=1)
             many = [carry for carry, _ in outcome]
-            outputs = [o for _, o in outcome]
+            late = max(self.recursion.lag - first, 0)
+            outputs = [from_first_sample(o, late) for _, o in outcome]
             yield tuple(np.stack([o[i] for o in outputs]) for i in range(2))  # type: ignore[misc]
 
     def _rows(self, data: Data, values: Mapping[str, float]) -> list[Array]:
-        """Data of a setting: inputs without their delays, and those of the sample before."""
+        """Data of a setting: inputs without their delays, and those of the sample before.
+
+        Of an estimator that looks back, what is judged is that of the sample that it then puts out.
+        """
         u = shifted(data[0], self.model, self.dt, self.unknowns, values)
         if self.wide.remembers:
             u = np.hstack([u, np.vstack([u[:1], u[:-1]])])
-        return [u, *data[1:]]
+        lag = self.recursion.lag
+        if not lag:
+            return [u, *data[1:]]
+        _, y, mask, *judged = data
+        late = [np.vstack([np.zeros((lag, a.shape[1])), a]) for a in (*judged, mask)]
+        return [*run_on([u, y, mask], lag), *late]
 
     def _start(self, values: Mapping[str, float]) -> Array:
         """The memory before the first sample."""
@@ -149,7 +166,7 @@ def _lanes(
         inner = wide.varied.compile(wide.model, dt)
     except (TuningError, ModelError):
         return None
-    if inner.lag or not {"e", "S", "y_hat"} <= {c.name for c in inner.channels}:
+    if (inner.lag and ahead) or not {"e", "S", "y_hat"} <= {c.name for c in inner.channels}:
         return None
     recursion = _judging(inner, wide, model, unknowns, ahead)
     own = len(inner.carry0)
@@ -162,6 +179,8 @@ def _able(estimator: AbstractEstimator, unknowns: Sequence[Unknown]) -> bool:
     if "process" in kinds:
         return False  # it is a part of the model's equations
     bends = "parameter" in kinds or any(u.late_output for u in unknowns)
+    if bends and isinstance(estimator, AbstractForceEstimator):
+        return False  # a linear model would not be carried on exactly any more
     if estimator.varied(parameters=bends).constant_gain:
         return False
     noise, words = estimator.assumed[0], {u.matrix.word for u in unknowns if u.matrix is not None}
@@ -195,8 +214,9 @@ def _judging(
     past, numbers = np.zeros((model.nx + nu) * ahead), wide.numbers(start)
     memory0 = [inner.carry0, past, numbers, sensor_factors(model, unknowns, start)]
     carry = ca.MX.sym("carry", sum(map(len, memory0)))
-    data = [ca.MX.sym(n, m) for n, m in (("u", nu), *((k, ny) for k in ("y", "mask", "ya", "ma")))]
-    u, y, mask, y_all, mask_all = data
+    names = ("y", "mask", "ya", "ma", *(("used",) if inner.lag else ()))
+    data = [ca.MX.sym(n, m) for n, m in (("u", nu), *((k, ny) for k in names))]
+    u, y, mask, y_all, mask_all = data[:5]
     ends = np.cumsum([0, *map(len, memory0)]).tolist()
     memory, history, inputs, factor = ca.vertsplit(carry, ends)
     given = ca.vertcat(u, inputs)
@@ -211,7 +231,8 @@ def _judging(
         history = ca.vertcat(*map(ca.vec, moved))
     else:
         R = _sensors(wide, model)(given)
-        seen = [named["e"], named["S"], named["y_hat"], y_all, mask, mask_all, factor, R]
+        used = data[-1] if inner.lag else mask
+        seen = [named["e"], named["S"], named["y_hat"], y_all, used, mask_all, factor, R]
         judged = list(decorrelated(ny)(*seen))
     next_carry = ca.vertcat(after, history, inputs, factor)
     return Recursion(
@@ -219,6 +240,7 @@ def _judging(
         carry0=np.concatenate(memory0),
         channels=(Channel("r", ("output",)), Channel("d", ("output",))),
         dt=inner.dt,
+        lag=inner.lag,
     )
 
 

@@ -11,14 +11,16 @@ bodies); Parlett, "The Symmetric Eigenvalue Problem", 1998, sections 11.3 and 15
 
 import dataclasses
 import warnings
-from typing import Any
 
 import numpy as np
 import scipy
-import scipy.sparse as sparse
 
 from backsight.errors import BacksightWarning, ModelError
-from backsight.models.structures.matrices._lanczos import BLOCK, Solve, block_lanczos
+from backsight.models.structures.matrices.lowest_modes._factors import (
+    ShiftedSolutions,
+    sparse_factor,
+)
+from backsight.models.structures.matrices.lowest_modes._lanczos import BLOCK, Solve, block_lanczos
 from backsight.types import Array, Sparse
 
 EPS = float(np.finfo(float).eps)
@@ -39,15 +41,12 @@ DENSE = 600
 FILLED = 5
 
 _RAISE = 1e3
-"""Factor of the shift if rounding makes :math:`K - \\sigma M` indefinite."""
+"""SparseFactor of the shift if rounding makes :math:`K - \\sigma M` indefinite."""
 
 _NEAR = (1e-6, 10.0)
 """Range of the shift by the lowest elastic square in which accuracy does not suffer."""
 
 _TRIES = 10
-
-_SOLVED = 1e-8
-"""Backward error of a solution by factors without a choice of pivots."""
 
 _BELOW = 1e-6
 """So much below the last square modes are counted: not within a pair of it."""
@@ -186,7 +185,7 @@ def _shifted(M: Sparse, K: Sparse, count: int, shift: float) -> LowestModes | No
     n = M.shape[0]
     if n <= DENSE or K.nnz * FILLED > n * n or count > n // 2:
         return _dense(M.toarray(), K.toarray(), count, shift)
-    shifted = _Shifted(K - shift * M)
+    shifted = ShiftedSolutions(K - shift * M)
     if not shifted.regular:
         return None
     X, missed = block_lanczos(M, shifted.solve, count, np.zeros((n, 0))), 0
@@ -216,37 +215,14 @@ def _shifted(M: Sparse, K: Sparse, count: int, shift: float) -> LowestModes | No
     )
 
 
-class _Shifted:
-    """Solutions by sparse factors, which are made when they are needed and not kept for ever.
-
-    Those of 10^5 coordinates take a gigabyte, as do those by which modes are counted.
-    """
-
-    def __init__(self, A: Sparse) -> None:
-        self._matrix = A
-        self._factor = _factored(A)
-        self.regular = self._factor is not None
-
-    def solve(self, b: Array) -> Array:
-        """Solution for one or more columns."""
-        if self._factor is None:
-            self._factor = _factored(self._matrix)
-        return np.asarray(self._factor.solve(b))
-
-    def forget(self) -> None:
-        """Free the memory until the next solution."""
-        self._factor = None
-
-
 def _missed(M: Sparse, K: Sparse, squares: Array, mu: float) -> int:
     """How many modes below mu were missed: some of one frequency, or far below zero.
 
     By Sylvester's law: as many pivots of K - mu M are negative as there are squares below mu.
     """
-    factor = _factored(K - mu * M)
-    if factor is None or not np.array_equal(factor.perm_r, factor.perm_c):
-        return 0  # the pivots do not tell
-    return max(int((factor.U.diagonal() < 0).sum()) - int((squares < mu).sum()), 0)
+    factor = sparse_factor(K - mu * M)
+    below = factor.negative if factor is not None else None
+    return 0 if below is None else max(below - int((squares < mu).sum()), 0)
 
 
 def _dense(M: Array, K: Array, count: int, shift: float) -> LowestModes | None:
@@ -259,22 +235,3 @@ def _dense(M: Array, K: Array, count: int, shift: float) -> LowestModes | None:
     return LowestModes(
         np.zeros(count), X[:, ::-1], shift, lambda b: np.asarray(scipy.linalg.cho_solve(factor, b))
     )
-
-
-def _factored(A: Sparse) -> Any:
-    """Sparse factors of a symmetric matrix, or None if they do not solve it."""
-    A = sparse.csc_array(A)
-    try:
-        # Pivots stay on the diagonal: half the work, and their signs are those of the eigenvalues.
-        factor = sparse.linalg.splu(
-            A,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError:  # exactly singular
-        return None
-    b = np.random.default_rng(0).standard_normal(A.shape[0])
-    x = factor.solve(b)
-    error = np.abs(A @ x - b)
-    return factor if (error <= _SOLVED * (abs(A) @ np.abs(x) + np.abs(b))).all() else None

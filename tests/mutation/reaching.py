@@ -1,0 +1,66 @@
+"""Which tests get to a line: of the run of `make coverage`, which notes them."""
+
+import collections
+from pathlib import Path
+
+import coverage
+from tests.mutation.mutants import Mutant
+
+OF_KERNELS = ("tests/estimators/", "tests/solvers/", "tests/engine/", "tests/export/test_c.py")
+"""Where tests of kernels are; coverage does not see into C."""
+
+CALLS_KERNELS = "kernels/library.py"
+
+
+class Reached:
+    """Tests by the lines that they get to.
+
+    What a test has got to is noted for the first one that does: expressions are kept, and so are
+    fixtures. So all other tests of its file may notice a change, too, and come after it.
+
+    Parameters
+    ----------
+    file : Path
+        Data of coverage with tests as contexts.
+    package : Path
+        Folder of the package as it was measured.
+    """
+
+    def __init__(self, file: Path, package: Path) -> None:
+        self._data = coverage.CoverageData(str(file))
+        self._data.read()
+        self._package = package
+        self._lines: dict[Path, dict[int, set[str]]] = {}
+        self.known = {n for c in self._data.measured_contexts() if (n := _name(c))}
+        self._by_file: dict[str, set[str]] = collections.defaultdict(set)
+        for name in self.known:
+            self._by_file[name.partition("::")[0]].add(name)
+
+    def tests(self, mutant: Mutant) -> tuple[set[str], set[str]]:
+        """Tests that get to the line of a mutant, and the others of their files.
+
+        Of a line that is only run when its module is imported, those that get to the module.
+        """
+        if mutant.file.suffix != ".py":
+            found = self._at(self._package / CALLS_KERNELS)
+            direct = {n for names in found.values() for n in names if n.startswith(OF_KERNELS)}
+        else:
+            found = self._at(mutant.file)
+            direct = found.get(mutant.line, set()) or set().union(*found.values())
+        files = {n.partition("::")[0] for n in direct}
+        return direct, {n for f in files for n in self._by_file[f]} - direct
+
+    def _at(self, file: Path) -> dict[int, set[str]]:
+        if file not in self._lines:
+            lines = self._data.contexts_by_lineno(str(file))
+            self._lines[file] = {
+                line: names
+                for line, contexts in lines.items()
+                if (names := {n for c in contexts if (n := _name(c))})
+            }
+        return self._lines[file]
+
+
+def _name(context: str) -> str:
+    """The test of a context."""
+    return context.partition("|")[0] if "::" in context else ""
