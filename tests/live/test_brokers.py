@@ -121,6 +121,8 @@ def test_a_broker_that_goes_and_comes_back(tmp_path, samples, expected):
             until(live, lambda: live.counts.received >= N)
             stack.close()
     check(tmp_path, expected)
+    lost = next(k for k, said in enumerate(live.told) if "tries again" in said)
+    assert live.told[lost + 1] == "source rig: reads rig/+ again"
 
 
 @needs_broker

@@ -80,7 +80,11 @@ def test_a_server_that_comes_later_is_found(tmp_path, samples):
         port = taken.getsockname()[1]
     text = f'kind = "tcp"\nport = {port}\nformat = "json"\n'
     with fed(tmp_path, LIVE + text + COLUMNS) as live:
-        live.session.round()
+        end = time.monotonic() + 10
+        while not live.told:  # that nobody is there, once
+            live.session.round()
+            assert time.monotonic() < end
+            time.sleep(0.005)
         with socket.socket() as server:
             server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             server.bind(("127.0.0.1", port))
@@ -90,6 +94,9 @@ def test_a_server_that_comes_later_is_found(tmp_path, samples):
             with peer:
                 peer.sendall(b"\n".join(map(message, samples)) + b"\n")
                 arrive(live.session, N)
+        lost, found = live.told
+        assert lost.endswith("tries again")
+        assert found == "source rig: reads again"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no pseudo-terminals")

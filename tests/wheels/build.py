@@ -5,9 +5,11 @@
 The wheel is built from the source distribution, repaired by auditwheel, and installed into a fresh
 environment of which no compiler is on the PATH; there `installed.py` tries everything. Then the
 same environment gets the source distribution, built without a compiler: all that needs no kernel
-must still work, and the rest must say what is missing.
+must still work, and the rest must say what is missing. Last, the steps of the container of
+examples/live are done by hand in another environment: what it installs, and the command it starts.
 """
 
+import json
 import os
 import shutil
 import subprocess
@@ -23,6 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "backsight"
 INSTALLED = Path(__file__).with_name("installed.py")
+IMAGE = ROOT / "examples" / "live" / "Dockerfile"
 
 
 def quiet(command: Sequence[str | Path], **variables: str) -> None:
@@ -80,6 +83,39 @@ def built(folder: Path) -> tuple[Path, Path]:
     return folder / sdist.name, repaired
 
 
+def try_image(wheels: Path) -> None:
+    """Do what the container does, with a replay in place of the mill.
+
+    Parameters
+    ----------
+    wheels : Path
+        Folder of the wheel, as it is copied into the image.
+    """
+    steps = [line.partition(" ") for line in IMAGE.read_text(encoding="utf-8").splitlines()]
+    (install,) = (rest for word, _, rest in steps if word == "RUN" and rest.startswith("pip "))
+    (command,) = (json.loads(rest) for word, _, rest in steps if word == "CMD")
+    with tempfile.TemporaryDirectory(prefix="backsight-image-") as temporary:
+        folder = Path(temporary)
+        venv.create(folder / "venv", with_pip=True)
+        scripts = folder / "venv" / "bin"
+        bounded = f"{install} --constraint {ROOT / 'constraints.txt'}"
+        there = os.pathsep.join([str(scripts), "/usr/bin", "/bin"])
+        quiet(["sh", "-c", bounded.replace("/wheels/", f"{wheels}/")], PATH=there)
+        shutil.copytree(ROOT / "examples" / "motor", folder / "motor")
+        problem = folder / "motor" / "problem.toml"
+        with problem.open("a", encoding="utf-8") as file:
+            file.write('\n[store]\npath = "store"\n')
+        program, *words, _ = command
+        nothing = {
+            "PATH": str(scripts),
+            "CC": "/bin/false",
+            "BACKSIGHT_CACHE": str(folder / "kept"),
+        }
+        quiet([scripts / program, *words, problem, "--speed", "0", "--dashboard"], **nothing)
+        parts = list((folder / "motor" / "store").glob("part-*.parquet"))
+        assert parts, "the run of the container has stored nothing"
+
+
 def main() -> int:
     """Build, install and try."""
     sdist, wheel = built(Path(sys.argv[1]).resolve())
@@ -98,6 +134,7 @@ def main() -> int:
         quiet([*pip, "--no-deps", "--force-reinstall", "--no-cache-dir", sdist], **nothing)
         tries.append("--without-kernels")
         failed |= subprocess.run(tries, env={**os.environ, **nothing}).returncode
+    try_image(wheel.parent)
     print(f"{wheel.name} and {sdist.name}: {'FAILED' if failed else 'as they should be'}")
     return failed
 

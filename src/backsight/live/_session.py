@@ -23,6 +23,8 @@ MOST_TOLD = 20
 """Reasons for which payloads of a source cannot be read that are told; all are counted."""
 
 _NUMBER = re.compile(r"[-+\d.]+")
+_LOST, _FOUND = "tries again", ("reads", "listens", "plays")
+"""How states of a source end that has lost what it reads, and begin when it has it."""
 
 
 class LiveSession:
@@ -53,6 +55,7 @@ class LiveSession:
         self.keeper, self.tell = keeper, tell
         self._reorder = round(live.settings.reorder / grid.dt)
         self._shown = estimation.done
+        self._lost: set[str] = set()
         self._told_faults: dict[str, set[str]] = {lane.name: set() for lane in lanes}
         self._arrived = time.monotonic()
         self.newest: LiveRows | None = None
@@ -82,6 +85,7 @@ class LiveSession:
             if self.keeper is not None:
                 self.keeper.keep(lane.source)
             self._tell_faults(lane)
+            self._tell_state(lane)
             if batch is not None:
                 oldest = min(oldest, float(batch.arrival[0]))
                 self._take_in(lane, batch)
@@ -203,3 +207,13 @@ class LiveSession:
             told.add(kind)
             self.tell(f"source {lane.name}: {words}: {fault.reason}")
         source.faults.clear()
+
+    def _tell_state(self, lane: Lane) -> None:
+        """Say once that a source has lost what it reads, and once that it has it again."""
+        state = lane.source.state
+        if lane.name not in self._lost and state.endswith(_LOST):
+            self._lost.add(lane.name)
+            self.tell(f"source {lane.name}: {state}")
+        elif lane.name in self._lost and state.startswith(_FOUND):
+            self._lost.remove(lane.name)
+            self.tell(f"source {lane.name}: {state} again")
