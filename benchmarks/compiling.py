@@ -13,6 +13,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -150,7 +151,8 @@ def case(key: str, states: int, outputs: int):
         "hgo": {"gain": 5.0},
         "ahg": {"gain": 5.0, "Gamma": (1.0,)},
     }
-    return ESTIMATORS[key](noise, prior, **settings.get(key, {})), model
+    method: Any = ESTIMATORS[key]
+    return method(noise, prior, **settings.get(key, {})), model
 
 
 if __name__ == "__main__":

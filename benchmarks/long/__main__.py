@@ -61,17 +61,17 @@ def main() -> None:
 
 def estimators(plant: Plant) -> dict[str, AbstractEstimator]:
     """Those that the plant can have."""
-    noise, prior, window = plant.noise, plant.prior, {"N": HORIZON}
+    noise, prior = plant.noise, plant.prior
     found: dict[str, AbstractEstimator] = {}
     if is_linear(plant.model) or plant.turns:
         found["KF"] = bs.KalmanFilter(noise, prior)
-        found["LinearMHE"] = bs.LinearMHE(noise, prior, **window, arrival_weight=1.0)
+        found["LinearMHE"] = bs.LinearMHE(noise, prior, N=HORIZON, arrival_weight=1.0)
     found["EKF"] = bs.EKF(noise, prior)
     found["UKF"] = bs.UKF(noise, prior)
-    found["MHO"] = bs.MHO(noise, prior, **window, alpha=0.1)
-    found["MHE"] = bs.MHE(noise, prior, **window)
+    found["MHO"] = bs.MHO(noise, prior, N=HORIZON, alpha=0.1)
+    found["MHE"] = bs.MHE(noise, prior, N=HORIZON)
     if any(s.name == "F" for s in plant.model.parameters):
-        found["CS-MHE"] = bs.CompressiveSensingMHE(noise, prior, **window, forces=("F",), lam=50.0)
+        found["CS-MHE"] = bs.CompressiveSensingMHE(noise, prior, N=HORIZON, forces=("F",), lam=50.0)
     return found
 
 
