@@ -12,7 +12,7 @@ KERNELS := $(wildcard src/backsight/kernels/*.[ch] src/backsight/kernels/*/*.[ch
 # Random input; `--out` keeps what was found, tests/fuzz/kept what every run of the tests tries again.
 FUZZ := OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:tests $(BIN)/python -m tests.fuzz
 
-.PHONY: setup demo live test test-all fast-tests all-tests fuzz fuzz-long coverage mutants lowest audit wheel-test lint bench docs clean
+.PHONY: setup demo live test test-all fast-tests all-tests fuzz fuzz-long coverage mutants lowest audit wheel-test lint bench long docs clean
 
 setup: $(VENV)/.dev
 
@@ -76,6 +76,9 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
+
+long: $(VENV)/.base
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.long $(if $(SAMPLES),--samples $(SAMPLES))
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m benchmarks

@@ -147,6 +147,9 @@ def test_a_hundred_browsers_get_their_frames(tmp_path, samples):
             newest_frame(board)
             for answer in answers:
                 assert answer.readline().startswith(b"data: {")
+            board.ended = True  # the pages are told, and nobody has to break the connection
+            for answer in answers:
+                assert answer.read().endswith(b"event: ended\ndata: 1\n\n")
 
 
 def test_the_last_minutes_become_a_recording_with_a_report(tmp_path, samples):

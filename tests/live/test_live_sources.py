@@ -15,6 +15,7 @@ from backsight.errors import BacksightError, OutputError, ProblemError
 from backsight.live._opening import opened_session
 from backsight.live._problem import load_live
 from backsight.live._ready import made_ready
+from backsight.live._session import MOST_TOLD
 from backsight.live.sources._cutting import Cutter
 from backsight.live.sources._decoding import payload_decoder
 from backsight.problem.reading.tables import MessageTable
@@ -132,6 +133,10 @@ def test_what_cannot_be_read_is_counted_and_the_rest_is_used(tmp_path, samples, 
         assert live.counts.malformed == len(bad)
         assert newest_k(live.session) == pytest.approx(float(expected["x_hat"][-1, 2]), rel=1e-12)
     assert len([s for s in live.told if "cannot read" in s]) == 1
+    # Of every other reason the first one is shown, too: a unit that changes is no garbage.
+    others = [s for s in live.told if "refuses" in s]
+    assert len([s for s in others if "mm" in s]) == 1
+    assert 2 <= len(others) < MOST_TOLD
 
 
 def table(**given) -> MessageTable:

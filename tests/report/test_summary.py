@@ -146,3 +146,9 @@ def test_verdict_without_covariance_and_of_failures(result):
     assert "nothing can be said" in line
     failed = with_status(result, at=[9], status=Status.NOT_FINITE)
     assert verdicts(ranked_table({"a": failed, "b": failed}))[0] == "All estimators diverged."
+
+
+def test_a_result_without_covariances_of_the_states_is_judged_by_its_innovations(result):
+    """As files keep it; its truth tells the errors, but not the NEES."""
+    truth = result.assign(x_true=result.x_hat + 0.1 * result.x_std).drop_vars("P")
+    assert verdicts(ranked_table({"KF": truth})) == verdicts(ranked_table({"KF": result}))

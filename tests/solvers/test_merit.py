@@ -53,7 +53,7 @@ class Point:
         eta = self.eta + length * (self.eta_next - self.eta)
         e = s["e"] - length * (s["H"] * self.dX).sum(axis=0)
         w = s["before"] * (CHAIN.Q @ eta)
-        J = eta[:, 0] @ self.P @ eta[:, 0] / 2 + (e**2).sum() / 2 + (eta * w).sum() / 2
+        cost = eta[:, 0] @ self.P @ eta[:, 0] / 2 + (e**2).sum() / 2 + (eta * w).sum() / 2
         A = s["A"].reshape(NX, 3, N + 1)  # column by column
         value = CHAIN.noise @ w + length * np.einsum("krn,kn->rn", A, self.dX)
         excess = np.minimum(value - s["low"], 0) + np.maximum(value - s["high"], 0)

@@ -9,9 +9,11 @@ import pytest
 from backsight.data import list_columns
 from backsight.errors import ProblemError
 from backsight.problem import load
+from backsight.problem.starting import noise_shown
 from backsight.workbench._choices import METHODS, Choices, Quantity
 from backsight.workbench._equations import read_equations
 from backsight.workbench._gallery import GALLERY
+from backsight.workbench._modelled import remarks_on
 from backsight.workbench._preview import previews
 from backsight.workbench._suggesting import completed, suggested
 from backsight.workbench._writing import problem_text
@@ -76,6 +78,26 @@ def test_a_column_in_another_unit_is_converted_and_its_noise_too(tmp_path):
     assert table["prior"]["x0"]["q"] == pytest.approx(1e-3 * first, rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("key", "columns", "factor"),
+    [
+        ("mass_spring", ["position_mm", "force_N"], 1e-3),
+        ("mass_spring", ["position_left", "force_N"], None),
+        ("motor", ["speed [1/min]", "current [A]"], np.pi / 30),
+    ],
+)
+def test_units_that_only_the_machine_makes_clear(key, columns, factor, tmp_path):
+    """The end of a name, and revolutions per minute, which the reader takes for a number."""
+    found = recorded(tmp_path, columns)
+    choices = suggested(key, found)
+    (output,) = choices.outputs
+    column = found[choices.outputs[output]]
+    assert choices.noise[output] == pytest.approx((factor or 1.0) * column.noise, rel=0.01)
+    table = written(choices, found, tmp_path).recording.outputs[output]
+    assert table.factor == (None if factor is None else pytest.approx(factor, rel=1e-12))
+    assert bool(remarks_on(column)) == (factor is not None)
+
+
 def test_a_column_of_another_kind_is_not_proposed(tmp_path):
     found = recorded(tmp_path, ["speed [V]", "current [mV]"])
     choices = suggested("motor", found)
@@ -125,3 +147,15 @@ def test_what_wanders_changes_by_the_root_of_the_time(tmp_path):
     change = choices.quantities["load"].change
     assert table["estimate"]["load"]["walk"] == pytest.approx(change / np.sqrt(100), rel=1e-2)
     assert "walk" not in table["estimate"]["J"]
+
+
+def test_the_noise_of_a_fine_encoder_is_what_it_shows(tmp_path):
+    """On a long axis it is a small part of the range; only what shows none gets a guess."""
+    t = 0.01 * np.arange(400)
+    rough = 2.5 * np.sin(t) + 1e-5 * np.random.default_rng(1).standard_normal(400)
+    for name, values, right in (("fine", rough, 1e-5), ("smooth", 2.5 * np.sin(t), 5e-4)):
+        path = tmp_path / f"{name}.csv"
+        rows = [f"{a:.2f},{v:.9f}" for a, v in zip(t, values, strict=True)]
+        path.write_text("\n".join(["time [s],position [m]", *rows]) + "\n", encoding="utf-8")
+        found = list_columns(path)
+        assert noise_shown(found["position"]) == pytest.approx(right, rel=0.2)

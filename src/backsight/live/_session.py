@@ -2,6 +2,7 @@
 
 import functools
 import json
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 
@@ -17,6 +18,11 @@ from backsight.live.clock import TimeGrid
 from backsight.live.engine import LiveEstimation, LiveRows
 from backsight.live.sources import Batch
 from backsight.live.store import Keeper, checkpoint_bytes
+
+MOST_TOLD = 20
+"""Reasons for which payloads of a source cannot be read that are told; all are counted."""
+
+_NUMBER = re.compile(r"[-+\d.]+")
 
 
 class LiveSession:
@@ -47,7 +53,7 @@ class LiveSession:
         self.keeper, self.tell = keeper, tell
         self._reorder = round(live.settings.reorder / grid.dt)
         self._shown = estimation.done
-        self._told_faults: set[str] = set()
+        self._told_faults: dict[str, set[str]] = {lane.name: set() for lane in lanes}
         self._arrived = time.monotonic()
         self.newest: LiveRows | None = None
         """Samples of the last round in which there were any."""
@@ -185,12 +191,15 @@ class LiveSession:
         return acknowledge
 
     def _tell_faults(self, lane: Lane) -> None:
-        """Show the first payload of a source that cannot be read."""
-        source = lane.source
+        """Show the first payload of a source that cannot be read, and of every other reason."""
+        source, told = lane.source, self._told_faults[lane.name]
         lane.placing.counts.malformed = source.malformed
-        if source.faults and lane.name not in self._told_faults:
-            self._told_faults.add(lane.name)
-            fault = source.faults[0]
-            shown = fault.payload[:80].decode(errors="replace")
-            self.tell(f"source {lane.name}: cannot read {shown!r}: {fault.reason}")
+        for fault in source.faults:
+            kind = _NUMBER.sub("", fault.reason)
+            if kind in told or len(told) == MOST_TOLD:
+                continue
+            shown = repr(fault.payload[:80].decode(errors="replace"))
+            words = f"refuses {shown}, too" if told else f"cannot read {shown}"
+            told.add(kind)
+            self.tell(f"source {lane.name}: {words}: {fault.reason}")
         source.faults.clear()

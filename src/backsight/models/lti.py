@@ -1,6 +1,6 @@
 """Linear models: from matrices to a model, and back."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -99,8 +99,8 @@ def lti(
     a, b, c, d = (ca.sparsify(ca.DM(matrices[n])) for n in "ABCD")
     f = ca.Function("f", z, [ca.mtimes(a, z[0]) + ca.mtimes(b, z[1])])
     h = ca.Function("h", z, [ca.mtimes(c, z[0]) + ca.mtimes(d, z[1])])
-    remember(f, (matrices["A"], matrices["B"], np.zeros(nx)))
-    remember(h, (matrices["C"], matrices["D"], np.zeros(ny)))
+    remember(f, np.zeros(0), (matrices["A"], matrices["B"], np.zeros(nx)))
+    remember(h, np.zeros(0), (matrices["C"], matrices["D"], np.zeros(ny)))
     return Model(
         f=f,
         h=h,
@@ -123,7 +123,7 @@ def state_space(model: Model) -> tuple[Array, Array, Array, Array]:
     ModelError
         If an equation is nonlinear or has a constant term; all such equations are named.
     """
-    known = remembered(model.f), remembered(model.h)
+    known = state_equation(model), output_equation(model)
     if known[0] and known[1] and not (known[0][2].any() or known[1][2].any()):
         return (*known[0][:2], *known[1][:2])
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
@@ -188,7 +188,7 @@ def output_equation(model: Model) -> Affine | None:
 
 
 def _affine(model: Model, equation: ca.Function) -> Affine | None:
-    if known := remembered(equation):
+    if known := remembered(equation, model.theta):
         return known
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     z = ca.vertcat(x, u)
@@ -202,9 +202,19 @@ def _affine(model: Model, equation: ca.Function) -> Affine | None:
             slopes = _slopes(ca.Function("rows", [z], [f]))
         if np.isfinite(slopes).all() and np.isfinite(c).all():
             found = slopes[:, : model.nx], slopes[:, model.nx :], c
-    if found and not model.parameters:
-        remember(equation, found)
+    if found:
+        remember(equation, model.theta, found)
     return found
+
+
+def remember_slopes(equation: ca.Function, theta: Sequence[float]) -> None:
+    """Note the matrices of a function ``(x, u, p)`` that is linear and without constants."""
+    z = ca.SX.sym("z", sum(equation.numel_in(i) for i in range(3)))
+    nx, nu = equation.numel_in(0), equation.numel_in(1)
+    rows = equation.call([z[:nx], z[nx : nx + nu], z[nx + nu :]])
+    by_x, by_u, by_p = np.split(_slopes(ca.Function("rows", [z], rows)), [nx, nx + nu], axis=1)
+    values = np.array(theta, float)
+    remember(equation, values, (by_x, by_u, by_p @ values), by_p)
 
 
 def _slopes(linear: ca.Function) -> Array:

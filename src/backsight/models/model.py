@@ -9,7 +9,7 @@ import numpy as np
 
 from backsight.description import Positive, equations_of, fault, preformatted, tree
 from backsight.errors import ModelError, nearest
-from backsight.models._affine import remember, remembered
+from backsight.models._affine import by_parameters, remember, remembered
 from backsight.models._latex import latex
 from backsight.models._tracing import returned_rows, rows_of_function
 from backsight.models.forces.driven import Driven
@@ -271,8 +271,8 @@ class Model:
                 f"{len(of)}: {', '.join(s.name for s in of)}"
             )
         made = ca.Function(name, [x, u, p], [expression], ["x", "u", "p"], [name])
-        if isinstance(given, ca.Function) and (known := remembered(given)):
-            remember(made, known)
+        if isinstance(given, ca.Function) and (known := remembered(given, self.theta)):
+            remember(made, self.theta, known, by_parameters(given, self.theta))
         return made
 
 

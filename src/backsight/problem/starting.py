@@ -19,6 +19,9 @@ MOST = 4
 LEAST = 1e-4
 """Standard deviation of the noise of a signal that shows none, by its range."""
 
+FINEST = 1e-6
+"""Noise below this, by the range, is none but rounding; encoders of long axes come near to it."""
+
 
 def write_start(
     found: FileColumns,
@@ -163,8 +166,9 @@ def _model(
 
 def noise_shown(column: FileColumn) -> float:
     """Standard deviation of the noise, as the samples show it [unit of the column]."""
-    least = LEAST * (column.high - column.low)
-    return _rounded(least if math.isnan(column.noise) else max(column.noise, least))
+    span = column.high - column.low
+    shown = column.noise > FINEST * span  # NaN is not
+    return _rounded(column.noise if shown else LEAST * span)
 
 
 def _walk(column: FileColumn, dt: float) -> float:

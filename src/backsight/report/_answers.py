@@ -151,7 +151,7 @@ def _hits_card(rows: Sequence[Row]) -> str:
     unit = row.hits.unit
     items = "".join(
         f"<li>{hit.impact.time:.5g} s, {escape(hit.where)}: "
-        f"{plus_minus(hit.force, hit.std)} {escape(unit)}</li>"
+        f"{_unbroken(f'{plus_minus(hit.force, hit.std)} {escape(unit)}')}</li>"
         for hit in row.hits.hits[:4]
     )
     count = len(row.hits.hits)
@@ -159,6 +159,11 @@ def _hits_card(rows: Sequence[Row]) -> str:
         f"<article><h3>{lamp(light(row))}hits <small>{escape(row.estimator)}</small></h3>"
         f'<p class="value">{count}</p><ul>{items}</ul></article>'
     )
+
+
+def _unbroken(text: str) -> str:
+    """Return a text that stays in one line of a narrow card."""
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _course(s: Series, name: str, of: tuple[str, str, str]) -> str:

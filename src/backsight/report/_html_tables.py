@@ -121,11 +121,14 @@ def swatch(s: Series) -> str:
 
 
 def table(name: str, head: Sequence[str], body: Sequence[Sequence[str]], *, caption: str) -> str:
-    """Return a table; cells, head and caption are HTML already."""
+    """Return a table; cells, head and caption are HTML already.
+
+    It can have the focus: where it is too wide, keys scroll it.
+    """
     top = "".join(f'<th scope="col">{cell}</th>' for cell in head)
     lines = "".join(f"<tr>{''.join(f'<td>{c}</td>' for c in cells)}</tr>" for cells in body)
     return (
-        f'<div class="scroll"><table class="{name}"><caption>{caption}</caption>'
+        f'<div class="scroll" tabindex="0"><table class="{name}"><caption>{caption}</caption>'
         f"<thead><tr>{top}</tr></thead><tbody>{lines}</tbody></table></div>"
     )
 

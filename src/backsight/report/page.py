@@ -127,14 +127,15 @@ def _notes(every: Sequence[Series], thinned: int) -> str:
         "Drag to zoom; all plots share the time axis. Double-click to zoom out, and again for the "
         "whole vertical range: at first it leaves out wide bands, far starts and rare innovations."
     )
+    handling = f'<p class="handling">{linked}</p>'  # nobody can on paper
     if longest <= POINTS:
-        return f"<p>{linked} The plots show every sample.</p>"
+        return f"{handling}<p>The plots show every sample.</p>"
     length = interval_length(longest)
     out = "every sample" if thinned == 1 else f"the smallest and largest of every {thinned} samples"
     if thinned >= length:
         out = "no more, for want of room"
     return (
-        f"<p>{linked} The recording is too long to draw every sample at once: the plots show the "
+        f"{handling}<p>The recording is too long to draw every sample at once: the plots show the "
         f"smallest and largest of every {length} samples, so no peak is lost, and zooming in "
         f"brings out {out}, and so do the CSV files. Where samples are not evenly spaced it does "
         "not. The tables use all samples.</p>"

@@ -12,6 +12,7 @@ from backsight.problem import load
 from backsight.problem.results_file import read_estimates
 from backsight.problem.running import ESTIMATES, PAGE, SUMMARY
 from backsight.report import report
+from backsight.workbench._modelled import remarks_on
 from backsight.workbench._preview import Preview, previews
 from backsight.workbench._runs import BackgroundRun
 
@@ -108,7 +109,7 @@ class Workbench:
                 "high": _finite(c.high),
                 "samples": c.samples,
                 "missing": c.missing,
-                "remarks": list(c.remarks),
+                "remarks": [*remarks_on(c), *c.remarks],
                 "band": self.previews[c.name].band if c.name in self.previews else None,
             }
             for c in found.signals

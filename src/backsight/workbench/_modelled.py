@@ -6,13 +6,16 @@ from collections.abc import Mapping
 
 from backsight.data.listing import FileColumn, FileColumns
 from backsight.errors import ProblemError, nearest
-from backsight.units import Conversion, UnitError, conversion
+from backsight.units import Conversion, UnitError, conversion, convertible, is_unit
 from backsight.workbench._choices import Choices
 from backsight.workbench._equations import read_equations
 from backsight.workbench._gallery import GALLERY, OTHER
 
 DOUBT = 20.0
 """Standard deviations of the noise by which the beginning of a measured state may be wrong."""
+
+_PER_MINUTE = {"1/min", "min-1", "min^-1", "min⁻¹", "/min"}
+"""How loggers write revolutions per minute; the reader takes them for plain numbers."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,14 +107,44 @@ def _own(choices: Choices, found: FileColumns) -> Modelled:
     )
 
 
+def meant_unit(column: FileColumn, wanted: str) -> str:
+    """Unit of a column that is to become a signal in the unit that is `wanted`.
+
+    That of the file; else the end of the name, as in ``force_N``, if it is a unit of the same kind;
+    "" if neither. The reader takes no name for granted, which may end in anything; here it is known
+    what the signal measures, and what was understood is shown.
+    """
+    if column.unit in _PER_MINUTE and wanted and convertible("rpm", wanted):
+        return "rpm"
+    if column.unit:
+        return column.unit
+    ending = named_unit(column)
+    return ending if ending and wanted and convertible(ending, wanted) else ""
+
+
+def named_unit(column: FileColumn) -> str:
+    """Unit in which the name of a column ends, as in ``force_N``; "" if it ends in none."""
+    before, _, ending = column.name.rpartition("_")
+    return ending if before and is_unit(ending) else ""
+
+
 def conversion_to(unit: str, column: FileColumn) -> Conversion:
     """From the unit of a column to that of its signal; none where there is no way or no unit."""
-    if not unit or not column.unit:
+    own = meant_unit(column, unit)
+    if not unit or not own:
         return Conversion(1.0)
     try:
-        return conversion(column.unit, unit)
+        return conversion(own, unit)
     except UnitError:
         return Conversion(1.0)
+
+
+def remarks_on(column: FileColumn) -> list[str]:
+    """Say what was understood of the unit."""
+    if column.unit in _PER_MINUTE:
+        return ["revolutions per minute, where a speed of rotation is meant"]
+    ending = "" if column.unit else named_unit(column)
+    return [f"in {ending} by its name, where that fits"] if ending else []
 
 
 def beginnings(

@@ -9,7 +9,7 @@ from backsight.units import convertible
 from backsight.workbench._choices import Choices, Quantity
 from backsight.workbench._equations import EXAMPLE, Equations, read_equations
 from backsight.workbench._gallery import GALLERY, OTHER, Constant, Load, Slot
-from backsight.workbench._modelled import conversion_to
+from backsight.workbench._modelled import conversion_to, meant_unit
 
 CHANGE = 0.1
 """A load changes within a second by this share of its size, to begin with."""
@@ -111,6 +111,7 @@ def _matched(slots: tuple[Slot, ...], found: FileColumns) -> dict[str, str]:
 def _likeness(slot: Slot, column: FileColumn) -> int:
     name = column.name.lower()
     named = sum(word in name for word in slot.words)
-    if not column.unit:
+    unit = meant_unit(column, slot.unit)
+    if not unit:
         return named
-    return 2 + named if convertible(column.unit, slot.unit) else 0
+    return 2 + named if convertible(unit, slot.unit) else 0

@@ -8,7 +8,15 @@ from backsight.errors import ProblemError, nearest
 from backsight.problem.spelling import as_key, as_table, in_quotes
 from backsight.problem.starting import clock_lines
 from backsight.workbench._choices import METHODS, Choices, Quantity
-from backsight.workbench._modelled import Modelled, beginnings, modelled, period, scales
+from backsight.workbench._modelled import (
+    Modelled,
+    beginnings,
+    conversion_to,
+    meant_unit,
+    modelled,
+    period,
+    scales,
+)
 
 INEXACT = 1e-6
 """What an equation of motion leaves out per sample, by the size of its state."""
@@ -76,16 +84,26 @@ def _recording(model: Modelled, choices: Choices, found: FileColumns, path: str)
         f"path = {in_quotes(path)}",
         *([f"missing = {list(found.codes)}"] if found.codes else []),
         *time,
-        *_columns("inputs", model.inputs, choices.inputs),
-        *_columns("outputs", model.outputs, choices.outputs),
+        *_columns("inputs", model.inputs, choices.inputs, found),
+        *_columns("outputs", model.outputs, choices.outputs, found),
     ]
 
 
-def _columns(kind: str, units: Mapping[str, str], columns: Mapping[str, str]) -> list[str]:
-    return [
-        f"{kind}.{as_key(n)} = {as_table({'column': columns[n]} | ({'unit': u} if u else {}))}"
-        for n, u in units.items()
-    ]
+def _columns(
+    kind: str, units: Mapping[str, str], columns: Mapping[str, str], found: FileColumns
+) -> list[str]:
+    lines = []
+    for name, unit in units.items():
+        entries: dict[str, str | float] = {"column": columns[name]}
+        if unit:
+            entries["unit"] = unit
+        column = found[columns[name]]
+        way = conversion_to(unit, column)
+        # What the reader does not see in the file by itself is said.
+        if not way.same and meant_unit(column, unit) != column.unit:
+            entries["factor"] = float(f"{way.factor:.15g}")
+        lines.append(f"{kind}.{as_key(name)} = {as_table(entries)}")
+    return lines
 
 
 def _model(model: Modelled, known: Mapping[str, Quantity]) -> list[str]:

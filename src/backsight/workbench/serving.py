@@ -90,7 +90,7 @@ def ready_to_serve(
         app = application(bench, token=token, hosts=[f"{HERE}:{port}", f"localhost:{port}"])
         config = uvicorn.Config(
             app,
-            log_level="warning",
+            log_level="critical",  # what a browser does is no news of the workbench
             access_log=False,  # addresses hold the token
             server_header=False,
             lifespan="off",

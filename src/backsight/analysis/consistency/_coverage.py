@@ -52,7 +52,8 @@ class MeanNees(Printed):
 def nees(result: xr.Dataset) -> xr.DataArray:
     r"""Normalised estimation error squared over the states whose truth is known, (time,).
 
-    Directions without variance (a singular P) are left out; ``NaN`` where no truth is known.
+    Directions without variance (a singular P) are left out; ``NaN`` where no truth is known, and if
+    P was not kept.
     """
     value, _ = _squares(result)
     return xr.DataArray(value, dims="time", coords={"time": result["time"]}, name="nees")
@@ -121,7 +122,7 @@ def _shares(size: Array, names: Array, dim: str) -> xr.DataArray:
 def _squares(result: xr.Dataset) -> tuple[Array, Array]:
     """NEES and the number of directions it counts, both (n,)."""
     n = result.sizes["time"]
-    if "x_true" not in result:
+    if "x_true" not in result or "P" not in result:  # P is kept in files on request only
         return np.full(n, np.nan), np.zeros(n)
     error = (result["x_true"] - result["x_hat"]).values
     std = result["x_std"].values

@@ -1,7 +1,7 @@
 """Statements of a loop program in LLVM's language."""
 
 from backsight.engine.llvm._shared import SharedLoops
-from backsight.engine.llvm._text import LARGEST_UNROLLED, Text
+from backsight.engine.llvm._text import Text
 from backsight.engine.llvm.foreign import SPACE, called
 from backsight.engine.llvm.width import Width
 from backsight.engine.program import (
@@ -28,15 +28,23 @@ class Statements:
         Address of every buffer.
     shared : SharedLoops
         Where long loops are written.
+    longest : int
+        Numbers of a copy that is written out.
     """
 
     def __init__(
-        self, text: Text, width: Width, base: dict[Buffer, str], shared: SharedLoops
+        self,
+        text: Text,
+        width: Width,
+        base: dict[Buffer, str],
+        shared: SharedLoops,
+        longest: int,
     ) -> None:
         self._text = text
         self._width = width
         self._base = base
         self._shared = shared
+        self._longest = longest
         self.active: str | None = None
         """Condition that holds in the lanes whose results count here; None with one lane."""
 
@@ -92,7 +100,7 @@ class Statements:
         self.store(copy.target, k, self._text.new(chosen))
 
     def _copy(self, copy: Copy) -> None:
-        if copy.source.size <= LARGEST_UNROLLED:
+        if copy.source.size <= self._longest:
             values = [self.load(copy.source, k) for k in range(copy.source.size)]
             for k, value in enumerate(values):
                 self.store(copy.target, k, value)

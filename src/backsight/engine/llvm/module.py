@@ -6,16 +6,23 @@ from backsight.engine.llvm._lanes import Lanes
 from backsight.engine.llvm._leaf import declarations, write_llvm_leaf
 from backsight.engine.llvm._shared import SharedLoops
 from backsight.engine.llvm._statements import Statements
-from backsight.engine.llvm._text import Text
+from backsight.engine.llvm._text import LARGEST_UNROLLED, Text
 from backsight.engine.llvm.foreign import space, write_foreign
 from backsight.engine.llvm.width import Width
-from backsight.engine.program import Buffer, Call, Leaf, Loop, Program, Table, While, flat
+from backsight.engine.program import Buffer, Call, Copy, Leaf, Loop, Program, Table, While, flat
 
 LARGEST_INLINE = 250
 """Operations of a leaf that becomes part of its caller even where it is used only once a step."""
 
 LARGEST_LOCAL = 1024
 """Numbers, of all lanes, in a buffer that is a local variable; larger ones are the caller's."""
+
+
+MOST_COPIED = 2000
+"""Numbers that a step may copy one by one in straight-line code, which compilers look through."""
+
+SHORT = 8
+"""Numbers of a copy that is always written out."""
 
 
 def write_llvm(program: Program, width: Width) -> str:
@@ -111,7 +118,7 @@ def _steps(program: Program, width: Width, shared: SharedLoops) -> str:
     rows = {
         b: [text.pointer("%.rows", n * i + lane) for lane in range(n)] for i, b in enumerate(data)
     }
-    statements = Statements(text, width, base, shared)
+    statements = Statements(text, width, base, shared, _longest_copy(program))
     if n == 1:
         text.repeat(".sample", "%.n", lambda: _sample(program, text, statements, rows))
     else:
@@ -120,6 +127,13 @@ def _steps(program: Program, width: Width, shared: SharedLoops) -> str:
     parameters = ", ".join(["i64 %.n", *(f"ptr noalias {base[b]}" for b in own), "ptr %.rows"])
     attributes = f"noinline nounwind {width.attribute}"
     return text.function(f"define internal void @.steps({parameters}) {attributes}")
+
+
+def _longest_copy(program: Program) -> int:
+    """Numbers of a copy that is written out: none but short ones, if that would be very many."""
+    copies = [c.source.size for c in flat((*program.body, *program.update)) if isinstance(c, Copy)]
+    written = sum(size for size in copies if size <= LARGEST_UNROLLED)
+    return LARGEST_UNROLLED if written <= MOST_COPIED else SHORT
 
 
 def _sample(

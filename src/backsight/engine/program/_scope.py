@@ -9,7 +9,7 @@ from typing import Self
 
 import casadi as ca
 
-from backsight.engine.program.leaf import Leaf, Part, leaf_of, leaf_parts
+from backsight.engine.program.leaf import Leaf, Part, Repeated, entries_of, leaf_of, leaf_parts
 from backsight.engine.program.program import Buffer, Slice, Table
 
 
@@ -24,6 +24,7 @@ class Scope:
         # The functions are kept, since the address of one that is gone may be used again.
         self._leaves: dict[int, tuple[ca.Function, Leaf]] = {}
         self._parts: dict[str, list[Part]] = {}
+        self._entries: dict[str, tuple[list[Repeated], Leaf]] = {}
         self._calls: dict[Hashable, tuple[ca.Function, list[list[Slice]]]] = {}
 
     def inside(self) -> Self:
@@ -77,8 +78,17 @@ class Scope:
             self._leaves[key] = function, dataclasses.replace(leaf, name=self.name(leaf.name))
         return self._leaves[key][1]
 
+    def entries(self, leaf: Leaf) -> tuple[list[Repeated], Leaf]:
+        """Results of a leaf that loops make, and the leaf without them."""
+        if leaf.name not in self._entries:
+            found, left = entries_of(leaf)
+            ones = [dataclasses.replace(e.leaf, name=self.name(e.leaf.name)) for e in found]
+            named = [dataclasses.replace(e, leaf=one) for e, one in zip(found, ones, strict=True)]
+            self._entries[leaf.name] = named, left
+        return self._entries[leaf.name]
+
     def parts(self, leaf: Leaf) -> list[Part]:
-        """Return the parts of a leaf, see `backsight.engine.program.leaf.parts_of`."""
+        """Return the parts of a leaf, see `backsight.engine.program.leaf.leaf_parts`."""
         if leaf.name not in self._parts:
             parts = leaf_parts(leaf)
             self._parts[leaf.name] = (

@@ -14,7 +14,7 @@ from backsight.engine.program._in_place import in_place
 from backsight.engine.program._moves import in_order
 from backsight.engine.program._regroup import regroup
 from backsight.engine.program._scope import Scope
-from backsight.engine.program._walk_dense import write_product
+from backsight.engine.program._walk_loops import write_entries, write_product
 from backsight.engine.program.leaf import Leaf, operation_name
 from backsight.engine.program.program import (
     Call,
@@ -112,14 +112,16 @@ def _call(leaf: Leaf, arguments: Sequence[Slice], scope: Scope) -> Walked:
         scope.buffer(f"{leaf.name}_{j}", len(output)).whole()
         for j, output in enumerate(leaf.outputs)
     ]
+    given = list(results)
+    loops, left = write_entries(leaf, arguments, given, scope)
     calls: list[Statement] = []
-    for part, places in scope.parts(leaf):
+    for part, places in scope.parts(left) if any(left.outputs) else ():
         targets = [
-            results[j].part(first, len(output))
+            given[j].part(first, len(output))
             for (j, first), output in zip(places, part.outputs, strict=True)
         ]
         calls.append(Call(part, tuple(arguments), tuple(targets)))
-    return calls, [[r] for r in results]
+    return [*calls, *loops], [[r] for r in results]
 
 
 def _foreign(

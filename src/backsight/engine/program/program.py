@@ -26,12 +26,12 @@ class Buffer:
         Unique within the program.
     size : int
     values : tuple of float, optional
-        Makes the buffer a constant.
+        Makes the buffer a constant. They do not tell it from others: that takes long of many.
     """
 
     name: str
     size: int
-    values: tuple[float, ...] | None = None
+    values: tuple[float, ...] | None = dataclasses.field(default=None, compare=False)
 
     def whole(self) -> "Slice":
         """All of it."""

@@ -10,6 +10,7 @@ import numpy as np
 from backsight.algebra.update import measured
 from backsight.engine import dense
 from backsight.engine.dense import few_entries
+from backsight.engine.loops import smallest
 from backsight.estimators.kalman.prediction import per_sample
 from backsight.estimators.parts.covariance import (
     Covariance,
@@ -124,6 +125,7 @@ def _seen(ny: int) -> ca.Function:
 
 def _deficient(nx: int) -> ca.Function:
     """``(pivots, squares of rows) -> 1`` if a direction is not determined."""
-    pivot, square = ca.SX.sym("pivot", nx), ca.SX.sym("square", nx)
-    small = pivot <= NEGLIGIBLE * ca.sqrt(square)
-    return ca.Function("deficient", [pivot, square], [ca.mmax(small)])
+    pivot, square, least = ca.MX.sym("pivot", nx), ca.MX.sym("square", nx), ca.SX.sym("least")
+    lacks = ca.Function("lacks", [least], [ca.if_else(least <= 0, 1, 0)])
+    left = smallest(pivot - NEGLIGIBLE * ca.sqrt(square))
+    return ca.Function("deficient", [pivot, square], [lacks(left)])

@@ -15,7 +15,7 @@ from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman.kf import fixed_gain_halves
 from backsight.estimators.linear_windows._sliding import Sliding, sliding_window
-from backsight.estimators.linear_windows.stacked import gains
+from backsight.estimators.linear_windows.stacked import gains, newest_gain
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.linear import Linear, linear, require_observable
 from backsight.estimators.uncertainty import Noise, Prior
@@ -129,7 +129,8 @@ class RecursiveMHE(AbstractEstimator):
     def eigenvalues(self, model: Model, dt: float) -> NDArray[np.complex128]:
         """Eigenvalues of the estimation error from one measured sample to the next, (nx,)."""
         system = self._system(model, dt)
-        return _eigenvalues(system, self.N, self.every, self.alpha)
+        gain = newest_gain(system, self.N, every=self.every)
+        return _eigenvalues(system, gain, self.N, self.every, self.alpha)
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`.
@@ -140,7 +141,8 @@ class RecursiveMHE(AbstractEstimator):
             If the recursion is unstable and never starts again.
         """
         system = self._system(model, dt)
-        found = _eigenvalues(system, self.N, self.every, self.alpha)
+        gain = newest_gain(system, self.N, every=self.every)
+        found = _eigenvalues(system, gain, self.N, self.every, self.alpha)
         if np.abs(found).max() >= 1 and not self.reinitialise:
             listed = ", ".join(f"{v:.4g}" for v in found)
             warnings.warn(
@@ -150,7 +152,6 @@ class RecursiveMHE(AbstractEstimator):
                 stacklevel=2,
             )
         if self.alpha == 0:
-            gain = _gain_in(system, self.N, self.every)
             return assemble(self.key, system.s, fixed_gain_halves(system, gain))
         if system.s.Q.any():
             raise TuningError(
@@ -169,11 +170,6 @@ class RecursiveMHE(AbstractEstimator):
         return system
 
 
-def _gain_in(system: Linear, N: int, every: int) -> Array:
-    """L: the columns of M for the newest sample."""
-    return gains(system, N, every=every).M[:, -len(system.C) :]
-
-
 def _observer(system: Linear, N: int, every: int) -> tuple[Array, Array, Array]:
     """Return L, L tilde, and C A^-(N + m), the row of the sample that leaves."""
     A, C = system.A, system.C
@@ -188,11 +184,13 @@ def _observer(system: Linear, N: int, every: int) -> tuple[Array, Array, Array]:
     return fixed.M[:, -len(C) :], L_out, back
 
 
-def _eigenvalues(system: Linear, N: int, every: int, alpha: float) -> NDArray[np.complex128]:
+def _eigenvalues(
+    system: Linear, gain: Array, N: int, every: int, alpha: float
+) -> NDArray[np.complex128]:
     A, C = system.A, system.C
     if alpha:
         L, L_out, back = _observer(system, N, every)
         remaining = np.eye(len(A)) - L @ C + alpha * L_out @ back
     else:
-        remaining = np.eye(len(A)) - _gain_in(system, N, every) @ C
+        remaining = np.eye(len(A)) - gain @ C
     return np.linalg.eigvals(remaining @ np.linalg.matrix_power(A, every)).astype(complex)

@@ -110,6 +110,46 @@ def gains(system: Linear, N: int, *, every: int = 1, at: int = -1) -> Gains:
     return Gains(M=M, N_u=F - M @ s.Gamma, P=present @ present.T)
 
 
+def newest_gain(system: Linear, N: int, *, every: int = 1) -> Array:
+    r"""What the newest sample of a full window does to its estimate, (nx, ny), as of `gains`.
+
+    :math:`P C' R^{-1}` with the covariance P of the estimate. Sample by sample, as if the first
+    state were known, beside what the innovations tell of it (see `_window_filter`): the work grows
+    with the length of the window, not with its cube.
+
+    Raises
+    ------
+    TuningError
+        If the outputs of the window do not determine its states.
+    """
+    A, C, R, Q = system.A, system.C, system.s.R, system.s.Q
+    nx = len(A)
+    P, X, told = np.zeros((nx, nx)), np.eye(nx), np.zeros((0, nx))
+    free, seen = np.eye(nx), np.zeros((0, nx))  # without noise: what the window determines
+    noise = np.linalg.cholesky(R)
+    for k in range(N + 1):
+        if (N - k) % every == 0:
+            CX, G = C @ X, C @ P
+            L = np.linalg.cholesky(G @ C.T + R)
+            white = scipy.linalg.solve_triangular(L, np.hstack([CX, G]), lower=True)
+            told = _compressed(told, white[:, :nx])
+            K = scipy.linalg.solve_triangular(L, white[:, nx:], lower=True, trans=1).T
+            P, X = P - white[:, nx:].T @ white[:, nx:], X - K @ CX
+            rows = scipy.linalg.solve_triangular(noise, C @ free, lower=True)
+            seen = _compressed(seen, rows)
+        if k < N:
+            P, X, free = A @ P @ A.T + Q, A @ X, A @ free
+    check_rank(seen, N)
+    spread = scipy.linalg.solve_triangular(told, X.T, trans=1).T
+    gain = np.linalg.solve(R, C @ (P + spread @ spread.T)).T
+    return np.asarray(gain, float)
+
+
+def _compressed(triangle: Array, rows: Array) -> Array:
+    """Triangular factor of equations and those that are added."""
+    return np.linalg.qr(np.vstack([triangle, rows]), mode="r")
+
+
 def in_units(scaled: Gains, s: Setting) -> Gains:
     """Gains in physical units."""
     samples = scaled.M.shape[1] // s.model.ny
@@ -132,6 +172,8 @@ TOLERANCE = 1e-10
 
 def check_rank(rows: Array, N: int) -> None:
     """Raise `TuningError` unless the rows (..., nx) of a window determine nx numbers."""
+    if len(rows) > rows.shape[-1]:
+        rows = np.linalg.qr(rows, mode="r")
     size = np.linalg.norm(rows, axis=0)
     values = np.linalg.svd(rows / np.where(size > 0, size, 1.0), compute_uv=False)
     found = int((values > TOLERANCE * values[0]).sum())

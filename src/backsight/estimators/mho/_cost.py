@@ -11,6 +11,7 @@ from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
 from backsight.estimators.parts.covariance import Covariance, times_transposed
 from backsight.estimators.parts.leaf import Results, Symmetric, leaf, notation
+from backsight.estimators.parts.stages import noise_seen
 from backsight.estimators.parts.substeps import flow, moved_state, seen_outputs, substep_inputs
 from backsight.estimators.varied_number import varied_at
 from backsight.models.canonical.affine import moving_states
@@ -80,10 +81,7 @@ def _accumulate_dense(s: Setting, alpha: float) -> ca.Function:
     u, y, mask = ca.MX.sym("u", nu), ca.MX.sym("y", ny), ca.MX.sym("mask", ny)
     expected, H = seen_outputs(s)(x, u)
     HS = dense.transpose(times_transposed(St, H))
-    weights, v = ca.SX.sym("mask", ny), ca.SX.sym("u", nu)
-    _, _, R = masked(ca.SX.eye(ny), ca.SX.zeros(ny), ca.SX(ca.DM(s.R)), weights)
-    noise = ca.Function("noise_seen", [weights], [ca.densify(R)])(mask)
-    factor = dense.cholesky_of(noise)
+    v, factor = ca.SX.sym("u", nu), dense.cholesky_of(noise_seen(s)(mask))
     rows = dense.scaled_rows(ca.horzcat(y - expected, HS), mask)
     white = dense.solve_triangular(factor, rows)
     e, W = white[:, 0], white[:, 1:]

@@ -7,6 +7,7 @@ import casadi as ca
 from backsight.algebra.factor import solve_spd
 from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.dense import all_entries, cholesky_of, scaled_rows, solve_triangular
 from backsight.engine.loops import scan
 from backsight.estimators.base import Setting
 from backsight.estimators.kalman.prediction import (
@@ -23,7 +24,8 @@ from backsight.estimators.parts.covariance import (
     matrix_product,
 )
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
-from backsight.estimators.parts.substeps import substep_inputs
+from backsight.estimators.parts.stages import noise_seen
+from backsight.estimators.parts.substeps import seen_outputs, substep_inputs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,6 +78,15 @@ def corrections(s: Setting) -> ca.Function:
         K, _ = kalman_gain(P, H, opened(vR))
         return {"K": K, "H": H, "noise": opened(vR), "weighted": weighted}
 
+    def of_many(x: Term, P: Term, u: Term, mask: Term) -> Results:
+        H = scaled_rows(all_entries(seen_outputs(s)(x, u)[1]), mask)
+        R = noise_seen(s)(mask)
+        L = cholesky_of(R)
+        weighted = solve_triangular(L, solve_triangular(L, H), turned=True)
+        return {"K": kalman_gain(P, H, R)[0], "H": H, "noise": R, "weighted": weighted}
+
+    if Covariance(nx).whole:
+        formula = of_many
     return half("corrections", s, formula, {"weighted": (ny, nx), "noise": (ny, ny)})
 
 

@@ -32,15 +32,20 @@ def filter_limit(system: Linear) -> SteadyState | None:
 
     Also None of few states, whose covariance costs next to nothing, and of noise that changes.
     """
-    s, A, C = system.s, system.A, system.C
+    s = system.s
     if not Covariance(s.model.nx).whole or s.parts:
         return None
+    return limit_of(system.A, system.C, s.Q, s.R)
+
+
+def limit_of(A: Array, C: Array, Q: Array, R: Array) -> SteadyState | None:
+    """The same for matrices of a model from sample to sample and the covariances of its noise."""
 
     def closed(P: Array) -> tuple[Array, Array]:
-        AK = A @ np.linalg.solve(C @ P @ C.T + s.R, C @ P).T
-        return A - AK @ C, s.Q + AK @ s.R @ AK.T
+        AK = A @ np.linalg.solve(C @ P @ C.T + R, C @ P).T
+        return A - AK @ C, Q + AK @ R @ AK.T
 
-    return steady_state(riccati_limit(A, C, s.Q, s.R), closed)
+    return steady_state(riccati_limit(A, C, Q, R), closed)
 
 
 def reusing_filter(name: str, system: Linear, limit: SteadyState) -> Recursion:

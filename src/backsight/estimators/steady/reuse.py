@@ -61,7 +61,7 @@ def reused(
     body = ca.Function(
         f"{step.name()}_anew",
         [go, *symbols, waiting, m, ends, *more],
-        [ca.MX(0), *new, _waited(ny, limit.wait)(m, near, waiting)],
+        [ca.MX(0), *new, waited(ny, limit.wait)(m, near, waiting)],
     )
     start = [_goes(ny)(mask, memory.waiting), *kept, memory.waiting]
     _, *after = iterate(body, 1, carry=start, constants=[mask, memory.limit, *others])
@@ -96,7 +96,7 @@ def _goes(ny: int) -> ca.Function:
     return ca.Function("covariance_goes", [mask, waiting], [go])
 
 
-def _waited(ny: int, wait: int) -> ca.Function:
+def waited(ny: int, wait: int) -> ca.Function:
     """``(mask, near, waiting) -> waiting``: samples until the limit holds."""
     mask, near, waiting = ca.SX.sym("mask", ny), ca.SX.sym("near"), ca.SX.sym("waiting")
     goes_on = ca.logic_and(_nominal(mask), near)

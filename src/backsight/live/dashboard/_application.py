@@ -117,6 +117,9 @@ class _Shown:
                 for number, content in frames:
                     seen = number
                     yield b"data: " + content + b"\n\n"
+                if self.board.ended:  # else the server would have to break the connection
+                    yield b"event: ended\ndata: 1\n\n"
+                    return
                 await asyncio.sleep(_LOOK)
         finally:
             self.browsers -= 1

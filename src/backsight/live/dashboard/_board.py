@@ -56,6 +56,8 @@ class Board:
         self._frames: collections.deque[tuple[int, bytes]] = collections.deque(maxlen=FRAMES)
         self._number, self._due = 0, 0.0
         self._lock = threading.Lock()
+        self.ended = False
+        """Whether the run is over."""
         session.listeners.append(self._take)
 
     def described(self) -> dict[str, Any]:

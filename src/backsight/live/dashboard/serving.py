@@ -104,7 +104,7 @@ def served_board(session: LiveSession, status: LiveStatus, place: Place) -> Iter
     board = Board(session, status, recent)
     config = uvicorn.Config(
         dashboard_application(board, token=place.token, hosts=place.hosts),
-        log_level="error",
+        log_level="critical",  # what a browser does is no news of the run
         access_log=False,  # addresses hold the token
         server_header=False,
         lifespan="off",
@@ -123,6 +123,7 @@ def served_board(session: LiveSession, status: LiveStatus, place: Place) -> Iter
         with kept_history(board.history, store, board.columns()):
             yield board
     finally:
+        board.ended = True
         server.should_exit = True
         thread.join(5.0)
 

@@ -4,9 +4,11 @@ import dataclasses
 from collections.abc import Sequence
 
 import casadi as ca
+import numpy as np
 
 from backsight.description import checked
 from backsight.errors import ModelError, nearest
+from backsight.models._affine import by_parameters, remember, remembered
 from backsight.models.model import Model
 from backsight.models.signals import along
 
@@ -66,12 +68,32 @@ def forces_as_inputs(model: Model, forces: Sequence[str]) -> Model:
     symbols |= {s.name: p[i] for i, s in enumerate(kept)}
     full = ca.vertcat(*(symbols[s.name] for s in model.parameters))
     given, w = [x, u[: model.nu], full], ca.SX.sym("w", model.nx)
+    f = ca.Function("f", [x, u, p], model.f.call(given))
+    h = ca.Function("h", [x, u, p], model.h.call(given))
+    for new, old in ((f, model.f), (h, model.h)):
+        _remember_forces(new, old, model, forces)
     return dataclasses.replace(
         model,
-        f=ca.Function("f", [x, u, p], model.f.call(given)),
-        h=ca.Function("h", [x, u, p], model.h.call(given)),
+        f=f,
+        h=h,
         inputs=(*model.inputs, *(known[n] for n in forces)),
         parameters=tuple(kept),
         unsolved=model.unsolved_at([x, u, p], given),
         virtual=along(model.virtual, [x, u, p, w], [*given, w]),
     )
+
+
+def _remember_forces(
+    new: ca.Function, old: ca.Function, model: Model, forces: Sequence[str]
+) -> None:
+    """What is known of an equation is known of that with forces as inputs, whose value is 0."""
+    known, by_p = remembered(old, model.theta), by_parameters(old, model.theta)
+    if known is None or by_p is None:
+        return
+    names = [s.name for s in model.parameters]
+    moved = [names.index(name) for name in forces]
+    kept = [k for k in range(len(names)) if k not in moved]
+    by_x, by_u, constants = known
+    rest = constants - by_p[:, moved] @ model.theta[moved]
+    affine = by_x, np.hstack([by_u, by_p[:, moved]]), rest
+    remember(new, model.theta[kept], affine, by_p[:, kept])

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from backsight.algebra.expressions import check_names, expressions
 from backsight.errors import ModelError, nearest
+from backsight.models.lti import remember_slopes
 from backsight.models.model import Model, Signals
 from backsight.models.signals import Signal, Virtual, signals
 
@@ -142,9 +143,16 @@ def second_order(
     z = [_output(k, given, disturbed, of_q, symbols) for k, given in (virtual or {}).items()]
     g = ca.Function("g", [x, u, p, w], [ca.densify(ca.vertcat(*z))])
     y = [_output(k, given, motion, of_q, symbols) for k, given in outputs.items()]
+    f = ca.Function("f", [x, u, p], [ca.densify(ca.vertcat(v, a))])
+    h = ca.Function("h", [x, u, p], [ca.densify(ca.vertcat(ca.SX(0, 1), *y))])
+    plain = [where for _, where in outputs.values()]
+    numeric = (mass, damping, stiffness, *forces.values(), *plain)
+    if set(forces) <= {s.name for s in (*of_u, *of_p)} and all(map(_without_formulas, numeric)):
+        for equation in (f, h):
+            remember_slopes(equation, [s.value for s in of_p])
     return Model(
-        f=ca.Function("f", [x, u, p], [ca.vertcat(v, a)]),
-        h=ca.Function("h", [x, u, p], [ca.vertcat(*y)]),
+        f=f,
+        h=h,
         states=of_x,
         inputs=of_u,
         outputs={k: _output_unit(kind, where, of_q) for k, (kind, where) in outputs.items()},
@@ -152,6 +160,14 @@ def second_order(
         name=name,
         virtual=Virtual(_virtual_signals(virtual, of_q), g) if virtual else None,
     )
+
+
+def _without_formulas(given: Entries | Direction) -> bool:
+    """Whether entries are numbers, or a direction the name of a coordinate."""
+    if isinstance(given, str):
+        return given.isidentifier()
+    array = np.asarray(given, dtype=object)
+    return array.ndim > 0 and not any(isinstance(entry, str) for entry in array.flat)
 
 
 def _velocity(of_q: Signal) -> Signal:
@@ -166,6 +182,8 @@ def _entries(
         array = array.reshape(shape)
     if array.shape != shape:
         raise ModelError(f"{what} has the shape {array.shape}; it must be {shape}")
+    if isinstance(given, np.ndarray) and given.dtype == np.float64 and np.isfinite(given).all():
+        return ca.SX(ca.sparsify(ca.DM(given)))
     texts = {_place(what, i): entry for i, entry in np.ndenumerate(array) if isinstance(entry, str)}
     read = expressions(texts, symbols)
     matrix = ca.SX.zeros(shape[0], shape[-1] if len(shape) == 2 else 1)

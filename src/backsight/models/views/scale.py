@@ -38,9 +38,10 @@ def scale(model: Model) -> Model:
     f = ca.Function("f", [x, u, p], [model.f.call([sx * x, su * u, p])[0] / sx])
     h = ca.Function("h", [x, u, p], [model.h.call([sx * x, su * u, p])[0] / sy])
     for new, old, size in ((f, model.f, sx), (h, model.h, sy)):
-        if known := remembered(old):
+        if known := remembered(old, model.theta):
             by_x, by_u, constants = known
-            remember(new, (by_x * sx / size[:, None], by_u * su / size[:, None], constants / size))
+            known = by_x * sx / size[:, None], by_u * su / size[:, None], constants / size
+            remember(new, model.theta, known)
     return dataclasses.replace(
         model,
         f=f,

@@ -23,7 +23,7 @@ const short = (value) => (value === null ? "" : Number(value.toPrecision(5)).toS
 const table = (heads, rows) =>
   element(
     "div",
-    { className: "scroll" },
+    { className: "scroll", tabIndex: 0 },
     element(
       "table",
       {},

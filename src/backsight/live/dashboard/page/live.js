@@ -13,7 +13,8 @@ const GROUPS = [
   ["Innovations", (s) => s.kind === "nis"],
 ];
 const SIGMAS = 2; // of the bands
-let known, history = null, span = 60, charts = [], reload = 0;
+const PAPER = 640; // pixels between the margins of A4 and of letter
+let known, history = null, span = 60, charts = [], reload = 0, onPaper = false;
 
 function element(tag, text = "", name = "") {
   const made = document.createElement(tag);
@@ -66,7 +67,7 @@ function options(c) {
   const axis = { stroke: style("--muted"), grid: { stroke: style("--grid"), width: 1 }, ticks: { show: false }, font: "11px system-ui" };
   const dated = history.t.length > 0 && history.t[history.t.length - 1] > 1e8;
   return {
-    width: Math.max(200, c.place.clientWidth), height: 150, legend: { show: false }, cursor: { drag: { x: false, y: false } },
+    width: onPaper ? PAPER : Math.max(200, c.place.clientWidth), height: 150, legend: { show: false }, cursor: { drag: { x: false, y: false } },
     scales: { x: { time: dated } },
     axes: [{ ...axis, size: 28 }, { ...axis, size: 58, values: (_, ticks) => ticks.map((v) => digits(v, 6)) }],
     series: [
@@ -90,7 +91,7 @@ const seen = new IntersectionObserver((changes) => {
 function draw() {
   if (!history) return;
   drawMap();
-  for (const c of charts.filter((one) => one.visible)) {
+  for (const c of charts.filter((one) => one.visible || onPaper)) {
     if (!c.plot) c.plot = new uPlot(options(c), columns(c.kind, c.name), c.place);
     else c.plot.setData(columns(c.kind, c.name));
   }
@@ -280,6 +281,10 @@ async function begin() {
   frames.onopen = () => load().catch((e) => told(e.message)); // also what came while nobody listened
   frames.onmessage = (event) => { told(""); show(JSON.parse(event.data)); };
   frames.addEventListener("missed", () => load().catch((e) => told(e.message)));
+  frames.addEventListener("ended", () => {
+    frames.close();
+    told("The run has ended.");
+  });
   frames.onerror = () => told("The run does not answer; the page connects again by itself.");
 }
 
@@ -299,4 +304,12 @@ new ResizeObserver(() => {
   width = document.body.clientWidth;
 }).observe(document.body);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+// Paper has its own width and is always light.
+function paper(now) {
+  onPaper = now;
+  document.documentElement.classList.toggle("on-paper", now);
+  redraw();
+}
+addEventListener("beforeprint", () => paper(true));
+addEventListener("afterprint", () => paper(false));
 begin().catch((e) => told(e.message));

@@ -131,7 +131,7 @@ def leaf_of(function: ca.Function) -> Leaf:
     sizes = tuple(function.nnz_in(i) for i in range(function.n_in()))
     results = tuple(tuple(zero if k < 0 else k for k in output) for output in outputs)
     operations = tuple(record.operations)
-    return _without_unused(Leaf(function.name(), sizes, operations, results, _names(function)))
+    return without_unused(Leaf(function.name(), sizes, operations, results, _names(function)))
 
 
 def _names(function: ca.Function) -> tuple[str, ...]:
@@ -184,7 +184,7 @@ def _part(leaf: Leaf, places: list[tuple[int, int]]) -> Part:
     n = len(leaf.inputs)
     names = (*leaf.names[:n], *(leaf.names[n + piece[0][0]] for piece in pieces))
     part = dataclasses.replace(leaf, outputs=outputs, names=names)
-    return _without_unused(part), [piece[0] for piece in pieces]
+    return without_unused(part), [piece[0] for piece in pieces]
 
 
 def _needed(operations: Sequence[Operation], wanted: set[int]) -> set[int]:
@@ -199,7 +199,8 @@ def _needed(operations: Sequence[Operation], wanted: set[int]) -> set[int]:
     return needed
 
 
-def _without_unused(leaf: Leaf) -> Leaf:
+def without_unused(leaf: Leaf) -> Leaf:
+    """The leaf without operations that no result needs."""
     needed = _needed(leaf.operations, {k for output in leaf.outputs for k in output})
     new = {old: position for position, old in enumerate(sorted(needed))}
     kept = (leaf.operations[old] for old in new)
