@@ -94,8 +94,8 @@ def _apart(key: str, states: int, outputs: int) -> str:
 
 def _told(key: str, states: int, outputs: int) -> str:
     """Compile one estimator in this process; times, or why it is not offered."""
-    import backsight as bs
     from backsight.engine import native
+    from backsight.errors import BacksightError
 
     estimator, model = case(key, states, outputs)
     began = time.process_time()
@@ -103,7 +103,7 @@ def _told(key: str, states: int, outputs: int) -> str:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             recursion = estimator.compile(model, SAMPLED)
-    except bs.BacksightError as refused:
+    except BacksightError as refused:
         return f"refused: {str(refused)[:150]}"
     built = time.process_time()
     native.compiled(recursion)

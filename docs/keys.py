@@ -36,6 +36,10 @@ def page() -> str:
             parts.append(_section(f"`{title}`", table, schema))
         if name == "recording":
             parts += _of_recordings(schema)
+        if name == "readings":
+            parts.append(
+                _section("An output of `[readings]`", _part("ReadingTable", schema), schema)
+            )
     parts += [
         "## `[model]`\n\n`kind` says which of these it is.\n",
         *_kinds(tables["model"], schema),

@@ -19,6 +19,7 @@ import numpy as np
 
 import backsight as bs
 from backsight.engine import native
+from backsight.errors import BacksightError
 from backsight.estimators import AbstractEstimator
 from backsight.models.lti import is_linear
 from backsight.schema import Status
@@ -52,7 +53,7 @@ def main() -> None:
             if not given.estimators or name in given.estimators:
                 try:
                     done = run(plant, name, estimator, int(given.samples), int(given.exact))
-                except bs.BacksightError as refused:
+                except BacksightError as refused:
                     print(f"| {plant.name:<24} | {name:<9} | refused: {refused}", flush=True)
                 else:
                     print(done.row(), flush=True)

@@ -6,8 +6,10 @@ recording.
 `backsight.tune` chooses weights, places of sensors, and calibrates the model.
 """
 
+from backsight.analysis.forces import Announcement as Announcement
 from backsight.analysis.forces import ForceErrors as ForceErrors
 from backsight.analysis.forces import Impact as Impact
+from backsight.analysis.forces import announce_hits as announce_hits
 from backsight.analysis.forces import compare_forces as compare_forces
 from backsight.analysis.forces import find_impacts as find_impacts
 from backsight.estimators.cs_mhe import Carryover as Carryover

@@ -58,13 +58,13 @@ SENSORS = {
 
 @pytest.mark.parametrize("sensors", SENSORS)
 @pytest.mark.parametrize("width", [2.0**-10, 1.0, 2.0**10, 2.0**20])
-@pytest.mark.parametrize("method", ["kf", "ekf"])
+@pytest.mark.parametrize("method", ["kf", "ekf", "iekf"])
 def test_filters_keep_what_they_know(method, sensors, width):
     """Widths from a million to a million billion times the noise."""
     H, R = SENSORS[sensors]
     model, noise, Y = posed(H, R)
     prior = bs.Prior(sigma_x0=[width, 128 * width])
-    made = {"kf": bs.KalmanFilter, "ekf": bs.EKF}[method](noise, prior)
+    made = {"kf": bs.KalmanFilter, "ekf": bs.EKF, "iekf": bs.IEKF}[method](noise, prior)
     means, deviations = exact(H, R, [width, 128 * width], Y)
     result = Run(made, model, float(DT))(np.zeros((N, 0)), Y)
     found = np.sqrt(np.diagonal(result["P"], axis1=1, axis2=2))
@@ -113,10 +113,17 @@ def test_interpolated_inputs_of_linear_models(monkeypatch):
 def test_covariances_that_cannot_hold_it_are_refused():
     H, R = SENSORS["two equal"]
     model, noise, _ = posed(H, R)
-    for kind in (bs.IEKF, bs.MHO, bs.MHE, bs.LinearMHE):
+    for kind in (bs.MHO, bs.MHE, bs.LinearMHE):
         kind(noise, bs.Prior(sigma_x0=1e-4)).compile(model, float(DT))
         with pytest.raises(bs.errors.TuningError, match="narrow the prior"):
             kind(noise, bs.Prior(sigma_x0=10.0)).compile(model, float(DT))
+
+
+def test_an_iterated_filter_that_keeps_a_covariance_refuses_them():
+    model = bs.sdof(k=60.0, b=1.0)
+    iekf = bs.IEKF(bs.Noise(sigma_y=2.0**-30), bs.Prior(sigma_x0=10.0), covariance="ode")
+    with pytest.raises(bs.errors.TuningError, match="narrow the prior"):
+        iekf.compile(model, float(DT))
 
 
 @pytest.mark.parametrize("kind", ["joint_input", "csmhe"])

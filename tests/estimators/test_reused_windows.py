@@ -67,13 +67,15 @@ def test_reused_windows(bounds, settings):
     for name in ("e", "y_hat", "S", "P"):
         np.testing.assert_allclose(quick[name], exact[name], rtol=1e-5, atol=1e-9)
     np.testing.assert_array_equal(quick["status"], exact["status"])
-    reused = quick["iterations"][:, 0] == 1
+    reused = (quick["iterations"] < exact["iterations"])[:, 0]
     assert reused[100:180].any()
     assert reused[-20:].any()
     assert not reused[180 : 183 + N].any()
+    assert not reused[240 : 250 + N].any()
     assert quick["kkt"][reused].max() < 1e-6
 
 
+@pytest.mark.slow
 def test_windows_without_a_filter_are_solved():
     recursion = MHE(NOISE, PRIOR, N=2, arrival=NoArrival()).compile(machine(), DT)
     exact = MHE(NOISE, PRIOR, N=2, arrival=NoArrival(), gain="exact").compile(machine(), DT)

@@ -114,6 +114,28 @@ def test_a_hit_has_a_place_a_size_and_a_unit():
     assert seen([[0.0, 0.0]] * 3, 0.5).sentence == "no force is larger than its band"
 
 
+def test_a_hit_is_told_once_it_is_over_with_what_chance_has_to_do_with_it():
+    model = bs.from_equations(
+        states={"q": "m", "v": "m/s"}, outputs={"y": "m"}, parameters={"F": bs.Signal("N")},
+        equations={"q": "v", "v": "F - 40*q"}, output_equations={"y": "q"},
+    )  # fmt: skip
+    quantities = Quantities(model, {"d_hat": ("F",), "d_std": ("F",)})
+    table = HitAlarm(kind="hit", threshold=1.0, false_alarms=1.0)
+    condition = condition_of(table, quantities, model, dt=0.1, where="alarm.blow")
+
+    def seen(start, *sizes):
+        values = {"d_hat": np.array([sizes]).T, "d_std": np.full((len(sizes), 1), 0.5)}
+        empty = np.empty((len(sizes), 0))
+        return condition.see(LiveRows(start, empty, np.empty((len(sizes), 1)), values))
+
+    assert not seen(0, 0.0, 6.0, 5.0).there
+    assert not seen(3, 0.0).there  # it may go on
+    hit = seen(4, 0.0, 0.0)
+    assert (hit.there, hit.over, hit.value) == (True, False, 6.0)
+    assert hit.sentence.startswith("F: 6 ± 1.5 N, 0.205 s ago; noise makes one as sure in ")
+    assert seen(6, 1.5, 0.0, 0.0, 0.0).over  # three deviations come every few minutes
+
+
 def test_a_status_bit_and_its_end(tmp_path, samples):
     """The estimator is told a reading that no machine has, and begins anew."""
     alarm = '[alarm.failed]\nkind = "status"\nbits = ["not_finite"]\n'

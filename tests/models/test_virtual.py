@@ -74,7 +74,9 @@ def test_they_stay_what_they_are_when_the_model_changes():
     np.testing.assert_allclose(values(wide, x, [1.0]), [-9 - 1 + 4 + 3 + 0.25])
     known = forces_as_inputs(plain, ["F"])
     np.testing.assert_allclose(values(known, x[:2], [1.0, 4.0]), [-10 - 1 + 4 + 3])
-    lagged = bs.models.sensor_lag(plain, cutoff=50.0)
+    lagged = bs.models.with_sensors(
+        plain, {s.name: bs.models.Sensor(cutoff=50.0) for s in plain.outputs}
+    )
     np.testing.assert_allclose(values(lagged, [*x[:2], 0.0], [1.0]), [-10 - 1 + 3])
     with pytest.raises(ModelError, match="of a model with other signals"):
         dataclasses.replace(plain, inputs=(), f=lambda x, u, p: [0, 0], h=lambda x, u, p: [x.q1])

@@ -87,3 +87,44 @@ def test_a_clipped_sensor_is_seen_and_its_range_is_a_key(tmp_path):
     assert "count as not measured" in output
     assert "looks clipped" not in output
     assert load(path).model.outputs[0].saturation == (-np.inf, 0.7)
+
+
+TOWER = """
+[recording]
+path = "tower.csv"
+dt = 0.001
+outputs.a = { column = "a", unit = "m/s2" }
+[model]
+kind = "modal"
+frequencies = [4.0]
+damping = [0.01]
+sensors = { a = { kind = "acceleration", at = [1.0] } }
+forces = { hit = [1.0] }
+[readings]
+dt = 0.001
+outputs.a = { limit = 50.0, cutoff = 45.0, late = 1.4e-4, offset = 0.1 }
+[estimate.a_offset]
+start = 0.0
+sigma = 1.0
+[prior]
+sigma_x0 = { q1 = 0.01, q1_dot = 0.1, a_sensor = 1.0 }
+[noise]
+sigma_y = { a = 0.1 }
+[estimators.EKF]
+kind = "ekf"
+"""
+
+
+def test_readings_are_seen_through_a_sensor_that_is_part_of_the_model(tmp_path):
+    (tmp_path / "tower.csv").write_text("a\n" + "0.5\n" * 40)
+    path = tmp_path / "tower.toml"
+    path.write_text(TOWER)
+    model = load(path).model
+    assert [s.name for s in model.states] == ["q1", "q1_dot", "a_sensor", "a_offset"]
+    assert model.dt == 0.001
+    path.write_text(TOWER.replace("outputs.a = { limit", "outputs.b = { limit"))
+    with pytest.raises(ProblemError, match=r"readings.*no output 'b'"):
+        load(path)
+    path.write_text(TOWER.replace("late = 1.4e-4", "late = 2e-3"))
+    with pytest.raises(ProblemError, match=r"readings.*a sample takes 0.001 s"):
+        load(path)

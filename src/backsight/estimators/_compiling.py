@@ -117,6 +117,16 @@ class Compilable(Description, abc.ABC):
         """Whether the noise of a sample changes its covariance only, not how it is corrected."""
         return False
 
+    @property
+    def one_sided(self) -> bool:
+        """Whether at a kink of the model it takes the slope of one side for the other, too."""
+        return False
+
+    @property
+    def restrictions(self) -> tuple[str, ...]:
+        """Names of the settings, among those that are given, that keep it from being Gaussian."""
+        return tuple(name for name in ("limits", "soft") if getattr(self, name, None))
+
     def varied(self, *, parameters: bool) -> Compilable:  # noqa: ARG002 - itself mostly
         """Return the method that finds the same while values of noise and model are inputs.
 

@@ -66,16 +66,6 @@ class AbstractEstimator(Compilable, abc.ABC):
         return self.constant_gain
 
     @property
-    def one_sided(self) -> bool:
-        """Whether at a kink of the model it takes the slope of one side for the other, too."""
-        return False
-
-    @property
-    def restrictions(self) -> tuple[str, ...]:
-        """Names of the settings, among those that are given, that keep it from being Gaussian."""
-        return tuple(name for name in ("limits", "soft") if getattr(self, name, None))
-
-    @property
     def delay(self) -> int:
         """Samples from the newest one back to that of the output: the field ``lag``, or 0.
 

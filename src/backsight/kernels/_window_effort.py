@@ -203,16 +203,16 @@ class Window:
     def _residuals(self) -> KernelWork:
         m, d = self.m, self.d
         forces = KernelWork(self.n * (2 + 2 * self.length))
-        found = self._first() + forces + m * (_dot(self.nx) + _dot(d) + KernelWork(2))
+        fit = _product(m, self.nx) + d * KernelWork(1 + 2 * m)
+        found = self._first() + forces + fit + KernelWork(2 * m) + _forward(m)
         if self.bounded or self.varying:
-            found += (
-                m * (_dot(m) + KernelWork(2)) + _product(m, self.nx) + d * KernelWork(1 + 2 * m)
-            )
+            found += m * (_dot(m) + KernelWork(2))
         return found
 
     def _gap(self) -> KernelWork:
         nx, c = self.nx, self.columns * self.bounded
-        least_squares = _dot(self.m) + self._explain(nx) + _dot(nx) + KernelWork(2)
+        near = KernelWork(4 * self.n)
+        least_squares = near + _dot(self.m) + self._explain(nx) + _dot(nx) + KernelWork(2)
         return least_squares + KernelWork(30 * self.n + 60 * c + 12, self.n + 1)
 
     def _within(self) -> KernelWork:

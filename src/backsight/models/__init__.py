@@ -13,15 +13,16 @@ from backsight.models.structures import (
     modal,
     reduced,
     second_order,
-    sensor_lag,
 )
 from backsight.models.text import from_equations
 from backsight.models.views.incremental import incremental
 from backsight.models.views.scale import scale
+from backsight.models.views.sensors import Sensor, with_sensors
 from backsight.models.views.virtual import with_dummies, with_virtual
 
 __all__ = [
     "Model",
+    "Sensor",
     "Signal",
     "Substructure",
     "augment",
@@ -38,7 +39,7 @@ __all__ = [
     "scale",
     "sdof",
     "second_order",
-    "sensor_lag",
     "with_dummies",
+    "with_sensors",
     "with_virtual",
 ]

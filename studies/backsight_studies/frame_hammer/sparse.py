@@ -12,7 +12,7 @@ import xarray as xr
 import backsight as bs
 from backsight import schema
 from backsight.analysis.forces import Impact, find_impacts
-from backsight.models.structures.sensor_lag import sensor_lag
+from backsight.models.views.sensors import Sensor, with_sensors
 from backsight.types import Array
 from backsight_studies.frame_hammer.rig import DT, HEIGHTS, SENSORS, Axis
 from backsight_studies.frame_hammer.straight import slow
@@ -74,7 +74,8 @@ def model(axis: Axis) -> bs.Model:
         sensors={f"a{j + 1}": ("acceleration", few.seen[:, j]) for j in range(len(SENSORS))},
         forces={**forces, TWIST: np.eye(few.modes)[-1]},
     )
-    return sensor_lag(structure, axis.cutoff)
+    slow_sensor = Sensor(cutoff=axis.cutoff)
+    return with_sensors(structure, {s.name: slow_sensor for s in structure.outputs})
 
 
 def sparse(axis: Axis, values: Array) -> Sparse:

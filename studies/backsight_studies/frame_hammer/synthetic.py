@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 
 import backsight as bs
-from backsight.models.structures.sensor_lag import sensor_lag
+from backsight.models.views.sensors import Sensor, with_sensors
 from backsight.types import Array
 from backsight_studies.frame_hammer.rig import DT, LSB, SENSORS, STRONG, SUBSTEPS, WEAK, Axis
 from backsight_studies.frame_hammer.source import Hammer, Recording
@@ -96,4 +96,8 @@ def _rig(axis: Axis, height: float, e: Errors, rng: np.random.Generator) -> bs.M
         inputs={"F": np.append(driven, 0.0), "T": np.eye(n)[-1]},
     )
     cutoff = axis.cutoff * (1 + e.cutoff * rng.standard_normal(len(SENSORS)))
-    return sensor_lag(structure, cutoff, limit=axis.limit * (1 + e.limit * rng.standard_normal()))
+    limit = axis.limit * (1 + e.limit * rng.standard_normal())
+    sensors = (Sensor(limit=limit, cutoff=float(f)) for f in cutoff)
+    return with_sensors(
+        structure, {s.name: k for s, k in zip(structure.outputs, sensors, strict=True)}
+    )

@@ -10,8 +10,8 @@ SIAM J. 11, 1963, doi:10.1137/0111030), a few iterations from each of many start
 
 It is the study's own and not general: the motion is the closed form of the modes of one beam, the
 hits are half-sine pulses on the sub-steps of one converter, which reads four channels one after the
-other. In the library a clipped and lagged sensor is a model (`sensor_lag`), channels of other times
-are samples that the others miss, and a window over any model is fitted by the MHE.
+other. In the library a clipped and lagged sensor is a model (`with_sensors`), channels of other
+times are read late, and a window over any model is fitted by the MHE.
 """
 
 import dataclasses

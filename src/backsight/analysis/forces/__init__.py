@@ -1,5 +1,8 @@
 """Estimated forces beside applied ones: impacts, hits, errors."""
 
+from backsight.analysis.forces._announced import Announcement as Announcement
+from backsight.analysis.forces._announced import HitWatch as HitWatch
+from backsight.analysis.forces._announced import announce_hits as announce_hits
 from backsight.analysis.forces._force_errors import ForceErrors as ForceErrors
 from backsight.analysis.forces._force_errors import compare_forces as compare_forces
 from backsight.analysis.forces._force_remarks import REMARKS as REMARKS

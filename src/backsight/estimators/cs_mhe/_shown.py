@@ -5,7 +5,7 @@ import casadi as ca
 from backsight.algebra.symmetric import vech
 from backsight.engine.dense import UNROLL, triangle
 from backsight.engine.recursion import Channel
-from backsight.estimators.cs_mhe._window import ROUNDING
+from backsight.estimators.cs_mhe._window import ROUNDING, SMALL
 from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, named_results
@@ -15,9 +15,6 @@ NUMBERS = ("nonzeros", "steps", "kkt", "gap", "lam_max")
 
 NEAR = 1e-9
 """Duality gap, as a share of the cost, up to which a window counts as solved."""
-
-SMALL = 1e-10
-"""The same that is rounding, and is put out as this."""
 
 
 def channels(names: tuple[str, ...], limits: tuple[str, ...]) -> tuple[Channel, ...]:
@@ -66,9 +63,8 @@ def how_it_went(lam: float) -> ca.Function:
 
     def formula(
         status: ca.SX, kkt: ca.SX, steps: ca.SX, nonzeros: ca.SX, lam_max: ca.SX, unobserved: ca.SX,
-        cost: ca.SX, gap: ca.SX, clipped: ca.SX, infeasible: ca.SX,
+        gap: ca.SX, clipped: ca.SX, infeasible: ca.SX,
     ) -> Results:  # fmt: skip
-        del cost
         flags = Flags(
             iteration_limit=status == 1,
             dependent=status == 2,
@@ -87,5 +83,5 @@ def how_it_went(lam: float) -> ca.Function:
         }
 
     info = ("status", "kkt", "steps", "nonzeros", "lam_max", "unobserved")
-    rest = ("cost", "gap", "clipped", "infeasible")
+    rest = ("gap", "clipped", "infeasible")
     return leaf("told", dict.fromkeys((*info, *rest), 1), formula)

@@ -102,8 +102,9 @@ def tables(forced: Forced, shapes: Array, limits: Limits, *, N: int, lag: int) -
         halves.append(half)
         effects.append(half @ white - np.hstack([powers[at], by_force[at]]))
         variances.append(P[at] - half @ half.T)
+    whole = scipy.linalg.solve_triangular(factor, np.vstack(halves).T, lower=True, trans="T").T
     np.fill_diagonal(factor, 1 / np.diag(factor))
-    full = (*map(np.vstack, (halves, effects, variances)), factor)
+    full = (whole, *map(np.vstack, (effects, variances)), factor)
     return Tables(problem, full, atoms_of(shapes, onto), p, steps)
 
 

@@ -24,7 +24,10 @@ KERNEL = "cs_window"
 ROUNDING = 1e-9
 """Violation of an optimality condition, as a share of lam, that is no violation."""
 
-INFO = 10
+SMALL = 1e-10
+"""Duality gap, as a share of the cost, that is rounding, and need not be known more exactly."""
+
+INFO = 9
 """Numbers that the kernel says of a window, and one more for every limited sum."""
 
 STEPS_PER_ATOM = 4
@@ -53,8 +56,8 @@ class WindowSolution:
         Over the step of the output: above the threshold, as found, their variance, (nf, 3).
     info : list of MX
         Status, violation of the optimality conditions, steps, active atoms, weight from which
-        nothing is found, 1 if the window does not determine its first state, cost, its duality
-        gap as a share of it, 1 if a limit is active, 1 if limits contradict each other.
+        nothing is found, 1 if the window does not determine its first state, duality gap as a
+        share of the cost, 1 if a limit is active, 1 if limits contradict each other.
     infeasible : MX
         1 for the limited sums that contradict each other or others.
     motion : MX
@@ -164,7 +167,7 @@ class Solver:
             Tables of this window, if they are not always the same.
         """
         nx, nf = len(self.forced.system.A), len(self.forced.names)
-        options = [self.threshold, ROUNDING * self.lam, float(self.lag), float(self.refits)]
+        options = [self.threshold, ROUNDING * self.lam, float(self.lag), float(self.refits), SMALL]
         full = self.tables.full or [np.zeros((1, 1))] * 4
         side = np.tile(self.side, self.tables.steps)
         constants = [*full, *self.tables.atoms, side, self.caps.T, np.array(options)]

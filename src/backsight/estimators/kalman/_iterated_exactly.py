@@ -38,6 +38,7 @@ from backsight.estimators.parts.covariance import (
 from backsight.estimators.parts.factors import (
     Factor,
     compress_rows,
+    on_top,
     solve_lower,
     solve_upper_semidefinite,
 )
@@ -84,10 +85,11 @@ def _step(s: Setting, tolerance: float) -> ca.Function:
         H, e, noise, _ = measure(x + matrix_product(L, z), u, y, mask)
         HL = transposed(times_transposed(transposed(L), H))
         M = ca.densify(ca.horzcat(HL, noise))
-        root = compress_rows(M)
+        joint = compress_rows(on_top([M, type(M)(ca.DM.eye(nx + ny))]))
+        root, onto = joint[:ny, :ny], joint[ny:, :ny]  # M = root onto', with orthogonal columns
         white = solve_lower(root, e + matrix_product(HL, z))
         multipliers = solve_upper_semidefinite(root, white)
-        both = matrix_product(transposed(M), multipliers)
+        both = matrix_product(onto, white)  # M' multipliers, without squaring what is ill-posed
         z_next, n_next = both[:nx], both[nx:]
 
         # 2. Take it if it is the first, or does not raise the penalty function; else halve it.

@@ -18,7 +18,7 @@ from backsight.estimators.kalman._linearised import ekf_looks
 from backsight.estimators.kalman.ekf import correct, ekf_halves
 from backsight.estimators.kalman.exact_sensors import exact_sensors, with_exact_sensors
 from backsight.estimators.kalman.prediction import Propagation
-from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves
+from backsight.estimators.kalman.square_root import refuse_too_wide, square_root_halves, wide
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -127,13 +127,15 @@ class IEKF(AbstractEstimator):
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
         s = self._setting(model, dt)
-        refuse_too_wide(s, "IEKF")
-        return assemble(self.key, s, self._halves(s))
+        by_factor = self.covariance != "ode"
+        if not by_factor:
+            refuse_too_wide(s, "IEKF with covariance 'ode'")
+        return assemble(self.key, s, self._halves(s, by_factor=by_factor and wide(s)))
 
     def smoother(self, model: Model, dt: float, *, covariance: Spread) -> ForwardBackward:
         """See `AbstractEstimator.smoother`."""
         s = self._setting(model, dt)
-        parts = self._halves(s)
+        parts = self._halves(s, by_factor=exact_sensors(s))
         looks = ekf_looks(s, s.integrator, parts, at="estimate")
         return passes(self.key, s, parts, looks, covariance=covariance)
 
@@ -147,10 +149,10 @@ class IEKF(AbstractEstimator):
             noiseless=self.covariance != "ode",
         )
 
-    def _halves(self, s: Setting) -> Halves:
-        """Those of the EKF, with an iterated measurement update."""
+    def _halves(self, s: Setting, *, by_factor: bool) -> Halves:
+        """Those of the EKF, with an iterated measurement update; on a factor of P if asked."""
         limit, tolerance = self.max_iterations, self.tolerance
-        if exact_sensors(s):
+        if by_factor:
             once = square_root_halves(s.sampled() if self.covariance == "discrete" else s)
             return with_exact_sensors(
                 s, iterated_exactly(s, once, limit=limit, tolerance=tolerance)

@@ -104,7 +104,7 @@ def refuse_too_wide(
         raise TuningError(
             f"the prior says of an output more than {TOO_WIDE:g} times what its noise is: the "
             f"covariances of {title} cannot hold both; narrow the prior (sigma_x0), or use "
-            "KalmanFilter, EKF or UKF, which keep factors"
+            "KalmanFilter, EKF, IEKF or UKF, which keep factors"
         )
 
 

@@ -147,7 +147,7 @@ def newest_gain(system: Linear, N: int, *, every: int = 1) -> Array:
 
 def _compressed(triangle: Array, rows: Array) -> Array:
     """Triangular factor of equations and those that are added."""
-    return np.linalg.qr(np.vstack([triangle, rows]), mode="r")
+    return np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"), float)
 
 
 def in_units(scaled: Gains, s: Setting) -> Gains:
@@ -173,7 +173,7 @@ TOLERANCE = 1e-10
 def check_rank(rows: Array, N: int) -> None:
     """Raise `TuningError` unless the rows (..., nx) of a window determine nx numbers."""
     if len(rows) > rows.shape[-1]:
-        rows = np.linalg.qr(rows, mode="r")
+        rows = np.asarray(np.linalg.qr(rows, mode="r"), float)
     size = np.linalg.norm(rows, axis=0)
     values = np.linalg.svd(rows / np.where(size > 0, size, 1.0), compute_uv=False)
     found = int((values > TOLERANCE * values[0]).sum())

@@ -7,8 +7,11 @@ filter forward and its adjoint backward with constant matrices. If the trajector
 it is the optimum; any other window is solved as it always is.
 """
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from backsight.engine.dense import few_entries, near_to
 from backsight.engine.loops import all_finite, iterate, scan, smallest
@@ -24,7 +27,6 @@ from backsight.estimators.parts.substeps import linear_step
 from backsight.estimators.parts.window import moved_on
 from backsight.estimators.steady import SteadyState, limit_of, waited
 from backsight.models.lti import output_equation
-from backsight.types import Array
 
 
 def window_limit(parts: Parts, arrival: object) -> SteadyState | None:
@@ -189,7 +191,7 @@ def _passes(parts: Parts, limit: SteadyState) -> tuple[ca.Function, ca.Function,
     return forward, backward, look
 
 
-def _times(matrix: Array, vector: ca.MX) -> ca.MX:
+def _times(matrix: NDArray[np.floating[Any]], vector: ca.MX) -> ca.MX:
     if not matrix.any():
         return ca.MX.zeros(len(matrix), 1)
-    return ca.densify(matrix_product(few_entries(matrix), vector))
+    return ca.densify(matrix_product(few_entries(np.asarray(matrix, float)), vector))

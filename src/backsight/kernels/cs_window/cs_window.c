@@ -26,8 +26,8 @@ enum {
     RES_ALPHA, RES_EXTRA, RES_VARIANCE, RES_X, RES_COVARIANCE, RES_FORCES, RES_INFO, RES_MOTION
 };
 enum {
-    INFO_STATUS, INFO_KKT, INFO_STEPS, INFO_NONZEROS, INFO_STRONGEST, INFO_UNOBSERVED, INFO_COST,
-    INFO_GAP, INFO_CLIPPED, INFO_INFEASIBLE, INFO_CONTRADICTED /* and so on for every limited sum */
+    INFO_STATUS, INFO_KKT, INFO_STEPS, INFO_NONZEROS, INFO_STRONGEST, INFO_UNOBSERVED, INFO_GAP,
+    INFO_CLIPPED, INFO_INFEASIBLE, INFO_CONTRADICTED /* and so on for every limited sum */
 };
 
 KERNEL void cs_window_work(const int *sizes, long *reals, long *ints)
@@ -68,8 +68,8 @@ static cs_window_problem cs_window_begin(const cs_window_sizes *z, const real *c
     k.counting.weight = k.r + m;
     k.counting.soft = k.counting.weight + m;
     k.fit = k.counting.soft + m;
-    k.whitened = k.fit + m;
-    k.white = k.whitened + m;
+    k.given = k.fit + m;
+    k.white = k.given + m;
     k.e = k.white + m;
     k.g = k.e + m;
     k.x0 = k.g + z->n;
@@ -79,18 +79,19 @@ static cs_window_problem cs_window_begin(const cs_window_sizes *z, const real *c
     k.rest = k.tables + cs_window_tables_size(nx, z->d, m, PLACES);
     k.absent = (int)arg[ARG_ABSENT][0];
     k.complete = k.absent == 0 && !z->varying;
-    const int samples = z->N + 1 - k.absent; /* those that are there */
-    for (int i = 0; i < m; ++i) k.counting.weight[i] = k.counting.soft[i] = k.r[i] = 0;
-    for (int i = 0; i < m && z->limits; ++i) k.row[i] = 0;
-    for (int sample = 0; sample < samples; ++sample) {
-        real *weight = k.counting.weight + sample * z->ny, *r = k.r + sample * z->ny;
-        const int from = (sample + k.absent) * z->outputs;
-        for (int i = 0; i < z->outputs; ++i) {
-            weight[i] = arg[ARG_MASK][from + i];
-            r[i] = weight[i] != 0 ? arg[ARG_R][from + i] : 0;
-            if (weight[i] != 1) k.complete = 0;
-        }
+    const int there = (z->N + 1 - k.absent) * z->outputs; /* measurements */
+    const real *mask = arg[ARG_MASK] + k.absent * z->outputs;
+    const real *given = arg[ARG_R] + k.absent * z->outputs;
+    for (int i = 0; i < m; ++i) k.counting.weight[i] = k.r[i] = 0;
+    for (int i = 0; i < m && z->limits; ++i) k.row[i] = 0, k.counting.soft[i] = 0;
+    int partly = 0;
+    for (int i = 0; i < there; ++i) {
+        const int row = z->limits ? i / z->outputs * z->ny + i % z->outputs : i;
+        k.counting.weight[row] = mask[i];
+        k.r[row] = mask[i] != 0 ? given[i] : 0;
+        partly += mask[i] != 1;
     }
+    k.complete = k.complete && !partly;
     for (int i = 0; i < z->columns; ++i) k.held[i] = 0;
     const int lag = (int)arg[ARG_OPTIONS][OPTION_LAG], newest = z->N - k.absent;
     k.at[AT_ARRIVAL] = 1;
@@ -203,7 +204,7 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
     cs_window_look(&k);
     cs_window_quiet(&k);
     const int unobserved = k.unobserved;
-    const real strongest = cs_window_strongest(&z, &k.prior, k.g);
+    const real strongest = cs_window_strongest(&z, &k.prior, k.g, rest);
     const real rounding = 16 * real_epsilon * strongest, asked = options[OPTION_TOLERANCE];
     k.least = asked > rounding ? asked : rounding;
     int status = cs_window_optimum(&k, arg[ARG_WARM], &steps);
@@ -211,11 +212,17 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
     if (z.bounded)
         status = cs_window_within(&k, alpha, extra, k.at_limit + z.columns, &steps,
                                   info + INFO_CONTRADICTED);
-    else
+    else if (z.varying)
         cs_window_residuals(&k, alpha, extra);
+    else
+        cs_window_first(A, k.x0, rest);
     for (int i = 0; i < z.m && z.limits; ++i) limited |= k.row[i] != 0;
     info[INFO_KKT] = cs_window_kkt(&z, &k.prior, A, k.g, k.held, k.shut, rest);
-    cs_window_gap(&k, alpha, extra, info + INFO_COST, info + INFO_GAP);
+    info[INFO_GAP] = options[OPTION_GAP];
+    if (!cs_window_near(&z, &k.prior, info[INFO_KKT], options[OPTION_GAP])) {
+        if (!z.bounded && !z.varying) cs_window_residuals(&k, alpha, extra);
+        info[INFO_GAP] = cs_window_gap(&k, alpha, extra);
+    }
     real *motion = res[RES_MOTION];
     motion[0] = 0;
     if (z.varying) { /* weighted residuals of all rows, modal forces, first state */
@@ -268,7 +275,7 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
     }
     int nonzeros = 0, clipped = limited;
     for (int i = 0; i < z.n; ++i) nonzeros += alpha[i] + extra[i] != 0;
-    for (int i = 0; i < z.columns; ++i) clipped |= k.held[i] != 0;
+    for (int i = 0; i < z.columns && z.bounded; ++i) clipped |= k.held[i] != 0;
     info[INFO_STATUS] = (real)status;
     info[INFO_STEPS] = (real)steps;
     info[INFO_NONZEROS] = (real)nonzeros;

@@ -4,7 +4,8 @@
 
 #include "cs_window_search.h"
 
-enum { OPTION_THRESHOLD, OPTION_TOLERANCE, OPTION_LAG, OPTION_REFIT };
+/* OPTION_GAP: up to which a gap need not be known. */
+enum { OPTION_THRESHOLD, OPTION_TOLERANCE, OPTION_LAG, OPTION_REFIT, OPTION_GAP };
 
 #define NO_LIMIT ((real)1e30) /* a limit that is none */
 
@@ -22,7 +23,7 @@ typedef struct {
     real least; /* violation of an optimality condition that is rounding */
     real *X, *r, *v, *g; /* of all rows: measured, or the end of the active limit */
     real *x0, *f, *fit; /* first state, modal forces, and what both explain of all rows */
-    real *whitened, *white, *e; /* of the rows that count: L^-1 r, and L^-1, S0^-1 times residuals */
+    real *given, *white, *e; /* of the rows that count: what W takes, and L^-1, S0^-1 times residuals */
     real *at_limit, *rest, *tables; /* the last two: work space */
 } cs_window_problem;
 
@@ -45,10 +46,12 @@ static void cs_window_look(cs_window_problem *k)
     real *rest = k->rest;
     int limited = 0;
     for (int i = 0; i < z->m && z->limits; ++i) limited |= k->row[i] != 0;
-    cs_window_number(&k->counting, z->m);
-    if (k->complete && !limited) {
-        const cs_window_tables all = {nx, z->d, k->counting.count, rows, arg[ARG_W], arg[ARG_J],
-                                      arg[ARG_V], arg[ARG_L]};
+    const int whole = k->complete && !limited, every = whole && !z->limits;
+    if (!every) cs_window_number(&k->counting, z->m);
+    const int count = every ? z->m : k->counting.count;
+    if (whole) {
+        const cs_window_tables all = {nx,         z->d,       count,      rows,      1,
+                                      arg[ARG_W], arg[ARG_J], arg[ARG_V], arg[ARG_L]};
         k->tab = all;
     } else
         k->tab = cs_window_prepare(z, arg, &k->counting, z->d, k->at, PLACES, k->tables);
@@ -56,11 +59,10 @@ static void cs_window_look(cs_window_problem *k)
     const int unknown = free && !cs_window_unknown(k->tab.J, rows, k->X, nx, rest);
     if (!free || unknown) cs_window_posterior(arg[ARG_PA], k->tab.J, rows, k->X, nx, rest);
     k->unobserved = unknown;
-    const int count = k->counting.count;
-    for (int i = 0; i < count; ++i) k->whitened[i] = k->r[k->counting.used[i]];
-    cs_window_forward(k->tab.L, count, k->whitened, 0, count);
+    for (int i = 0; i < count && !every; ++i) k->given[i] = k->r[k->counting.used[i]];
+    if (!k->tab.whole) cs_window_forward(k->tab.L, count, k->given, 0, count);
     for (int i = 0; i < rows; ++i) k->v[i] = 0;
-    cs_window_product(k->v, 1, k->tab.W, rows, k->whitened, 1, rows, count);
+    cs_window_product(k->v, 1, k->tab.W, rows, every ? k->r : k->given, 1, rows, count);
     for (int i = 0; i < z->columns && z->bounded; ++i)
         if (k->held[i]) cs_window_hold(k, i, k->at_limit[i], k->v);
     k->A.X = k->X;
@@ -87,7 +89,7 @@ static void cs_window_factors(const cs_window_problem *k, real *alpha, real *ext
         const int column = k->A.column[i];
         (column < n ? alpha : extra)[column % n] = k->A.a[i];
     }
-    for (int i = 0; i < k->z->columns; ++i)
+    for (int i = 0; i < k->z->columns && k->z->bounded; ++i)
         if (k->held[i]) (i < n ? alpha : extra)[i % n] = k->at_limit[i];
 }
 
@@ -95,7 +97,9 @@ static void cs_window_factors(const cs_window_problem *k, real *alpha, real *ext
 static void cs_window_residuals(cs_window_problem *k, const real *alpha, const real *extra)
 {
     const cs_window_sizes *z = k->z;
-    const int whole = z->width * z->p, count = k->counting.count;
+    const int whole = z->width * z->p;
+    cs_window_number(&k->counting, z->m);
+    const int count = k->counting.count;
     cs_window_first(&k->A, k->x0, k->rest);
     for (int i = 0; i < z->d; ++i) k->f[i] = 0;
     for (int i = 0; i < z->n; ++i) {
@@ -105,18 +109,18 @@ static void cs_window_residuals(cs_window_problem *k, const real *alpha, const r
         cs_window_add(k->f + start, a, k->prior.atoms + i % z->atoms * whole,
                       z->d - start < whole ? z->d - start : whole);
     }
-    for (int i = 0; i < count; ++i) {
-        const real *by = k->tab.W + (long)i * k->tab.rows;
-        k->white[i] = k->whitened[i] - cs_window_dot(by, k->x0, z->nx)
-                      - cs_window_dot(by + z->nx, k->f, z->d);
-    }
-    if (!z->bounded && !z->varying) return;
-    for (int i = 0; i < count; ++i) k->e[i] = k->white[i];
-    cs_window_back(k->tab.L, k->e, count);
     for (int i = 0; i < z->m; ++i) k->fit[i] = 0;
     cs_window_product(k->fit, 1, k->arg[ARG_O], z->m, k->x0, 1, z->m, z->nx);
     for (int j = 0; j < z->d; ++j)
         if (k->f[j] != 0) cs_window_add(k->fit, k->f[j], k->arg[ARG_G] + (long)j * z->m, z->m);
+    for (int i = 0; i < count; ++i) {
+        const int of = k->counting.used[i];
+        k->white[i] = k->r[of] - k->counting.weight[of] * k->fit[of];
+    }
+    cs_window_forward(k->tab.L, count, k->white, 0, count);
+    if (!z->bounded && !z->varying) return;
+    for (int i = 0; i < count; ++i) k->e[i] = k->white[i];
+    cs_window_back(k->tab.L, k->e, count);
 }
 
 /* Half the slope of the cost by a column, downwards, without its l1 norm; g are the gradients. */
@@ -157,12 +161,25 @@ static real cs_window_support(real y, real lam, real low, real high)
     return low <= 0 && high >= 0 && most < 0 ? 0 : most;
 }
 
-/* Cost, and its duality gap as a share of it. With the residual r of all that is least squares and
+/* Whether the largest violation v of an optimality condition says that the duality gap, as a share of
+   the cost, is no larger than `most`. With t = v / lam, the scale s of `cs_window_gap` is 1 / (1 + t)
+   or more, and active atoms have s c a >= (1 - 2 t) lam |a|, so that
+
+       gap <= t^2 r'r + 2 t sum lam |a| <= 2 t cost.
+
+   Limits have terms of their own. */
+static int cs_window_near(const cs_window_sizes *z, const cs_window_prior *prior, real v, real most)
+{
+    int not_near = z->bounded;
+    for (int i = 0; i < z->n; ++i) not_near += !(2 * v <= most * prior->lam[i]);
+    return !not_near;
+}
+
+/* Duality gap as a share of the cost. With the residual r of all that is least squares and
    the slope c of it by an atom, s r belongs to a point of the dual problem if s |c| <= lam:
 
        gap = (1 - s)^2 r'r + sum (lam |a| - s c a + sup {s c b - lam |b|, b in its box}). */
-static void cs_window_gap(const cs_window_problem *k, const real *alpha, const real *extra,
-                          real *cost, real *gap)
+static real cs_window_gap(const cs_window_problem *k, const real *alpha, const real *extra)
 {
     const cs_window_sizes *z = k->z;
     const int nx = z->nx;
@@ -196,8 +213,8 @@ static void cs_window_gap(const cs_window_problem *k, const real *alpha, const r
         if (!extra_state && k->prior.side[i] < 0) high = 0;
         sum += cs_window_support(y, lam, low, high) - (extra_state ? y * a : 0);
     }
-    *cost = square + norm;
-    *gap = *cost > 0 ? real_fabs((1 - s) * (1 - s) * square + sum) / *cost : 0;
+    const real cost = square + norm;
+    return cost > 0 ? real_fabs((1 - s) * (1 - s) * square + sum) / cost : 0;
 }
 
 #endif

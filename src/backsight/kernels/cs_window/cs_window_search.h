@@ -56,16 +56,22 @@ static int cs_window_violated(const cs_window_sizes *z, const cs_window_prior *p
     return column;
 }
 
-/* The weight from which on no atom would be found. */
+/* The weight from which on no atom would be found; w takes n numbers. Four maxima side by side: one
+   alone would wait for every comparison. */
 static real cs_window_strongest(const cs_window_sizes *z, const cs_window_prior *prior,
-                                const real *g)
+                                const real *g, real *restrict w)
 {
-    real most = 0;
+    real most[4] = {0, 0, 0, 0};
     for (int i = 0; i < z->n; ++i) {
-        const real side = prior->side[i], size = 2 * (side == 0 ? real_fabs(g[i]) : side * g[i]);
-        most = size > most ? size : most;
+        const real side = prior->side[i];
+        w[i] = 2 * (side == 0 ? real_fabs(g[i]) : side * g[i]);
     }
-    return most;
+    int i = 0;
+    for (; i + 4 <= z->n; i += 4)
+        for (int k = 0; k < 4; ++k) most[k] = w[i + k] > most[k] ? w[i + k] : most[k];
+    for (; i < z->n; ++i) most[0] = w[i] > most[0] ? w[i] : most[0];
+    for (int k = 1; k < 4; ++k) most[0] = most[k] > most[0] ? most[k] : most[0];
+    return most[0];
 }
 
 /* Start from what is certainly active, and from the atoms of the last window, but not from those that
@@ -75,17 +81,14 @@ static int cs_window_start(const cs_window_sizes *z, const cs_window_tables *tab
                            const int *held, cs_window_active *A, int *shut)
 {
     int complete = 1;
-    for (int i = 0; i < z->n; ++i) {
-        shut[i] = 0;
+    for (int i = 0; i < z->n; ++i) shut[i] = held[i] != 0;
+    for (int i = 0; i < z->n && z->carries; ++i)
         if (prior->extra_q[i] > 0 && !held[z->n + i])
             complete &= cs_window_append(z, tab, prior, A, v, z->n + i, prior->extra_c[i], 0);
-    }
     for (int i = 0; i < z->n; ++i) {
         const real a = warm[i], side = prior->side[i];
-        if (held[i]) {
-            shut[i] = 1;
-            continue;
-        }
+        if (a == 0 && prior->lam[i] > 0) continue; /* most of them */
+        if (held[i]) continue;
         const int kinked = prior->lam[i] > 0 || side != 0;
         const int use = kinked ? a != 0 && side * a >= 0 : prior->q[i] > 0;
         if (use) shut[i] = cs_window_append(z, tab, prior, A, v, i, a, a > 0 ? 1 : -1);

@@ -31,9 +31,9 @@ typedef struct {
        W = [O'; G'; cross'] L'^-1,   J = [O' S0^-1 O, O' S0^-1 G; G' S0^-1 O, G' S0^-1 G; -Phi, -E]
 
    so that W L^-1 r - J [dx; f] is the gradient, halved, and the states, with S0 = L L'. r has the rows
-   that count. */
+   that count. `whole`: W has L^-1 in it and takes r itself. */
 typedef struct {
-    int nx, d, m, rows;
+    int nx, d, m, rows, whole;
     const real *W, *J, *V; /* V: the covariances on top of each other */
     const real *L; /* factor of S0, with reciprocals on its diagonal */
 } cs_window_tables;
@@ -78,7 +78,7 @@ static real cs_window_noise(const cs_window_sizes *z, const real *const *arg,
                             const cs_window_rows *rows, int i, int j)
 {
     const real both = rows->weight[i] * rows->weight[j], all = arg[ARG_S0][i + j * z->m];
-    const real soft = i == j ? rows->soft[i] : 0;
+    const real soft = i == j && z->limits ? rows->soft[i] : 0;
     if (both == 1 || i / z->ny != j / z->ny) return both * all + soft;
     const real own = arg[ARG_NOISE][i % z->ny + j % z->ny * z->ny];
     return both * (all - own) + own + soft;
@@ -139,7 +139,7 @@ static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *
                 if (moved) J[row + (nx + j) * rows] -= moved[k];
             }
         }
-    const cs_window_tables tables = {nx, d, m, rows, W, J, V, L};
+    const cs_window_tables tables = {nx, d, m, rows, 0, W, J, V, L};
     return tables;
 }
 

@@ -1,14 +1,13 @@
 """What an alarm looks at: for every kind, whether it is there, and what is said of it."""
 
-import abc
 import collections
-import dataclasses
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy.special
 
 from backsight.errors import ProblemError, nearest
+from backsight.live.alarms._hits import AnnouncedCondition, HitCondition
+from backsight.live.alarms._sighting import Condition, Quantities, Sighting
 from backsight.live.engine import LiveRows
 from backsight.models.model import Model
 from backsight.problem.reading.tables import (
@@ -20,88 +19,9 @@ from backsight.problem.reading.tables import (
     StatusAlarm,
 )
 from backsight.schema import Status
-from backsight.types import Array
 
 _BACK = 0.8
 """Share of its band inside which a mean must be again before an alarm is cleared."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Sighting:
-    """What a condition sees in new samples.
-
-    Parameters
-    ----------
-    there : bool
-        Whether it is there.
-    over : bool
-        Whether it is surely over; between the two nothing changes.
-    sentence : str
-    value : float, optional
-    place : float, optional
-        Where along the structure [m].
-    """
-
-    there: bool
-    over: bool
-    sentence: str
-    value: float | None = None
-    place: float | None = None
-
-
-class Condition(abc.ABC):
-    """What an alarm looks at."""
-
-    @abc.abstractmethod
-    def see(self, rows: LiveRows) -> Sighting | None:
-        """Look at new samples; None if they say nothing."""
-
-
-class Quantities:
-    """Quantities of rows by name: states, virtual ones, forces, outputs.
-
-    Parameters
-    ----------
-    model : Model
-    labels : dict
-        Names along dimensions of the estimator's own, by variable.
-    """
-
-    def __init__(self, model: Model, labels: Mapping[str, Sequence[str]]) -> None:
-        self._places: dict[str, tuple[str, str, int]] = {}
-        self.units: dict[str, str] = {}
-        units = {s.name: s.unit for s in model.parameters}
-        self.positions = {s.name: s.position for s in model.parameters}
-        for k, s in reversed(list(enumerate(model.outputs))):
-            self._set(s.name, ("y_hat", "", k), s.unit)
-        for hat, std in (("z_hat", "z_std"), ("d_hat", "d_std")):
-            for k, name in enumerate(labels.get(hat, ())):
-                self._set(name, (hat, std, k), units.get(name, ""))
-        for k, s in enumerate(model.states):
-            self._set(s.name, ("x_hat", "x_std", k), s.unit)
-        self.forces = list(labels.get("d_hat", ())) or [*model.resting]
-
-    def _set(self, name: str, place: tuple[str, str, int], unit: str) -> None:
-        self._places[name], self.units[name] = place, unit
-
-    def check(self, names: Sequence[str], where: str) -> None:
-        """Raise `ProblemError` if there is no such quantity."""
-        for name in names:
-            if name not in self._places:
-                raise ProblemError(
-                    f"{where}.of: there is no quantity '{name}', {nearest(name, self._places)}"
-                )
-
-    def has_band(self, rows: LiveRows, name: str) -> bool:
-        """Whether a standard deviation is known."""
-        return self._places[name][1] in rows.values
-
-    def of(self, rows: LiveRows, name: str) -> tuple[Array, Array]:
-        """Values and standard deviations, (n,) each."""
-        hat, std, k = self._places[name]
-        values = rows.values[hat][:, k]
-        spread = rows.values[std][:, k] if std in rows.values else np.zeros(len(values))
-        return values, spread
 
 
 class RangeCondition(Condition):
@@ -164,36 +84,6 @@ class NisCondition(Condition):
         )
         back = _BACK * (low - 1) <= mean - 1 <= _BACK * (high - 1)
         return Sighting(not low <= mean <= high, bool(back), sentence, mean)
-
-
-class HitCondition(Condition):
-    """See `HitAlarm`."""
-
-    def __init__(self, table: HitAlarm, quantities: Quantities, where: str) -> None:
-        names = table.of or quantities.forces
-        quantities.check(names, where)
-        if not names:
-            raise ProblemError(f"{where}: neither the model nor the estimator has a force")
-        self._table, self._quantities, self._names = table, quantities, names
-
-    def see(self, rows: LiveRows) -> Sighting:
-        """See `Condition.see`."""
-        best, worst, place = "", 0.0, None
-        for name in self._names:
-            values, spread = self._quantities.of(rows, name)
-            sure = np.abs(values) > self._table.sigmas * spread
-            sizes = np.where(sure, np.abs(values), 0.0)
-            k = int(np.argmax(sizes))
-            if sizes[k] > abs(worst):
-                best, worst = name, float(values[k])
-                place = self._quantities.positions.get(name)
-        there = abs(worst) >= self._table.threshold
-        if not best:
-            return Sighting(False, True, "no force is larger than its band", worst)
-        unit = self._quantities.units[best]
-        where = "" if place is None else f" at {place:g} m"
-        sentence = f"{best} is {worst:.4g} {unit}".rstrip() + where
-        return Sighting(there, not there, sentence, worst, place)
 
 
 class SilentCondition(Condition):
@@ -259,7 +149,9 @@ def condition_of(
         case NisAlarm():
             return NisCondition(table, dt)
         case HitAlarm():
-            return HitCondition(table, quantities, where)
+            if table.false_alarms is None:
+                return HitCondition(table, quantities, where)
+            return AnnouncedCondition(table, quantities, dt, where, table.false_alarms)
         case SilentAlarm():
             return SilentCondition(table, model, dt, where)
         case StatusAlarm():

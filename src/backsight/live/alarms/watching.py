@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from backsight.live.alarms._outlets import Outlets
-from backsight.live.alarms.conditions import Condition, Sighting
+from backsight.live.alarms._sighting import Condition, Sighting
 from backsight.live.engine import LiveRows
 from backsight.problem.reading.tables import AlarmTable
 

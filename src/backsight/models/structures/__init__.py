@@ -7,4 +7,3 @@ from backsight.models.structures.matrices import craig_bampton as craig_bampton
 from backsight.models.structures.matrices import reduced as reduced
 from backsight.models.structures.modal import modal as modal
 from backsight.models.structures.second_order import second_order as second_order
-from backsight.models.structures.sensor_lag import sensor_lag as sensor_lag

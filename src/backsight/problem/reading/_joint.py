@@ -10,6 +10,7 @@ from backsight.models.augment import augment
 from backsight.models.lti import state_space
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.models.views.sensors import Sensor, with_sensors
 from backsight.models.views.virtual import with_dummies, with_virtual
 from backsight.problem.reading._forces import of_mean, process_of, with_moving
 from backsight.problem.reading._model_table import RestOfFile
@@ -19,6 +20,7 @@ from backsight.problem.reading.tables import (
     ColumnTable,
     EstimateTable,
     ProblemTable,
+    ReadingsTable,
     SensorColumnTable,
     VirtualTable,
 )
@@ -38,7 +40,8 @@ def joint_model(table: ProblemTable, folder: Path) -> Model:
     _check_sources(table)
     _check_units(table)
     columns = table.recording.columns
-    plain = _with_sensors(with_moving(_plain(table, folder), table), columns("outputs"))
+    moved = with_moving(_plain(table, folder), table)
+    plain = _with_sensors(_read_through(moved, table.readings), columns("outputs"))
     _check_columns(plain.inputs, columns("inputs"), "input")
     _check_columns(plain.outputs, columns("outputs"), "output")
     if table.recording.high_pass is not None:
@@ -123,6 +126,18 @@ def _plain(table: ProblemTable, folder: Path) -> Model:
                 folder=folder,
             )
         )
+
+
+def _read_through(model: Model, table: ReadingsTable) -> Model:
+    """The model with the sensors of ``[readings]``."""
+    if not table.outputs:
+        return model
+    sensors = {}
+    for name, entry in table.outputs.items():
+        with at(f"readings.outputs.{name}"):
+            sensors[name] = Sensor(**entry.model_dump(exclude_none=True))
+    with at("readings"):
+        return with_sensors(model, sensors, dt=table.dt, parts=table.parts)
 
 
 def _with_sensors(model: Model, columns: Mapping[str, ColumnTable]) -> Model:

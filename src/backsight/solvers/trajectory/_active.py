@@ -102,8 +102,9 @@ def _attempt(chain: Chain) -> tuple[ca.Function, list[str]]:
     """The dual method and the trajectory of its limits, and the names of what it carries.
 
     The first attempt is from the guess of active limits, which may be more than there is freedom;
-    if it finds a contradiction, or a limit that is not held in the end, the second one is from no
-    active limits; if that still leaves a limit that is not held, the third is without limits.
+    if it finds a contradiction, or a limit that is not held in the end, or no end (limits that
+    depend on each other let it go round in circles), the second one is from no active limits; if
+    that still leaves a limit that is not held, the third is without limits.
     """
     n, m = chain.n, chain.N + 1
     sizes = {
@@ -148,7 +149,8 @@ def _judge(chain: Chain) -> ca.Function:
     some = [ca.mmax(ca.vec(ca.fabs(k))) for k in (conflict, side, broken)]
     contradicts, held, violated = some
     violated = ca.logic_and(ca.logic_and(violated, held), ca.logic_not(unfinished))
-    again = ca.if_else(attempt == 0, ca.logic_or(contradicts, violated), violated)
+    anew = ca.logic_or(ca.logic_or(contradicts, violated), unfinished)
+    again = ca.if_else(attempt == 0, anew, violated)
     named = ca.if_else(violated, ca.fmax(broken, ca.fabs(side)), conflict)
     return ca.Function(
         "judge_attempt",

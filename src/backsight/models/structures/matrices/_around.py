@@ -21,7 +21,7 @@ ReducedKind: TypeAlias = Literal[SensorKind, Accelerations]
 
 
 @dataclasses.dataclass(frozen=True)
-class Sensor:
+class SensorRow:
     """A sensor of a structure.
 
     Parameters
@@ -44,13 +44,13 @@ class Around:
 
     Parameters
     ----------
-    sensors : dict of Sensor
+    sensors : dict of SensorRow
     forces, inputs : dict of (n, 1) sparse array
     ground : dict of (n,) array
         Motion of the fixed coordinates, or of all if none is fixed.
     """
 
-    sensors: Mapping[str, Sensor]
+    sensors: Mapping[str, SensorRow]
     forces: Mapping[str, Sparse]
     inputs: Mapping[str, Sparse]
     ground: Mapping[str, Array]
@@ -115,7 +115,9 @@ def with_ground(model: Model, around: Around, length: str) -> Model:
     return dataclasses.replace(model, inputs=tuple(inputs))
 
 
-def _sensor(name: str, given: tuple[ReducedKind, Place], places: Places, *, moved: bool) -> Sensor:
+def _sensor(
+    name: str, given: tuple[ReducedKind, Place], places: Places, *, moved: bool
+) -> SensorRow:
     match given:
         case (str() as kind, place):
             pass
@@ -131,7 +133,7 @@ def _sensor(name: str, given: tuple[ReducedKind, Place], places: Places, *, move
         )
     plain: Any = "acceleration" if kind in get_args(Accelerations) else kind
     absolute = kind == "absolute_acceleration"
-    return Sensor(plain, places.weights(place, f"sensor '{name}'"), absolute)
+    return SensorRow(plain, places.weights(place, f"sensor '{name}'"), absolute)
 
 
 def _direction(at: Place, places: Places, what: str) -> Array:

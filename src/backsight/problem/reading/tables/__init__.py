@@ -23,6 +23,7 @@ from backsight.problem.reading.tables._live import UdpFeed as UdpFeed
 from backsight.problem.reading.tables._recorded import ColumnTable as ColumnTable
 from backsight.problem.reading.tables._recorded import CommandColumnTable as CommandColumnTable
 from backsight.problem.reading.tables._recorded import FileTable as FileTable
+from backsight.problem.reading.tables._recorded import ReadingsTable as ReadingsTable
 from backsight.problem.reading.tables._recorded import RecordingTable as RecordingTable
 from backsight.problem.reading.tables._recorded import SensorColumnTable as SensorColumnTable
 from backsight.problem.reading.tables._recorded import SourceTable as SourceTable

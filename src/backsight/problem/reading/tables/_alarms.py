@@ -81,11 +81,15 @@ class HitAlarm(AlarmTable):
         Forces or disturbances; all if not given.
     sigmas : float
         Standard deviations by which it must also be beyond zero.
+    false_alarms : float
+        Per hour, that are accepted. A hit is then told once, when it is over, with its time,
+        impulse and the probability that noise made it, see `announce_hits`; sigmas does not count.
     """
 
     threshold: float = pydantic.Field(gt=0)
     of: list[str] = pydantic.Field(default_factory=list)
     sigmas: float = pydantic.Field(default=3.0, ge=0)
+    false_alarms: float | None = pydantic.Field(default=None, gt=0)
 
 
 class SilentAlarm(AlarmTable):

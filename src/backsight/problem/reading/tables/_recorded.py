@@ -71,6 +71,46 @@ class SensorColumnTable(ColumnTable):
     )
 
 
+class ReadingTable(StrictTable):
+    """``[readings.outputs.NAME]``: the sensor of an output, see `with_sensors`.
+
+    Parameters
+    ----------
+    limit : float
+        Beyond plus or minus this nothing is seen, before the low-pass [unit of the output].
+    cutoff : float
+        Of a low-pass of the first order [Hz].
+    late : float
+        By which the channel is read after the sample [s].
+    gain, offset : float
+        Makes a parameter NAME_gain, NAME_offset, which may be estimated.
+    """
+
+    limit: float | None = None
+    cutoff: float | None = None
+    late: float = 0.0
+    gain: float | None = None
+    offset: float | None = None
+
+
+class ReadingsTable(StrictTable):
+    """``[readings]``: sensors between a model and its readings.
+
+    Parameters
+    ----------
+    dt : float
+        Sampling period [s]; the motion of a linear model is then exact between the samples.
+    parts : int
+        Of a sample, with dt: between them limit and low-pass see straight lines.
+    outputs : dict
+        Names of outputs to their sensors.
+    """
+
+    dt: float | None = None
+    parts: int = 8
+    outputs: dict[str, ReadingTable] = pydantic.Field(default_factory=dict)
+
+
 class FileTable(StrictTable):
     """A file, its columns and its time.
 

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import pydantic
 
 from backsight.problem.reading.tables._live import DashboardTable, LiveTable, StoreTable
-from backsight.problem.reading.tables._recorded import RecordingTable
+from backsight.problem.reading.tables._recorded import ReadingsTable, RecordingTable
 from backsight.problem.reading.tables._strict import ShortTable, StrictTable
 from backsight.problem.reading.tables._unknowns import (
     DisturbanceTable,
@@ -153,6 +153,8 @@ class ProblemTable(StrictTable):
         Unknown forces with dynamics.
     moving : dict
         Loads that move along a structure.
+    readings : table
+        Sensors between the model and its readings.
     noise, prior : table
         Of all estimators that have none of their own.
     integrator : table
@@ -190,6 +192,7 @@ class ProblemTable(StrictTable):
     disturbances: dict[str, DisturbanceTable] = pydantic.Field(default_factory=dict)
     forces: dict[str, ForceTable] = pydantic.Field(default_factory=dict)
     moving: dict[str, MovingTable] = pydantic.Field(default_factory=dict)
+    readings: ReadingsTable = ReadingsTable()
     virtual: dict[str, VirtualTable] = pydantic.Field(default_factory=dict)
     dummy: dict[str, DummyTable] = pydantic.Field(default_factory=dict)
     noise: NoiseTable
