@@ -36,6 +36,7 @@ def test_noise_alone_makes_a_force_as_seldom_as_wanted():
         bs.tune.lambda_from_whiteness,
         bs.tune.lambda_from_sensors,
         functools.partial(bs.tune.lambda_from_pairs, points=12, pairs=1),
+        bs.tune.lambda_from_scaled_noise,
     ],
 )
 def test_the_hits_are_found_with_the_weight_that_is_chosen(choose):
@@ -62,6 +63,23 @@ def test_weight_is_a_value_of_a_fit():
     assert 0 < tuned.std["lam"] < tuned.values["lam"]
     with pytest.raises(TuningError, match="free lam alone"):
         bs.tune.fit(estimator(), model, given, free=["lam", "sigma_y"])
+
+
+@pytest.mark.parametrize("factor", [0.2, 4.0])
+def test_the_size_of_the_noise_need_not_be_known(factor):
+    given, model, right = recording(1e-5, 2), struck_beam.model(0.003), estimator()
+    whole = dataclasses.replace(right, sigma_force=factor * right.sigma_force)
+    wrong = dataclasses.replace(
+        whole,
+        noise=bs.Noise(sigma_y=factor * right.noise.sigma_y),
+        prior=bs.Prior(P0=factor**2 * right.prior.P0),
+    )
+    one, other = (
+        bs.tune.lambda_from_scaled_noise(e, model, given, draws=60) for e in (right, wrong)
+    )
+    assert other.lam == pytest.approx(one.lam / factor**2, rel=0.02)
+    scales = [c.table["scale"].values[-1] for c in (one, other)]
+    assert scales[1] == pytest.approx(scales[0] / factor, rel=0.02)
 
 
 def test_a_wrong_model_is_told_from_noise():

@@ -23,6 +23,7 @@ from backsight.tune.lambda_choice import lambda_from_noise as lambda_from_noise
 from backsight.tune.lambda_choice import lambda_from_sensors as lambda_from_sensors
 from backsight.tune.lambda_choice import lambda_from_whiteness as lambda_from_whiteness
 from backsight.tune.lambda_pairs import lambda_from_pairs as lambda_from_pairs
+from backsight.tune.lambda_scaled import lambda_from_scaled_noise as lambda_from_scaled_noise
 from backsight.tune.placement import place_sensors as place_sensors
 from backsight.tune.sparsity import lambda_max as lambda_max
 from backsight.tune.threshold import propose_threshold as propose_threshold

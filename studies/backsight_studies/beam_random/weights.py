@@ -28,6 +28,7 @@ WAYS: dict[str, Callable[..., LambdaChoice]] = {
     "lambda_from_whiteness": bs.tune.lambda_from_whiteness,
     "lambda_from_sensors": bs.tune.lambda_from_sensors,
     "lambda_from_pairs": bs.tune.lambda_from_pairs,
+    "lambda_from_scaled_noise": bs.tune.lambda_from_scaled_noise,
 }
 
 
