@@ -41,7 +41,7 @@ DENSE = 600
 FILLED = 5
 
 _RAISE = 1e3
-"""SparseFactor of the shift if rounding makes :math:`K - \\sigma M` indefinite."""
+"""Factor of the shift if rounding makes :math:`K - \\sigma M` indefinite."""
 
 _NEAR = (1e-6, 10.0)
 """Range of the shift by the lowest elastic square in which accuracy does not suffer."""
