@@ -90,7 +90,7 @@ def _order(A: Sparse) -> tuple[NDArray[np.int32], bool]:
 
     The bandwidth is reduced (Cuthill and McKee). Of what is slender, a tower or a bridge, the
     factors within the profile are smaller than those of minimum degree; of all else minimum degree
-    does better from there than from the numbering of a mesh. Bodies that hang on nothing common stay
+    does better from there than from the numbering of a mesh. Bodies without a connection stay
     as they are numbered: put in one order, copies of a body all round alike, and Lanczos, which
     tells modes of one frequency apart by rounding, does not end.
     """
