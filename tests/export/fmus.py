@@ -61,15 +61,14 @@ def expected(estimator, model, recording):
     return columns
 
 
-def agrees(file, estimator, model, recording, *, bands=1e-10):
-    """Compare all that Python knows, too; standard deviations and bands to `bands`."""
+def agrees(file, estimator, model, recording):
+    """Compare all that Python knows, too."""
     wanted = expected(estimator, model, recording)
     found = simulated(file, recording, list(wanted))[estimator.delay :]
     wanted = {name: column[: len(found)] for name, column in wanted.items()}
     for name, column in zip(wanted, found.T, strict=True):
         size = np.nanmax(np.abs(wanted[name]), initial=0.0) or 1.0
-        share = bands if name.startswith(("x_std", "x_lower", "x_upper")) else 1e-10
-        np.testing.assert_allclose(column, wanted[name], rtol=0, atol=share * size, err_msg=name)
+        np.testing.assert_allclose(column, wanted[name], rtol=0, atol=1e-10 * size, err_msg=name)
 
 
 @contextlib.contextmanager
