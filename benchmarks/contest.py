@@ -19,6 +19,9 @@ from backsight.types import Array
 LEAST_ROUNDS = 3
 """Rounds that every contender makes, however slow it is."""
 
+PATIENCE = 4
+"""Of the largest problems some need a minute for one round."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Contender:
@@ -120,7 +123,8 @@ def race(contest: Contest, *, rounds: int, seconds: float) -> list[Row]:
     rounds : int
         Rounds at most.
     seconds : float
-        A contender that has taken so long makes no further rounds, from `LEAST_ROUNDS` on.
+        A contender that has taken so long makes no further rounds, from `LEAST_ROUNDS` on, and
+        one that has taken `PATIENCE` times as long none at all.
     """
     ready: dict[str, Contender] = {}
     rows: dict[str, Row] = {}
@@ -149,7 +153,8 @@ def turns(contenders: Sequence[Contender], *, rounds: int, seconds: float) -> li
     measured: list[list[tuple[float, float]]] = [[] for _ in contenders]
     for made in range(rounds):
         for contender, times in zip(contenders, measured, strict=True):
-            if made < LEAST_ROUNDS or sum(wall for _, wall in times) < seconds:
+            spent = sum(wall for _, wall in times)
+            if spent < (seconds if made >= LEAST_ROUNDS else PATIENCE * seconds):
                 times.append(clock(contender.work))
     return [np.array(times).T for times in measured]
 
