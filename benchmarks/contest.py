@@ -154,7 +154,8 @@ def turns(contenders: Sequence[Contender], *, rounds: int, seconds: float) -> li
     for made in range(rounds):
         for contender, times in zip(contenders, measured, strict=True):
             spent = sum(wall for _, wall in times)
-            if spent < (seconds if made >= LEAST_ROUNDS else PATIENCE * seconds):
+            enough = seconds if made >= LEAST_ROUNDS else PATIENCE * seconds
+            if not times or spent < enough:
                 times.append(clock(contender.work))
     return [np.array(times).T for times in measured]
 
