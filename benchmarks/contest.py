@@ -17,10 +17,10 @@ import numpy as np
 from backsight.types import Array
 
 LEAST_ROUNDS = 3
-"""Rounds that every contender makes, however slow it is."""
+"""Rounds that every contender makes, unless it has taken `PATIENCE` before."""
 
-PATIENCE = 4
-"""Of the largest problems some need a minute for one round."""
+PATIENCE = 20.0
+"""Of the largest problems some need a minute for one round [s]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,8 +123,7 @@ def race(contest: Contest, *, rounds: int, seconds: float) -> list[Row]:
     rounds : int
         Rounds at most.
     seconds : float
-        A contender that has taken so long makes no further rounds, from `LEAST_ROUNDS` on, and
-        one that has taken `PATIENCE` times as long none at all.
+        A contender that has taken so long makes no further rounds, from `LEAST_ROUNDS` on.
     """
     ready: dict[str, Contender] = {}
     rows: dict[str, Row] = {}
@@ -154,8 +153,7 @@ def turns(contenders: Sequence[Contender], *, rounds: int, seconds: float) -> li
     for made in range(rounds):
         for contender, times in zip(contenders, measured, strict=True):
             spent = sum(wall for _, wall in times)
-            enough = seconds if made >= LEAST_ROUNDS else PATIENCE * seconds
-            if not times or spent < enough:
+            if spent < (seconds if made >= LEAST_ROUNDS else PATIENCE):
                 times.append(clock(contender.work))
     return [np.array(times).T for times in measured]
 
