@@ -57,6 +57,11 @@ class AbstractEstimator(Compilable, abc.ABC):
         return False
 
     @property
+    def judges_steps(self) -> bool:
+        """Whether its optimiser ends by how much a step changes the cost."""
+        return False
+
+    @property
     def restrictions(self) -> tuple[str, ...]:
         """Names of the settings, among those that are given, that keep it from being Gaussian."""
         return tuple(name for name in ("limits", "soft") if getattr(self, name, None))

@@ -40,9 +40,8 @@ def check_single(code: Written, files: Mapping[str, str], vectors: Vectors) -> N
     if not failed:
         return
     worst = ", ".join(f"'{n}' by {float(v):.2g} of its {of}" for n, v, of in failed)
-    optimiser = getattr(code.estimator, "optimiser", None)
     advice = "export it in double precision"
-    if optimiser is not None and optimiser.tolerance > 0:
+    if code.estimator.judges_steps:
         advice += (
             ", or with a fixed number of iterations (optimiser tolerance = 0): in single precision "
             "a step cannot be judged that changes the cost by less than its rounding"

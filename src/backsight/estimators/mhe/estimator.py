@@ -160,6 +160,11 @@ class MHE(AbstractEstimator):
         return isinstance(self.arrival, NoArrival | ConstantArrival)
 
     @property
+    def judges_steps(self) -> bool:
+        """See `AbstractEstimator.judges_steps`."""
+        return self.optimiser.tolerance > 0
+
+    @property
     def one_sided(self) -> bool:
         """See `AbstractEstimator.one_sided`."""
         return isinstance(self.arrival, EKFArrival)

@@ -110,6 +110,11 @@ class MHO(AbstractEstimator):
     optimiser: GaussNewton | QuasiNewton = dataclasses.field(default_factory=GaussNewton)
     bands: Literal["true", "filters"] = "true"
 
+    @property
+    def judges_steps(self) -> bool:
+        """See `AbstractEstimator.judges_steps`."""
+        return isinstance(self.optimiser, GaussNewton) and self.optimiser.tolerance > 0
+
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`."""
         s = setting(model, dt, noise=self.noise, prior=self.prior, integrator=self.integrator)

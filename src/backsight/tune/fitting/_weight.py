@@ -12,7 +12,7 @@ import xarray as xr
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.tune.fitting.tuned import Tuned, correlation_of
-from backsight.tune.fitting.values import with_setting
+from backsight.tune.fitting.values import number_at, with_setting
 from backsight.tune.force_threshold import threshold_from_noise
 from backsight.tune.lambda_choice import LambdaChoice, lambda_from_sensors, lambda_from_whiteness
 
@@ -122,7 +122,7 @@ def _tuned(
         models=(model,) * n,
         late=({},) * n,
         values={name: value},
-        start={name: float(getattr(estimator, name))},
+        start={name: number_at(estimator, name)},
         std={name: std},
         units={name: unit},
         correlation=correlation_of([name], np.ones((1, 1))),
