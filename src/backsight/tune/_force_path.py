@@ -96,6 +96,25 @@ def unweighted(
     return prepared(plain, model, recording)
 
 
+def check_draws(false_alarm: float, draws: int) -> None:
+    """Raise `TuningError` unless it is a probability, and the draws are enough for it."""
+    if not (0 < false_alarm < 1 and draws >= 1 / false_alarm):
+        raise TuningError(
+            f"false_alarm = {false_alarm}, draws = {draws}: a probability, and draws "
+            "enough for one to be expected"
+        )
+
+
+def weights_of_noise(search: ForceSearch, *, draws: int, seed: int) -> Array:
+    """Weights, ascending, from which on recordings of noise alone make no force, (draws,)."""
+    measured = search.filter.mask.ravel() > 0
+    noise = np.random.default_rng(seed).standard_normal((draws, int(measured.sum())))
+    reach = noise @ search.regression.columns[measured]
+    side = search.regression.side
+    reach = np.maximum(np.where(side >= 0, reach, 0.0), np.where(side <= 0, -reach, 0.0))
+    return 2 * np.sort(reach.max(axis=1))
+
+
 def whole_path(search: ForceSearch, least: float) -> L1Path:
     """Path down to a share of its largest weight; raises `DataError` if nothing moves."""
     if not 0 < least < 1:

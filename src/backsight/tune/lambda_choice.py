@@ -7,12 +7,12 @@ import scipy
 import xarray as xr
 
 from backsight.description import Count, Level, Printed, Whole, checked
-from backsight.errors import DataError, TuningError
+from backsight.errors import DataError
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.run.estimation import match
 from backsight.sparse import ForceSearch, refit
-from backsight.tune._force_path import unweighted, whole_path
+from backsight.tune._force_path import check_draws, unweighted, weights_of_noise, whole_path
 from backsight.types import Array
 
 LEAST = 1e-2
@@ -92,18 +92,9 @@ def lambda_from_noise(
     >>> bs.tune.lambda_from_noise(finder, rod, recording, draws=20).lam > 0
     True
     """
-    if not (0 < false_alarm < 1 and draws >= 1 / false_alarm):
-        raise TuningError(
-            f"false_alarm = {false_alarm}, draws = {draws}: a probability, and draws "
-            "enough for one to be expected"
-        )
+    check_draws(false_alarm, draws)
     search = unweighted(estimator, model, recording)
-    measured = search.filter.mask.ravel() > 0
-    noise = np.random.default_rng(seed).standard_normal((draws, int(measured.sum())))
-    reach = noise @ search.regression.columns[measured]
-    side = search.regression.side
-    reach = np.maximum(np.where(side >= 0, reach, 0.0), np.where(side <= 0, -reach, 0.0))
-    weights = 2 * np.sort(reach.max(axis=1))
+    weights = weights_of_noise(search, draws=draws, seed=seed)
     share = 1 - np.arange(1, draws + 1) / draws
     table = xr.Dataset({"false_alarm": ("lam", share)}, coords={"lam": weights})
     return LambdaChoice(float(np.quantile(weights, 1 - false_alarm)), table, reached=True)

@@ -6,8 +6,8 @@ import xarray as xr
 from backsight.description import Whole, checked
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
-from backsight.tune._force_path import unweighted, whole_path
-from backsight.tune.lambda_choice import LEAST, LambdaChoice, lambda_from_noise
+from backsight.tune._force_path import check_draws, unweighted, weights_of_noise, whole_path
+from backsight.tune.lambda_choice import LEAST, LambdaChoice
 
 AS_LIKELY_AS_NOT = 0.5
 """Probability of a force in a recording of noise alone."""
@@ -72,9 +72,10 @@ def lambda_from_scaled_noise(
     >>> bs.tune.lambda_from_scaled_noise(finder, rod, recording, draws=20).lam > 0
     True
     """
-    given = estimator, model, recording
-    unit = lambda_from_noise(*given, false_alarm=AS_LIKELY_AS_NOT, draws=draws, seed=seed).lam
-    search = unweighted(*given)
+    check_draws(AS_LIKELY_AS_NOT, draws)
+    search = unweighted(estimator, model, recording)
+    noise = weights_of_noise(search, draws=draws, seed=seed)
+    unit = float(np.quantile(noise, 1 - AS_LIKELY_AS_NOT))
     path, measured = whole_path(search, LEAST), int((search.filter.mask > 0).sum())
     weights, scales = [unit], list[float]()
     settled = False
