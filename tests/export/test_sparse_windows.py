@@ -9,6 +9,7 @@ from tests.export.hardened import FUZZ, filled
 
 import backsight as bs
 from backsight.export import export_c
+from backsight.export._written import code_of
 from estimators import struck
 from run.test_nonlinear_sparse_forces import KNOWING, recording, structure
 
@@ -45,8 +46,8 @@ def bent():
 def test_exported_windows(case, tmp_path):
     made, model, data = case()
     export_c(made, model, data, tmp_path, name="win", precision="double")
-    recursion = made.compile(model, float(data.attrs["dt"]))
-    (tmp_path / "main.c").write_text(filled(FUZZ, "win", recursion, settings=False))
+    code = code_of(made, model, data, name="win", precision="double", names=None, restart=False)
+    (tmp_path / "main.c").write_text(filled(FUZZ, "win", code))
     checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g0"]
     compile_it = ["gcc", "-std=c99", "-O1", *checks, "win.c", "main.c", "-o", "main", "-lm"]
     for command in (compile_it, ["./main"], ["make", "test"]):

@@ -237,10 +237,16 @@ class Window:
         moved = self._first() + self._explain(2 * self.nx) + KernelWork(2 * self.nx + self.columns)
         return self._refit() + KernelWork(self.most) + self._forces() + moved
 
+    def _told_apart(self, s: int) -> KernelWork:
+        """`cs_window_append` and `cs_window_told_apart`."""
+        return self._append(s) + self._minimise(s) + KernelWork(3 * s + 3)
+
     def _alternatives(self) -> KernelWork:
         free = min(self.n, self.most)
-        tried = sum((self._append(s) for s in range(self.most - free, self.most)), KernelWork(0))
-        return KernelWork(8 * self.n, self.n) + tried + (self.n - free) * self._append(self.most)
+        counts = range(self.most - free, self.most)
+        tried = sum((self._told_apart(s) for s in counts), KernelWork(0))
+        others = (self.n - free) * self._told_apart(self.most)
+        return KernelWork(8 * self.n, self.n) + tried + others
 
     def _spread(self) -> KernelWork:
         return self.forces * (KernelWork(self.most) + _forward(self.most) + _dot(self.most))
