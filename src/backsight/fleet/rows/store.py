@@ -6,8 +6,10 @@ a network, too, and every landing waits until it would survive a power cut.
 
 import contextlib
 import dataclasses
+import errno
 import importlib.metadata
 import json
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -163,8 +165,14 @@ def _writing_rows(folder: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        reason = "the disk is full" if "full" in str(error) else str(error)
+        reason = "the disk is full" if "full" in str(error) else _of_system(error)
         raise OutputError(f"cannot write to the folder '{folder}': {reason}") from error
+
+
+def _of_system(error: sqlite3.Error) -> str:
+    """What has failed, as the system calls it; SQLite keeps the system's word to itself."""
+    of_disk = getattr(error, "sqlite_errorname", "").startswith(("SQLITE_IOERR", "SQLITE_CANTOPEN"))
+    return f"{os.strerror(errno.EIO)} ({error})" if of_disk else str(error)
 
 
 @contextlib.contextmanager
