@@ -59,6 +59,7 @@ def test_weight_is_a_value_of_a_fit():
     choice = bs.tune.lambda_from_scaled_noise(estimator(), model, given)
     lam = tuned.values["lam"]
     assert lam == pytest.approx(choice.lam)
+    assert isinstance(tuned.estimator, bs.CompressiveSensingMHE)
     assert tuned.estimator.lam == lam
     # As another draw of noise has it; the criterion is at its minimum.
     other = bs.tune.lambda_from_scaled_noise(estimator(), model, given, seed=1).lam
