@@ -242,11 +242,9 @@ class Window:
         return self._append(s) + self._minimise(s) + KernelWork(3 * s + 3)
 
     def _alternatives(self) -> KernelWork:
-        free = min(self.n, self.most)
-        counts = range(self.most - free, self.most)
-        tried = sum((self._told_apart(s) for s in counts), KernelWork(0))
-        others = (self.n - free) * self._told_apart(self.most)
-        return KernelWork(8 * self.n, self.n) + tried + others
+        first = max(self.most - self.n, 0)
+        counts = [min(first + k, self.most) for k in range(self.n)]
+        return sum((self._told_apart(s) for s in counts), KernelWork(8 * self.n, self.n))
 
     def _spread(self) -> KernelWork:
         return self.forces * (KernelWork(self.most) + _forward(self.most) + _dot(self.most))
