@@ -98,7 +98,7 @@ def settings_setter(to: Interface) -> list[str]:
     lines = [to.defaults, "{"]
     for field in to.settings:
         lines += [
-            f"    settings->{field.name}[{i}] = {to.kind.number(v)};"
+            f"    settings->{field.name}[{i}] = {to.kind.typed(v)};"
             for i, v in enumerate(field.values)
         ]
     return ["\n".join([*lines, "}"])]

@@ -44,14 +44,18 @@ class Precision(Description):
 
     def number(self, value: float) -> str:
         """Write a constant."""
-        wide = "(double)" if self.name == "double" else ""  # INFINITY and NAN are floats
         if math.isnan(value):
-            return f"{wide}NAN"
+            return "NAN"
         if math.isinf(value) or (self.name == "float" and abs(value) > 3.4e38):
-            return f"{wide}INFINITY" if value > 0 else f"(-{wide}INFINITY)"
+            return "INFINITY" if value > 0 else "(-INFINITY)"
         digits = repr(float(value)) if self.name == "double" else f"{value:.9g}"
         text = digits if any(c in digits for c in ".e") else f"{digits}.0"
         return f"({text}{self.suffix})" if value < 0 else text + self.suffix
+
+    def typed(self, value: float) -> str:
+        """Write a constant with the type of the others; INFINITY and NAN are floats."""
+        wide = self.name == "double" and not math.isfinite(value)
+        return f"(double){self.number(value)}" if wide else self.number(value)
 
 
 def write_c99_leaf(leaf: Leaf, real: str, kind: Precision) -> str:
@@ -80,7 +84,7 @@ def write_c99_leaf(leaf: Leaf, real: str, kind: Precision) -> str:
 def _expression(operation: Operation, inputs: list[str], values: list[str], kind: Precision) -> str:
     what = operation.kind
     if what == "const":
-        return kind.number(operation.value)
+        return kind.typed(operation.value)
     if what == "input":
         argument, number = operation.arguments
         return f"{inputs[argument]}[{number}]"

@@ -185,7 +185,7 @@ def _code(
     writer = Writer(place, f"{name}_real", kind.number(0.0))
     constants = [
         f"    static const {name}_real {identifier(b.name)}[{max(b.size, 1)}] = "
-        f"{{{listed(kind.number(v) for v in b.values or (0.0,))}}};"
+        f"{{{listed(kind.typed(v) for v in b.values or (0.0,))}}};"
         for b in program.buffers
         if b.values is not None and b not in aside
     ]
@@ -222,7 +222,7 @@ def _code(
 def _setter(to: Interface, start: Sequence[float], begin: Beginning | None) -> str:
     """Definition of what sets the memory."""
     name, kind = to.name, to.kind
-    values = listed(kind.number(v) for v in start)
+    values = listed(kind.typed(v) for v in start)
     lines = [
         to.init,
         "{",

@@ -13,6 +13,7 @@ than the recording: beyond `ABSURD` the same is said until innovations are near 
 """
 
 import dataclasses
+import functools
 from typing import Protocol
 
 import casadi as ca
@@ -125,7 +126,7 @@ class _Watch:
         """With the flag behind the memory, and what it takes.
 
         If there are constants: they and their variances before the last such reading, the samples
-        for which it is still felt, and those that are watched more closely.
+        for which it is still felt, and those that are watched more closely (below 0: none).
         """
         sizes = (len(plain.carry0), *plain.input_sizes)
         data = [ca.MX.sym(f"d{i}", size) for i, size in enumerate(sizes[1:])]
@@ -141,9 +142,9 @@ class _Watch:
             e, S = newest.call([inside, *data], True, False)
         channel = next(c for c in plain.channels if c.name == "P")
         diagonal = np.diag(channel.entries(named["P"].numel()))[self.still].tolist()
-        now = ca.vertcat(named["x_hat"][self.still], named["P"][diagonal])
-        kept_next, flag = self._judge(data[1].numel())(e, S, data[2], kept, now)
-        named["status"] = named["status"] + int(Status.MISLED) * flag
+        x, P = (named["x_hat"], named["P"]) if self.still else (ca.MX(0, 1), ca.MX(0, 1))
+        judge = self._judge(data[1].numel(), x.numel(), P.numel(), diagonal)
+        kept_next, named["status"] = judge(e, S, data[2], kept, x, P, named["status"])
         innovation = plain.innovation
         if innovation is not None:
             before = innovation.call([inside, *data], True, False)
@@ -165,34 +166,46 @@ class _Watch:
             return np.zeros(1)
         return np.concatenate([self.mean, self.variance, [0.0, wary, 0.0]])
 
-    def _judge(self, ny: int) -> ca.Function:
-        """``(e, S, mask, kept, now) -> (kept, told)``.
+    def _judge(self, ny: int, nx: int, entries: int, diagonal: list[int]) -> ca.Function:
+        """``(e, S, mask, kept, x, P, status) -> (kept, status)``.
 
-        What is not a number is neither far nor moved; another bit tells of it.
+        What is not a number is neither far nor moved; another bit tells of it. It runs at every
+        sample on a controller, so there are few comparisons, and no maximum, which is a call there.
         """
         n, e, mask = len(self.still), ca.SX.sym("e", ny), ca.SX.sym("mask", ny)
-        triangle, now = ca.SX.sym("S", ny * (ny + 1) // 2), ca.SX.sym("now", 2 * n)
-        kept = ca.SX.sym("kept", len(self._memory(0.0)))
-        given = [e, triangle, mask, kept, now]
+        triangle, kept = ca.SX.sym("S", ny * (ny + 1) // 2), ca.SX.sym("kept", self._kept)
+        x, P, status = ca.SX.sym("x", nx), ca.SX.sym("P", entries), ca.SX.sym("status")
+        given = [e, triangle, mask, kept, x, P, status]
         # Squares that overflow are larger than any variance, too.
         variances, squares = triangle[np.cumsum([0, *range(ny, 1, -1)]).tolist()], e**2
-        seen = ca.logic_and(mask > 0, variances > 0)
+        seen = mask * variances > 0
 
         def beyond(size: ca.SX | float) -> ca.SX:
-            return ca.mmax(ca.logic_and(seen, squares > size**2 * variances))
+            return _any(ca.logic_and(seen, squares > size**2 * variances))
+
+        def told(kept_next: ca.SX, flag: ca.SX) -> ca.Function:
+            raised = status + int(Status.MISLED) * flag
+            return ca.Function("misled", given, [kept_next, raised])
 
         if not n:
-            told = ca.logic_or(beyond(ABSURD), ca.logic_and(kept, beyond(FAR)))
-            return ca.Function("misled", given, [told, told])
-        x, spread, *numbers = ca.vertsplit(kept, [0, n, *range(2 * n, 2 * n + 4)])
-        felt, wary, told = numbers
-        x_now, spread_now = ca.vertsplit(now, [0, n, 2 * n])
-        far = beyond(ca.if_else(wary > 0, WARY, FAR))
-        felt_now = ca.if_else(far, self.soon, ca.fmax(felt - 1, 0))
-        moved = ca.logic_and(spread > 0, (x_now - x) ** 2 > MOVED**2 * spread)
+            flag = beyond(ca.if_else(kept, FAR, ABSURD))
+            return told(flag, flag)
+        mean, spread, *numbers = ca.vertsplit(kept, [0, n, *range(2 * n, 2 * n + 4)])
+        felt, wary, before = numbers
+        now, spread_now = x[self.still], P[diagonal]
+        felt_now = ca.if_else(beyond(ca.if_else(wary > 0, WARY, FAR)), self.soon, felt - 1)
+        moved = ca.logic_and(spread > 0, (now - mean) ** 2 > MOVED**2 * spread)
         learned = spread_now < LEARNED * spread
-        worse = ca.logic_and(felt_now > 0, ca.mmax(ca.logic_or(moved, learned)))
-        flag = ca.fmax(told, ca.logic_or(beyond(ABSURD), worse))
-        before = ca.if_else(felt_now > 0, kept[: 2 * n], now)
-        after = ca.vertcat(before, felt_now, ca.fmax(wary - 1, 0), flag)
-        return ca.Function("misled", given, [after, flag])
+        worse = ca.logic_and(felt_now > 0, _any(ca.logic_or(moved, learned)))
+        flag = ca.logic_or(before, ca.logic_or(beyond(ABSURD), worse))
+        here = ca.if_else(felt_now > 0, kept[: 2 * n], ca.vertcat(now, spread_now))
+        return told(ca.vertcat(here, felt_now, wary - 1, flag), flag)
+
+    @property
+    def _kept(self) -> int:
+        return len(self._memory(0.0))
+
+
+def _any(told: ca.SX) -> ca.SX:
+    """Whether one of them holds."""
+    return functools.reduce(ca.logic_or, ca.vertsplit(told))
