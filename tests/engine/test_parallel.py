@@ -1,9 +1,13 @@
 """The one place for work on all cores."""
 
 import math
+import subprocess
+import sys
 import threading
+import time
 
 import numpy as np
+import psutil
 import pytest
 
 import backsight as bs
@@ -35,6 +39,41 @@ def test_an_error_stops_those_that_still_work():
         parallel.in_threads(task, [0, 1], threads=2, stop=stopped.set)
     with pytest.raises(ValueError, match="factorial"):
         parallel.in_processes(math.factorial, [-1, 2], workers=2)
+
+
+KILLED = """
+import os, sys, time
+from backsight.engine.parallel import in_processes
+
+if __name__ == "__main__":
+    in_processes(time.sleep, [60.0, 60.0], workers=2)
+"""
+
+
+@pytest.mark.slow
+def test_processes_end_with_the_one_that_was_killed(tmp_path):
+    """With SIGKILL nobody can tell them; they are alone in their group otherwise."""
+    script = tmp_path / "script.py"
+    script.write_text(KILLED)
+    with subprocess.Popen([sys.executable, str(script)]) as process:
+        try:
+            parent = psutil.Process(process.pid)
+            end = time.monotonic() + 60
+            while len(workers := _spawned(parent)) < 2:
+                assert time.monotonic() < end
+                time.sleep(0.01)
+        finally:
+            process.kill()
+    _, alive = psutil.wait_procs(workers, timeout=20)
+    for worker in alive:
+        worker.kill()
+    assert not alive
+
+
+def _spawned(parent: psutil.Process) -> list[psutil.Process]:
+    """Those that have begun to work: a second thread watches by then."""
+    found = [p for p in parent.children() if "spawn_main" in " ".join(p.cmdline())]
+    return [p for p in found if p.num_threads() > 1]
 
 
 @pytest.mark.slow

@@ -7,7 +7,9 @@ Threads for machine code, which runs without Python's lock; processes for what i
 import concurrent.futures
 import contextlib
 import multiprocessing
+import multiprocessing.connection
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
@@ -78,8 +80,9 @@ def in_processes(
 ) -> list[Result]:
     """Do all jobs in processes of their own, which start anew and share nothing with this one.
 
-    Task and jobs are pickled. A script that comes here needs ``if __name__ == "__main__":``. One
-    worker is this process itself: no other is started.
+    They end with this one, also when it is killed. Task and jobs are pickled. A script that comes
+    here needs ``if __name__ == "__main__":``. One worker is this process itself: no other is
+    started.
 
     Parameters
     ----------
@@ -103,7 +106,8 @@ def in_processes(
             progress(len(results))
         return results
     fresh = multiprocessing.get_context("spawn")
-    with _one_thread_each(), concurrent.futures.ProcessPoolExecutor(crew, fresh) as pool:
+    pool = concurrent.futures.ProcessPoolExecutor(crew, fresh, _end_with_the_parent)
+    with _one_thread_each(), pool:
         try:
             for result in pool.map(task, jobs):
                 results.append(result)
@@ -112,6 +116,19 @@ def in_processes(
             pool.shutdown(cancel_futures=True)
             raise
     return results
+
+
+def _end_with_the_parent() -> None:
+    """End this process when the one that started it has ended: a pool would wait on."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, name="end-with-parent", daemon=True).start()
 
 
 @contextlib.contextmanager
