@@ -1,5 +1,6 @@
 """``backsight`` and ``python -m backsight`` are the command line."""
 
+import gc
 import os
 import sys
 
@@ -9,12 +10,17 @@ LEAST_ADDRESSES = 1 << 30
 ADDRESSES_PER_CORE = 64 << 20
 """What they take for each thread that they start [bytes]."""
 
+YOUNG = 50_000
+"""New objects after which Python looks for garbage; what is imported is none, and by its own 700 it
+looks through it a hundred times."""
+
 
 def command_line() -> None:
     """Run the command line; an interrupt before it has begun is no traceback."""
     try:
         _open_streams()
         _refuse_little_memory()
+        gc.set_threshold(YOUNG)
         from backsight.cli import app
     except KeyboardInterrupt:
         print("backsight: interrupted", file=sys.stderr)

@@ -78,8 +78,12 @@ def _spawned(parent: psutil.Process) -> list[psutil.Process]:
 
 @pytest.mark.slow
 def test_sensors_are_rated_alike_in_processes():
-    sensors = {name: ("displacement", [1.0, c]) for name, c in (("a", 0.9), ("b", 0.1))}
-    rod = bs.modal([9.0, 23.0], damping=[0.03, 0.02], sensors=sensors, forces={"hit": [1.0, 0.5]})
+    rod = bs.modal(
+        [9.0, 23.0],
+        damping=[0.03, 0.02],
+        sensors={name: ("displacement", [1.0, c]) for name, c in (("a", 0.9), ("b", 0.1))},
+        forces={"hit": [1.0, 0.5]},
+    )
     noise, prior = bs.Noise(sigma_y=1e-5, sigma_w=1e-7), bs.Prior(sigma_x0=1e-5)
     finder = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=15.0, N=8)
     hits = bs.tune.Hits(samples=30, number=1, spacing=10)

@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from backsight.cli import _live, _recordings, _workbench
+from backsight.cli._arrays import numpy_only
 from backsight.cli._choosing import estimator_of
 from backsight.cli._console import bar, say, tell, told, warn, width
 from backsight.cli._exporting import export
@@ -81,6 +82,7 @@ def run_file(
     had finished is written.
     """
     with told():
+        numpy_only()
         from backsight.problem import load, run_problem
         from backsight.problem.methods import refusals
         from backsight.problem.running import ESTIMATES, PAGE
@@ -146,6 +148,7 @@ def check(
     the problem or the recording is at fault.
     """
     with told():
+        numpy_only()
         from backsight.problem import load, seeing
         from backsight.problem.recorded import recording_of
         from backsight.run.diagnosis import aligned, expected

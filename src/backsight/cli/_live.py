@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from backsight.cli._arrays import numpy_only
 from backsight.cli._console import say, tell, told
 
 
@@ -27,6 +28,7 @@ def live(
     some of the results, and 2 if it could not begin.
     """
     with told():
+        numpy_only()
         from backsight.live import run_live
 
         show = say if sys.stderr.isatty() else None

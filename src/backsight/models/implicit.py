@@ -5,8 +5,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
+import scipy
 
 from backsight.algebra.newton import newton
 from backsight.errors import ModelError, nearest
@@ -149,7 +148,9 @@ def check_determined(
             f"{where} has {g.shape[0]} equations for {len(called)} unknowns: {', '.join(called)}"
         )
     pattern = np.array(ca.DM(ca.jacobian(g, w).sparsity(), 1)).astype(bool)
-    owner = maximum_bipartite_matching(csr_array(pattern), perm_type="row")
+    owner = scipy.sparse.csgraph.maximum_bipartite_matching(
+        scipy.sparse.csr_array(pattern), perm_type="row"
+    )
     lost = [c for c, row in zip(called, owner, strict=True) if row < 0]
     if lost:
         raise ModelError(

@@ -5,7 +5,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 from numpy.typing import ArrayLike
 
 from backsight.algebra.degree import degrees
@@ -236,7 +236,7 @@ def _operations(rows: ca.SX, z: ca.SX) -> set[int]:
 def _finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning: str) -> Array:
     try:
         whole: Any = given
-        matrix = np.asarray(whole.toarray() if sparse.issparse(given) else given, float)
+        matrix = np.asarray(whole.toarray() if scipy.sparse.issparse(given) else given, float)
     except (OverflowError, TypeError, ValueError):
         raise ModelError(f"{what} is not a matrix of numbers") from None
     if matrix.shape != shape:

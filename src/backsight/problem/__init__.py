@@ -72,7 +72,21 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
     report = true                 # [whether to write the page]
 """
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from backsight.problem.problem import Problem as Problem
 from backsight.problem.reading.loading import load as load
-from backsight.problem.running import run_problem as run_problem
-from backsight.problem.tuning import tune_problem as tune_problem
+
+if TYPE_CHECKING:
+    from backsight.problem.running import run_problem as run_problem
+    from backsight.problem.tuning import tune_problem as tune_problem
+
+_LATER = {"run_problem": "running", "tune_problem": "tuning"}
+"""What few of those who read a problem need, and what takes a quarter of a second to import."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'", name=name)
+    return getattr(importlib.import_module(f"{__name__}.{_LATER[name]}"), name)

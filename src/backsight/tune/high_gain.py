@@ -7,7 +7,6 @@ import casadi as ca
 import numpy as np
 import scipy
 import xarray as xr
-from scipy.linalg import expm
 
 from backsight.description import Positive, checked
 from backsight.discrete.runge_kutta import Hold
@@ -201,7 +200,7 @@ def _upsilon(begins: Array, ends: Array, step: float, k0: Array) -> Array:
     # The exponential of this matrix holds the responses to a constant and to a ramp.
     block = np.zeros((n + 2, n + 2))
     block[:n, :n], block[n - 1, n], block[n, n + 1] = step * A, step, 1.0
-    response = np.asarray(expm(block))
+    response = np.asarray(scipy.linalg.expm(block))
     constant, ramp = response[:n, n], response[:n, n + 1]
     inputs = np.column_stack([constant - ramp, ramp])
     system = (response[:n, :n], inputs, np.eye(n)[:1], np.zeros((1, 2)), 1.0)

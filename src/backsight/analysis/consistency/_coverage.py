@@ -23,7 +23,7 @@ from backsight.types import Array
 DEVIATIONS = (1.0, 2.0, 3.0)
 """Half widths of the bands."""
 
-NORMAL = tuple(float(scipy.special.erf(d / math.sqrt(2.0))) for d in DEVIATIONS)
+NORMAL = tuple(math.erf(d / math.sqrt(2.0)) for d in DEVIATIONS)
 """Share of a normal number within `DEVIATIONS`: 68.3, 95.4 and 99.7 %."""
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
-import scipy.sparse as sparse
+import scipy
 
 from backsight.data.finite_elements.matrix import Matrix
 from backsight.errors import DataError, nearest
@@ -39,7 +38,7 @@ def read_npz_matrix(path: Path, name: str | None) -> Matrix:
         raise DataError(f"{path} is cut off, or no archive")
     with path.open("rb") as file, np.load(file) as archive:
         if "format" in archive.files and "shape" in archive.files:
-            return _matrix(sparse.load_npz(path), path.stem)
+            return _matrix(scipy.sparse.load_npz(path), path.stem)
         return _chosen(path, name, {k: archive[k] for k in archive.files}, lambda A: A)
 
 
@@ -70,15 +69,15 @@ def _from_hdf5(entry: Any) -> Any:
         columns = entry["jc"].shape[0] - 1
         data = entry["data"][()] if "data" in entry else np.zeros(0)
         inner = entry["ir"][()] if "ir" in entry else np.zeros(0, int)
-        return sparse.csc_array((data, inner, entry["jc"][()]), shape=(rows, columns))
+        return scipy.sparse.csc_array((data, inner, entry["jc"][()]), shape=(rows, columns))
     return entry[()].T
 
 
 def _matrix(found: Any, name: str) -> Matrix:
-    if not sparse.issparse(found):
+    if not scipy.sparse.issparse(found):
         found = np.asarray(found)
     if found.dtype.kind not in "biuf":
         raise DataError(f"'{name}' is no matrix of real numbers")
     if found.ndim != 2:
         raise DataError(f"'{name}' has {found.ndim} axes; a matrix has two")
-    return Matrix(sparse.csc_array(found), name=name)
+    return Matrix(scipy.sparse.csc_array(found), name=name)

@@ -3,6 +3,8 @@
 Source: MSC Nastran DMAP Programmer's Guide, module OUTPUT4, "File format".
 """
 
+from __future__ import annotations
+
 import collections
 import dataclasses
 import re
@@ -11,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 
 from backsight.data.finite_elements.matrix import EPS, Matrix
 from backsight.errors import DataError, nearest
@@ -62,7 +64,9 @@ def _order(content: bytes) -> str | None:
     return next((o for o in "<>" if content[:4] == struct.pack(f"{o}i", 24)), None)
 
 
-def _binary(content: bytes, order: str) -> Iterator[tuple[str, tuple[sparse.csc_array, float]]]:
+def _binary(
+    content: bytes, order: str
+) -> Iterator[tuple[str, tuple[scipy.sparse.csc_array, float]]]:
     at = 0
 
     def record() -> bytes:
@@ -104,7 +108,7 @@ def _sparse_strings(body: bytes, order: str, words: int, big: bool) -> Iterator[
         at += size
 
 
-def _texts(content: bytes) -> Iterator[tuple[str, tuple[sparse.csc_array, float]]]:
+def _texts(content: bytes) -> Iterator[tuple[str, tuple[scipy.sparse.csc_array, float]]]:
     lines = collections.deque(line for line in content.decode("latin-1").splitlines() if line)
     while lines:
         line = lines.popleft()
@@ -148,7 +152,7 @@ def _head(columns: int, rows: int, form: int, kind: int, name: bytes) -> _Head:
     return _Head(columns, abs(rows), kind, text, rows < 0 or rows >= _BIG_ROWS)
 
 
-def _together(head: _Head, strings: dict[int, list[Column]]) -> sparse.csc_array:
+def _together(head: _Head, strings: dict[int, list[Column]]) -> scipy.sparse.csc_array:
     values, rows, columns = [], [], []
     for number, parts in strings.items():
         for first, part in parts:
@@ -162,4 +166,4 @@ def _together(head: _Head, strings: dict[int, list[Column]]) -> sparse.csc_array
             np.concatenate(columns or [[]]).astype(int),
         ),
     )
-    return sparse.csc_array(entries, shape=(head.rows, head.columns))
+    return scipy.sparse.csc_array(entries, shape=(head.rows, head.columns))

@@ -1,10 +1,12 @@
 """Matrices in plain texts: Abaqus, dumps of OpenSees, tables."""
 
+from __future__ import annotations
+
 import re
 from pathlib import Path
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 
 from backsight.data.finite_elements.matrix import Matrix, of_places, precision_of
 from backsight.errors import DataError
@@ -67,7 +69,7 @@ def read_table(path: Path) -> Matrix:
     if _is_triplets(values):
         values, written = _from_triplets(values), [row[2] for row in cells]
         precision = precision_of(written)
-    return Matrix(sparse.csc_array(values), names, precision, path.stem)
+    return Matrix(scipy.sparse.csc_array(values), names, precision, path.stem)
 
 
 def _lines(path: Path) -> list[str]:
@@ -99,7 +101,7 @@ def _is_triplets(values: np.ndarray) -> bool:
     return bool((index == np.rint(index)).all() and index.min() >= 1)
 
 
-def _from_triplets(values: np.ndarray) -> sparse.csc_array:
+def _from_triplets(values: np.ndarray) -> scipy.sparse.csc_array:
     rows, columns = (values[:, k].astype(int) - 1 for k in (0, 1))
     n = int(max(rows.max(), columns.max())) + 1
-    return sparse.csc_array((values[:, 2], (rows, columns)), shape=(n, n))
+    return scipy.sparse.csc_array((values[:, 2], (rows, columns)), shape=(n, n))

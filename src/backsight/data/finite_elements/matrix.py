@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 
 from backsight.errors import DataError
 
@@ -60,7 +60,7 @@ class Matrix:
     def toarray(self) -> np.ndarray:
         """Return all entries, (n, m)."""
         values = self.values
-        return values.toarray() if sparse.issparse(values) else np.asarray(values, float)
+        return values.toarray() if scipy.sparse.issparse(values) else np.asarray(values, float)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         del copy
@@ -98,10 +98,10 @@ def of_places(
     places = sorted({*rows, *columns})
     number = {place: i for i, place in enumerate(places)}
     entries = (values, ([number[p] for p in rows], [number[p] for p in columns]))
-    A = sparse.csc_array(entries, shape=(len(places), len(places)))
+    A = scipy.sparse.csc_array(entries, shape=(len(places), len(places)))
     if mirrored:
-        there = sparse.csc_array(A != 0)
-        A = sparse.csc_array(A + A.T - A.T.multiply(there))
+        there = scipy.sparse.csc_array(A != 0)
+        A = scipy.sparse.csc_array(A + A.T - A.T.multiply(there))
     return Matrix(A, tuple(place_name(*place) for place in places), precision, name)
 
 

@@ -1,5 +1,7 @@
 """Which reader takes a matrix: what is in the file decides."""
 
+from __future__ import annotations
+
 import io
 import os
 import re
@@ -7,8 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-import scipy.io
-import scipy.sparse as sparse
+import scipy
 
 from backsight.data._room import check_room
 from backsight.data.finite_elements._binary import read_mat_matrix, read_npy_matrix, read_npz_matrix
@@ -47,12 +48,12 @@ def _boeing(path: Path, name: str | None) -> Matrix:
         [*lines[:2], lines[2].replace(lines[2][:3], f"{kind[0]}U{kind[2]}", 1), *lines[3:]]
     )
     A = _real(scipy.io.hb_read(io.StringIO(text), spmatrix=False))
-    mirrored = sparse.csc_array(A + sparse.tril(A, -1).T) if kind[1] == "S" else A
+    mirrored = scipy.sparse.csc_array(A + scipy.sparse.tril(A, -1).T) if kind[1] == "S" else A
     return Matrix(mirrored, name=path.stem)
 
 
-def _real(found: object) -> sparse.csc_array:
-    A = sparse.csc_array(found)
+def _real(found: object) -> scipy.sparse.csc_array:
+    A = scipy.sparse.csc_array(found)
     if A.dtype.kind not in "biuf":
         raise DataError("it is a complex matrix")
     return A

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
-import scipy.sparse
+import scipy
 
 from backsight.data._pick import list_arrays, pick
 from backsight.data._request import Contents, Listed, Request

@@ -3,7 +3,7 @@
 import collections
 
 import numpy as np
-import scipy.special
+import scipy
 
 from backsight.errors import ProblemError, nearest
 from backsight.live.alarms._hits import AnnouncedCondition, HitCondition

@@ -23,7 +23,6 @@ import math
 
 import numpy as np
 import scipy
-from scipy.optimize import linprog
 
 from backsight.types import Array
 
@@ -91,7 +90,7 @@ class Ratios:
         # A factor that cannot be negative cannot make the norm smaller from below, and vice versa.
         limits = np.vstack([above[side >= 0], below[side <= 0]])
         there = self.rows[:, list(support)].T
-        found = linprog(
+        found = scipy.optimize.linprog(
             np.append(np.zeros(rank), 1.0),
             A_ub=limits,
             b_ub=np.zeros(len(limits)),
@@ -145,7 +144,7 @@ def _error_with_sign(seen: Seen, atom: int, sign: float, noise: float) -> float:
     cone = np.concatenate([np.zeros(nx), [sign], np.ones(others)])
     goal = np.zeros(nx + 1 + others)
     goal[nx] = sign
-    found = linprog(
+    found = scipy.optimize.linprog(
         goal,
         A_ub=scipy.sparse.csr_array(np.vstack([readings, -readings, cone])),
         b_ub=np.append(np.full(2 * m, 2 * noise), 0.0),

@@ -4,7 +4,7 @@ import struct
 from pathlib import Path
 
 import numpy as np
-import scipy.io.wavfile
+import scipy
 
 from backsight.data._pick import pick
 from backsight.data._request import Contents, Listed, Request

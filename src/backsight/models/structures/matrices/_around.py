@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 
 from backsight.errors import ModelError, nearest
 from backsight.models.model import Model
@@ -79,7 +79,7 @@ class Around:
         """Where the forces act, the measured first, (n, k)."""
         columns = [*self.inputs.values(), *self.forces.values()]
         n = next(iter(self.sensors.values())).weights.shape[0]
-        return sparse.csc_array(sparse.hstack(columns) if columns else (n, 0))
+        return scipy.sparse.csc_array(scipy.sparse.hstack(columns) if columns else (n, 0))
 
 
 def feedthrough(

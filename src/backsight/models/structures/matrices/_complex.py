@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-import scipy.sparse as sparse
 
 from backsight.errors import BacksightWarning, ModelError
 from backsight.types import Array, Complex, Indices, Sparse
@@ -138,7 +137,7 @@ def _right_modes(
     """
     n = M.shape[0]
     try:
-        factor = sparse.linalg.splu(sparse.csc_array(K))
+        factor = scipy.sparse.linalg.splu(scipy.sparse.csc_array(K))
     except RuntimeError:
         raise ModelError(
             "stiffness is singular: a free structure whose matrices are not symmetric has no "
@@ -155,9 +154,9 @@ def _right_modes(
             x, v = z[:n], z[n:] * speed
             return np.concatenate([-factor.solve(C @ x + M @ v), x / speed])
 
-        operator = sparse.linalg.LinearOperator((2 * n, 2 * n), apply, dtype=float)
+        operator = scipy.sparse.linalg.LinearOperator((2 * n, 2 * n), apply, dtype=float)
         start = np.random.default_rng(0).standard_normal(2 * n)
-        found: Any = sparse.linalg.eigs(operator, 2 * count + 4, v0=start, ncv=4 * count + 20)
+        found: Any = scipy.sparse.linalg.eigs(operator, 2 * count + 4, v0=start, ncv=4 * count + 20)
         theta, X = found
     theta = theta.astype(complex)
     moving = np.abs(theta) > np.finfo(float).eps * np.abs(theta).max()

@@ -1,12 +1,14 @@
 """Matrices of a structure as users have them: dense or sparse, one triangle, with names or not."""
 
+from __future__ import annotations
+
 import dataclasses
 import warnings
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 from numpy.typing import ArrayLike
 
 from backsight.data.finite_elements import EPS, Matrix
@@ -73,7 +75,7 @@ def matrices(mass: MatrixLike, stiffness: MatrixLike, damping: MatrixLike | None
     for what, A in whole.items():
         limit = max(SKEW, 4 * read[what].precision)
         if (found := _asymmetry(A, what, limit, coordinates)) is None:
-            whole[what] = sparse.csc_array((A + A.T) / 2)
+            whole[what] = scipy.sparse.csc_array((A + A.T) / 2)
         elif what == "mass":
             raise ModelError(found)
         else:
@@ -82,7 +84,7 @@ def matrices(mass: MatrixLike, stiffness: MatrixLike, damping: MatrixLike | None
     return Matrices(
         mass=whole["mass"],
         stiffness=whole["stiffness"],
-        damping=whole.get("damping_matrix", sparse.csc_array((n, n))),
+        damping=whole.get("damping_matrix", scipy.sparse.csc_array((n, n))),
         coordinates=coordinates,
         precision=read["stiffness"].precision,
         skew=skew,
@@ -93,11 +95,11 @@ def _matrix(given: MatrixLike, what: str) -> Matrix:
     """Square and finite, in columns; a row of numbers is a diagonal."""
     kept = given if isinstance(given, Matrix) else Matrix(given, precision=EPS, name=what)
     A = kept.values
-    if sparse.issparse(A):
+    if scipy.sparse.issparse(A):
         if A.dtype.kind not in "biuf":
             raise ModelError(f"{what} is not a matrix of real numbers")
         precision = _precision_of(A.dtype)
-        A: Sparse = sparse.csc_array(A).astype(float)
+        A: Sparse = scipy.sparse.csc_array(A).astype(float)
         A.sum_duplicates()
     else:
         try:
@@ -110,7 +112,7 @@ def _matrix(given: MatrixLike, what: str) -> Matrix:
             dense = np.diag(dense)
         if dense.ndim != 2:
             raise ModelError(f"{what} has the shape {dense.shape}; it must be square")
-        A = sparse.csc_array(dense)
+        A = scipy.sparse.csc_array(dense)
     if A.shape[0] != A.shape[1] or not A.shape[0]:
         raise ModelError(f"{what} has the shape {A.shape}; it must be square")
     if not np.isfinite(A.data).all():
@@ -157,12 +159,12 @@ def _put(matrix: Matrix, place: Mapping[str, int]) -> Sparse:
     at = np.array([place[name] for name in matrix.coordinates])
     entries = matrix.values.tocoo()
     shape = (len(place), len(place))
-    return sparse.csc_array((entries.data, (at[entries.row], at[entries.col])), shape=shape)
+    return scipy.sparse.csc_array((entries.data, (at[entries.row], at[entries.col])), shape=shape)
 
 
 def _completed(A: Sparse, what: str) -> Sparse:
     """Add the mirror image of a triangle; finite-element programs often store one only."""
-    upper, lower = sparse.triu(A, 1), sparse.tril(A, -1)
+    upper, lower = scipy.sparse.triu(A, 1), scipy.sparse.tril(A, -1)
     if (upper.nnz == 0) == (lower.nnz == 0):
         return A
     which = "upper" if upper.nnz else "lower"
@@ -171,12 +173,12 @@ def _completed(A: Sparse, what: str) -> Sparse:
         BacksightWarning,
         stacklevel=2,
     )
-    return sparse.csc_array(A + (upper if upper.nnz else lower).T)
+    return scipy.sparse.csc_array(A + (upper if upper.nnz else lower).T)
 
 
 def _asymmetry(A: Sparse, what: str, limit: float, coordinates: tuple[str, ...]) -> str | None:
     """By how much and where a matrix is not symmetric; None where that is rounding."""
-    skew = sparse.coo_array(A - A.T)
+    skew = scipy.sparse.coo_array(A - A.T)
     if not skew.nnz:
         return None
     # Judged by the diagonal: translations and rotations differ in size.
@@ -185,7 +187,7 @@ def _asymmetry(A: Sparse, what: str, limit: float, coordinates: tuple[str, ...])
     size = np.maximum(root[skew.row] * root[skew.col], own)
     if (np.abs(skew.data) <= limit * size).all():
         return None
-    whole = sparse.coo_array(A)
+    whole = scipy.sparse.coo_array(A)
     sized = whole.data / np.maximum(root[whole.row] * root[whole.col], np.abs(whole.data))
     share = np.linalg.norm(skew.data / size) / 2 / np.linalg.norm(sized)
     worst = int(np.argmax(np.abs(skew.data) / np.where(size > 0, size, 1.0)))
@@ -198,4 +200,4 @@ def _asymmetry(A: Sparse, what: str, limit: float, coordinates: tuple[str, ...])
 
 
 def _at(A: Sparse, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    return np.asarray(sparse.csr_array(A)[rows, columns]).ravel()
+    return np.asarray(scipy.sparse.csr_array(A)[rows, columns]).ravel()

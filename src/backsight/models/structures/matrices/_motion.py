@@ -1,5 +1,7 @@
 """What motions a structure may make: fixed coordinates and equations between coordinates."""
 
+from __future__ import annotations
+
 import dataclasses
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -7,7 +9,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import scipy
-import scipy.sparse as sparse
 from numpy.typing import ArrayLike
 
 from backsight.errors import MOST_NAMES, BacksightWarning, ModelError
@@ -91,11 +92,11 @@ def motions(places: Places, fixed: Sequence[int | str], constraints: Equations |
     n = places.n
     held = np.array(sorted({places.number(name, "fixed") for name in fixed}), int)
     free = np.setdiff1d(np.arange(n), held)
-    T: Sparse = sparse.csc_array(sparse.eye_array(n, format="csc"))[:, free]
+    T: Sparse = scipy.sparse.csc_array(scipy.sparse.eye_array(n, format="csc"))[:, free]
     if constraints is not None:
-        C = sparse.csc_array(_rows(constraints, places) @ T)
+        C = scipy.sparse.csc_array(_rows(constraints, places) @ T)
         basis, independent = _null_space(C)
-        T, free = sparse.csc_array(T @ basis), free[independent]
+        T, free = scipy.sparse.csc_array(T @ basis), free[independent]
     if not T.shape[1]:
         raise ModelError("nothing can move: every coordinate is fixed or follows from constraints")
     return Motions(T, free, held)
@@ -125,9 +126,9 @@ def moving(
         _tell(f"{_listed(places, allowed.free[loose])} neither mass nor stiffness: left out")
         kept = ~loose
         allowed = dataclasses.replace(
-            allowed, T=sparse.csc_array(allowed.T[:, kept]), free=allowed.free[kept]
+            allowed, T=scipy.sparse.csc_array(allowed.T[:, kept]), free=allowed.free[kept]
         )
-        M, K, C = (sparse.csc_array(A[kept][:, kept]) for A in (M, K, C))
+        M, K, C = (scipy.sparse.csc_array(A[kept][:, kept]) for A in (M, K, C))
         bare = bare[kept]
     _check_mass(M, bare, places, allowed)
     if bare.any():
@@ -162,7 +163,7 @@ def ground_shape(structure: Moving, at: Array, rest: Callable[[Array], Array]) -
 
 
 def _projected(A: Sparse, T: Sparse) -> Sparse:
-    made = sparse.csc_array(T.T @ A @ T)
+    made = scipy.sparse.csc_array(T.T @ A @ T)
     made.eliminate_zeros()
     return made
 
@@ -201,16 +202,16 @@ def _rows(given: Equations, places: Places) -> Sparse:
     if isinstance(given, list | tuple) and all(isinstance(row, Mapping) for row in given):
         columns = [places.weights(row, f"constraint {i + 1}") for i, row in enumerate(given)]
         return (
-            sparse.csc_array(sparse.hstack(columns).T)
+            scipy.sparse.csc_array(scipy.sparse.hstack(columns).T)
             if columns
-            else sparse.csc_array((0, places.n))
+            else scipy.sparse.csc_array((0, places.n))
         )
-    C: Any = given if sparse.issparse(given) else np.atleast_2d(np.asarray(given, float))
+    C: Any = given if scipy.sparse.issparse(given) else np.atleast_2d(np.asarray(given, float))
     if C.shape[1] != places.n:
         raise ModelError(
             f"constraints have {C.shape[1]} columns; {places.n} coordinates need as many"
         )
-    return sparse.csc_array(C).astype(float)
+    return scipy.sparse.csc_array(C).astype(float)
 
 
 def _null_space(C: Sparse) -> tuple[Sparse, Indices]:
@@ -218,7 +219,7 @@ def _null_space(C: Sparse) -> tuple[Sparse, Indices]:
     n = C.shape[1]
     used = np.flatnonzero(np.diff(C.indptr))
     if not used.size:
-        return sparse.csc_array(sparse.identity(n, format="csc")), np.arange(n)
+        return scipy.sparse.csc_array(scipy.sparse.identity(n, format="csc")), np.arange(n)
     R, order = scipy.linalg.qr(C[:, used].toarray(), mode="r", pivoting=True)
     size = np.abs(np.diagonal(R))
     rank = int((size > _DEPENDENT * size[0]).sum())
@@ -228,9 +229,9 @@ def _null_space(C: Sparse) -> tuple[Sparse, Indices]:
     column = np.full(n, -1)
     column[free] = np.arange(free.size)
     shape = (n, free.size)
-    kept = sparse.csc_array((np.ones(free.size), (free, column[free])), shape=shape)
+    kept = scipy.sparse.csc_array((np.ones(free.size), (free, column[free])), shape=shape)
     rows, columns = np.meshgrid(dependent, column[others], indexing="ij")
     entries = (follows.ravel(), (rows.ravel(), columns.ravel()))
-    made = sparse.csc_array(kept + sparse.csc_array(entries, shape=shape))
+    made = scipy.sparse.csc_array(kept + scipy.sparse.csc_array(entries, shape=shape))
     made.eliminate_zeros()
     return made, free

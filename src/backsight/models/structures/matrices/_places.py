@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TypeAlias
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 from numpy.typing import ArrayLike
 
 from backsight.errors import ModelError, nearest
@@ -76,7 +76,7 @@ class Places:
             rows = [self.number(at, what) for at in place]
             values = np.array([_weight(value, what) for value in place.values()])
             entries = (values, (rows, np.zeros(len(rows), int)))
-            return sparse.csc_array(entries, shape=(self.n, 1))
+            return scipy.sparse.csc_array(entries, shape=(self.n, 1))
         try:
             values = np.asarray(place, float)
         except (TypeError, ValueError):
@@ -87,7 +87,7 @@ class Places:
             )
         if not np.isfinite(values).all():
             raise ModelError(f"{what} has a weight that is not finite")
-        return sparse.csc_array(values[:, None])
+        return scipy.sparse.csc_array(values[:, None])
 
 
 def _weight(given: object, what: str) -> float:

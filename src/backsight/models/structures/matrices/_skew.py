@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 
 from backsight.errors import BacksightWarning, ModelError
 from backsight.models.model import Model
@@ -42,7 +42,7 @@ def skew_model(
     T = structure.motions.T
     found = complex_modes(structure.mass, structure.damping, structure.stiffness, modes)
     S, out, into = found.damped(ratios).blocks()
-    at_rest = sparse.linalg.splu(structure.stiffness).solve
+    at_rest = scipy.sparse.linalg.splu(structure.stiffness).solve
     moved = {k: ground_shape(structure, at, at_rest) for k, at in around.ground.items()}
     forced = T.T @ around.loads().toarray()
     left = np.zeros_like(forced)

@@ -12,7 +12,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 
 from backsight.errors import ModelError
 from backsight.models.structures.matrices._given import MatrixLike, matrices
@@ -153,7 +153,7 @@ def _basis(structure: Moving, b: Indices, modes: int) -> Array:
     basis[b, np.arange(b.size)] = 1.0
     if not inside.size:
         return basis
-    Mii, Kii = (sparse.csc_array(A[inside][:, inside]) for A in (M, K))
+    Mii, Kii = (scipy.sparse.csc_array(A[inside][:, inside]) for A in (M, K))
     found = lowest(Mii, Kii, max(int(modes), 1), precision=structure.whole.precision)
     if not found.squares.all():
         raise ModelError("the interior can move while the boundary is fixed; add to the boundary")

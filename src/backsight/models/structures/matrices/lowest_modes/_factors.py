@@ -4,7 +4,7 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sparse
+import scipy
 from numpy.typing import NDArray
 
 from backsight.types import Array, Sparse
@@ -66,11 +66,11 @@ class SparseFactor:
 
 def sparse_factor(A: Sparse) -> SparseFactor | None:
     """Sparse factors of a symmetric matrix, or None if they do not solve it."""
-    A = sparse.csc_array(A)
+    A = scipy.sparse.csc_array(A)
     order, banded = _order(A)
     try:
         # Pivots stay on the diagonal: half the work, and their signs are those of the eigenvalues.
-        factor = sparse.linalg.splu(
+        factor = scipy.sparse.linalg.splu(
             A[order][:, order],
             permc_spec="NATURAL" if banded else "MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
@@ -94,9 +94,9 @@ def _order(A: Sparse) -> tuple[NDArray[np.int32], bool]:
     as they are numbered: put in one order, copies of a body all round alike, and Lanczos, which
     tells modes of one frequency apart by rounding, does not end.
     """
-    if sparse.csgraph.connected_components(A, directed=False, return_labels=False) > 1:
+    if scipy.sparse.csgraph.connected_components(A, directed=False, return_labels=False) > 1:
         return np.arange(A.shape[0], dtype=np.int32), False
-    order = sparse.csgraph.reverse_cuthill_mckee(A, symmetric_mode=True)
+    order = scipy.sparse.csgraph.reverse_cuthill_mckee(A, symmetric_mode=True)
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     rows, columns = place[A.indices], np.repeat(place, np.diff(A.indptr))
