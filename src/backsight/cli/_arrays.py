@@ -18,6 +18,5 @@ def numpy_only() -> None:
         return
     for name in ("dask", "pint", "cupy"):
         absent = kind.__new__(kind)
-        absent.module, absent.type, absent.available = None, (), False
-        absent.version = pycompat.Version("0.0.0")
+        absent.module, absent.version, absent.type, absent.available = None, None, (), False
         known.setdefault(name, absent)
