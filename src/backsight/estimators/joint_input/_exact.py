@@ -21,8 +21,6 @@ solution and perturbation analysis of generalized linear least squares problems"
 Computation 33 (1979), doi:10.1090/S0025-5718-1979-0514820-3.
 """
 
-from collections.abc import Callable
-
 import casadi as ca
 import numpy as np
 
@@ -31,9 +29,9 @@ from backsight.algebra.triangular import backward_semidefinite, upper_triangular
 from backsight.algebra.update import masked, measured, noise_of
 from backsight.discrete.steps import over_sample
 from backsight.engine.dense import few_entries
-from backsight.estimators.joint_input._extended import all_inputs, look
+from backsight.estimators.joint_input._extended import all_inputs, without_forces
 from backsight.estimators.joint_input._step import lost_forces, tail
-from backsight.estimators.joint_input._system import Forces
+from backsight.estimators.joint_input._system import Forces, comparable
 from backsight.estimators.kalman.exact_sensors import ROUNDING
 from backsight.estimators.parts.covariance import (
     Covariance,
@@ -47,7 +45,6 @@ from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.linear import root
 from backsight.estimators.parts.substeps import within_bounds
-from backsight.types import Array
 
 
 def exact_step(found: Forces) -> ca.Function:
@@ -104,7 +101,7 @@ def exact_extended_step(found: Forces) -> ca.Function:
     x, P = ca.MX.sym("x", nx), ca.MX.sym("P", Factor(Covariance(nx)).size)
     E, started = ca.MX.sym("E", nx, m), ca.MX.sym("started")
     u, y, mask = ca.MX.sym("u", nu), ca.MX.sym("y", ny), ca.MX.sym("mask", ny)
-    C, F, missed = look(found)(x, u, y)
+    C, F, missed = without_forces(found)(x, u, y)
     acted = ca.MX(1) if found.direct else started
     shown = F if found.direct else matrix_product(C, E)
     moved = ca.MX.zeros(nx, m) if found.direct else started * E
@@ -198,7 +195,7 @@ def _rows(found: Forces) -> ca.Function:
     s, m = found.system.s, len(found.names)
     nx, ny = s.model.nx, s.model.ny
     of_prior, sigma = np.linalg.inv(np.linalg.cholesky(found.spread)), np.sqrt(np.diag(s.R))
-    compared, complete = _comparable(found)
+    weights, complete = comparable(found)
 
     def formula(
         CL: ca.SX, C: ca.SX, x: ca.SX, shown: ca.SX, missed: ca.SX, acted: ca.SX, mask: ca.SX
@@ -214,7 +211,7 @@ def _rows(found: Forces) -> ca.Function:
             ca.horzcat(weigh @ CL, N, ca.SX.zeros(ny, m)),
             ca.horzcat(ca.SX.zeros(m, nx + ny), ca.SX.eye(m)),
         )
-        lost = lost_forces(acted * ca.diag(seen) @ compared(shown), complete)
+        lost = lost_forces(acted * ca.diag(seen) @ (weights * shown), complete)
         of_d = ca.vertcat(acted * weigh @ shown, lost * ca.SX(of_prior))
         right = ca.vertcat(weigh @ missed, ca.SX.zeros(m))
         # 1. Forces out of as many rows as there are readings.
@@ -251,20 +248,6 @@ def _rows(found: Forces) -> ca.Function:
         "noise": (ny, ny), "d": m, "lost": 1,
     }  # fmt: skip
     return leaf("joint_rows_exactly", sizes, formula)
-
-
-def _comparable(found: Forces) -> tuple[Callable[[ca.SX], ca.SX], Array]:
-    """Rows of outputs that can be compared, and those of `Forces.H`, with columns of length one.
-
-    A sensor with noise is scaled by it, one without by nothing: each by what the prior lets expect.
-    """
-    s, C = found.system.s, found.system.C
-    expected = np.sqrt(np.diag(s.R + C @ s.P0 @ C.T))
-    rows = 1 / np.where(expected > 0, expected, 1.0)
-    complete = rows[:, None] * found.H
-    columns = 1 / np.linalg.norm(complete, axis=0)
-    weights = np.outer(rows, columns)
-    return lambda shown: ca.SX(weights) * shown, complete * columns
 
 
 def _settled(found: Forces) -> ca.Function:

@@ -47,7 +47,7 @@ def extended_step(found: Forces) -> ca.Function:
     """
     s = found.system.s
     nx, ny, nu, m = s.model.nx, s.model.ny, found.nu, len(found.names)
-    seen, gains = look(found), _gains(found)
+    seen, gains = without_forces(found), _gains(found)
     over = over_sample(s.integrator, s.model, s.dt)
     inputs = all_inputs(found)
 
@@ -107,7 +107,7 @@ def all_inputs(found: Forces) -> ca.Function:
     return ca.Function("all_inputs", [u, d], [v])
 
 
-def look(found: Forces) -> ca.Function:
+def without_forces(found: Forces) -> ca.Function:
     """``(x, u, y) -> (C, F, e)``: outputs at the prior without forces, and their derivatives."""
     s, nu, m = found.system.s, found.nu, len(found.names)
 

@@ -87,9 +87,10 @@ def dual(chain: Chain) -> ca.Function:
         carry=[run, ca.MX(1), *[ca.MX(0)] * 3, side0, zeros, zeros],
         constants=given,
     )
-    judged = _ended(chain)(last[0], last[4], *last[5:])
-    results = dict(zip(("side", "conflict", "unfinished"), judged, strict=True))
-    results["passes"] = last[2]
+    sides, conflicts, unfinished = _ended(chain)(last[0], last[4], *last[5:])
+    results = {
+        "side": sides, "conflict": conflicts, "passes": last[2], "unfinished": unfinished,
+    }  # fmt: skip
     return naming("dual", [*given, side0, run], results)
 
 
@@ -174,7 +175,7 @@ def _ratios(chain: Chain) -> ca.Function:
 
 
 def _decide() -> ca.Function:
-    """``(sums, turns, tau) -> (length, adds, drops, blocked, rise)``; by how much the cost rises."""
+    """``(sums, turns, tau) -> (length, adds, drops, blocked, rise)``; the cost rises by this."""
     some, curvature, gap, spread, ratio, turns, tau = (
         ca.SX.sym(k) for k in ("some", "curvature", "gap", "spread", "ratio", "turns", "tau")
     )
