@@ -192,7 +192,9 @@ def test_the_gain_of_a_window_is_what_its_newest_reading_does_to_it(sensors):
     found = []
     for estimator in (window, recursive):
         at = last(estimator, y)
-        found.append([last(estimator, y + np.outer([0, 0, 0, 0, 0, 1], e)) - at for e in np.eye(len(C))])
+        found.append(
+            [last(estimator, y + np.outer([0, 0, 0, 0, 0, 1], e)) - at for e in np.eye(len(C))]
+        )
     np.testing.assert_allclose(found[1], found[0], atol=1e-9)
 
 
