@@ -20,6 +20,9 @@ WINDOWS = {
     "lmhe": lambda noise, prior: bs.LinearMHE(noise, prior, N=4, arrival_weight=1.0),
 }
 
+EXACT = (*FILTERS, bs.MHE, bs.JointInput, bs.LinearMHE, bs.RecursiveMHE)
+"""Methods that take them."""
+
 WALK = np.diag([1e-4, 4e-4])
 """Process noise of both states."""
 
@@ -211,7 +214,7 @@ def test_every_estimator_takes_exact_sensors_or_says_who_does(key):
     given, _ = estimator.assumed
     without = bs.Noise(sigma_y=0.0, sigma_w=given.sigma_w, Q=given.Q)
     exact = dataclasses.replace(estimator, noise=without)
-    if ESTIMATORS[key] in (*FILTERS, bs.MHE, bs.JointInput, bs.RecursiveMHE):
+    if ESTIMATORS[key] in EXACT:
         exact.compile(problem.model, 0.02)
     else:
         with pytest.raises(TuningError, match=r"'position' has no noise .* EKF, IEKF and UKF"):

@@ -53,7 +53,7 @@ def estimated(x: Term, L: Term, A: Term, N: Term, zeta: Term) -> tuple[Term, Ter
     n, k = L.shape[0], A.shape[0]
     rows = [ca.horzcat(matrix_product(A, L), N), ca.horzcat(L, type(L).zeros(n, k))]
     both = compress_rows(ca.densify(on_top([ca.densify(row) for row in rows])))
-    fixed = _known(both[:k, :k], zeta, NOTHING * (1 + ca.norm_inf(x)))
+    fixed = known_by(both[:k, :k], zeta, NOTHING * (1 + ca.norm_inf(x)))
     return x + matrix_product(both[k:, :k], fixed), transposed(both[k:, k:])
 
 
@@ -63,7 +63,7 @@ def joined(
     """(A, N, zeta) together with readings H (state - x) = e + noise epsilon of their own noise."""
     n, ny, zeros = A.shape[1], H.shape[0], type(A).zeros
     # 1. One size for all rows, so that a number says what is rounding.
-    H, noise, e = _of_size_one(H, noise, e)
+    H, noise, e = of_size_one(H, noise, e)
     rows = [ca.horzcat(A, N, zeros(n, ny), zeta), ca.horzcat(H, zeros(ny, n), noise, e)]
     return _apart(rows, n, readings=ny, unknown=0)
 
@@ -90,7 +90,7 @@ def joined_with_force(
 ) -> tuple[Term, Term, Term]:
     """`joined` with readings H (state - x) + F d = e + noise epsilon; whatever d is."""
     n, ny, m, zeros = A.shape[1], H.shape[0], d.prior.shape[0], type(A).zeros
-    F_H, noise, e = _of_size_one(ca.horzcat(d.F, H), noise, e)
+    F_H, noise, e = of_size_one(ca.horzcat(d.F, H), noise, e)
     rows = [
         ca.horzcat(d.E, A, N, zeros(n, ny + m), zeta),
         ca.horzcat(F_H, zeros(ny, n), noise, zeros(ny, m), e),
@@ -111,7 +111,7 @@ def without_force(A: Term, N: Term, zeta: Term, *, E: Term, prior: Term) -> tupl
 
 def _apart(rows: list[Term], n: int, *, readings: int, unknown: int) -> tuple[Term, Term, Term]:
     """(A, N, zeta) of the state, which has n columns behind those that are `unknown`."""
-    rest = _turned(on_top([ca.densify(row) for row in rows]), unknown + n)
+    rest = turned(on_top([ca.densify(row) for row in rows]), unknown + n)
     kept = rest[unknown : unknown + n, unknown:]
     told = rest[unknown + n : unknown + n + readings, unknown:]
     # 2. The rows that are left tell of the noise only, of that of the others, too.
@@ -122,10 +122,10 @@ def _apart(rows: list[Term], n: int, *, readings: int, unknown: int) -> tuple[Te
         fixed = ca.Function("fixed_noise", [size], [V, ca.densify(y)])
         noise, moved = with_fixed(ca.densify(noise), 0 * zeta, *fixed(ca.densify(told[:, n:])))
         zeta = zeta - moved
-    return _of_size_one(kept[:, :n], compress_rows(ca.densify(noise)), zeta)
+    return of_size_one(kept[:, :n], compress_rows(ca.densify(noise)), zeta)
 
 
-def _turned(rows: Term, n: int) -> Term:
+def turned(rows: Term, n: int) -> Term:
     """The same rows after an orthogonal transformation that makes n columns upper triangular."""
     if not isinstance(rows, ca.MX):
         return triangular.upper_triangular(rows[:, :n], rows)
@@ -134,7 +134,7 @@ def _turned(rows: Term, n: int) -> Term:
     return dense.transpose(factor)[: rows.shape[0], :]
 
 
-def _known(L: Term, b: Term, least: Term | float) -> Term:
+def known_by(L: Term, b: Term, least: Term | float) -> Term:
     """`triangular.forward_semidefinite`, for many states, too."""
     if not isinstance(L, ca.MX):
         return triangular.forward_semidefinite(L, b, least=least)
@@ -145,7 +145,7 @@ def _known(L: Term, b: Term, least: Term | float) -> Term:
     return solve_lower(scaled_rows(ca.densify(L), keep) + dense.diagonal(1 - keep), right)
 
 
-def _of_size_one(A: Term, N: Term, zeta: Term) -> tuple[Term, Term, Term]:
+def of_size_one(A: Term, N: Term, zeta: Term) -> tuple[Term, Term, Term]:
     """The same equations, each divided by the size of its row [A, N]."""
     rows = ca.densify(ca.horzcat(A, N))
     if isinstance(rows, ca.MX):
