@@ -66,8 +66,11 @@ def test_what_a_window_does_not_tell_its_prior_does():
     given = bs.Noise(sigma_y=0.0, Q=WALK), bs.Prior(P0=P0)
     model = plant([[1.0, 0.0]])
     alone_, filtered = (
-        bs.estimate(e, model, recording, engine="vm", throw=False)
-        for e in (bs.LinearMHE(*given, N=N), bs.KalmanFilter(*given))
+        bs.estimate(e, model, recording, engine=engine, throw=False)
+        for e, engine in (
+            (bs.LinearMHE(*given, N=N), "native"),
+            (bs.KalmanFilter(*given), "vm"),
+        )
     )
     lost = (alone_["status"].values & int(Status.UNOBSERVED)) > 0
     assert np.array_equal(np.flatnonzero(lost), np.arange(8, 15))  # fewer than two readings

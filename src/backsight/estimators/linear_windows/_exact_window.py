@@ -156,10 +156,11 @@ def _joined(system: Linear) -> ca.Function:
         both, moved = with_fixed(both, zeros(2 * nx, 1), V, fixed)
         left = compress_rows(ca.densify(both))
         A, N, zeta = of_size_one(rest[:nx, :nx], left[:nx, :], rest[:nx, -1] - moved[:nx])
-        return {
+        results = {
             "A": A, "N": N, "zeta": zeta, "B": B, "M": left[nx:, :], "b": b - moved[nx:],
             "redundant": ca.fmax(redundant, ca.fmin(follows, 1)),
         }  # fmt: skip
+        return {name: ca.densify(value) for name, value in results.items()}
 
     return half("exact_joined", s, formula, sizes)
 
@@ -182,11 +183,12 @@ def _back(system: Linear) -> ca.Function:
             ca.horzcat(M, matrix_product(B, drive)),
         ]
         noise = compress_rows(on_top([ca.densify(part) for part in parts]))
-        return {
+        results = {
             "A": matrix_product(A, ca.densify(moved)), "N": noise[:nx, :],
             "zeta": zeta - matrix_product(A, c), "B": matrix_product(B, ca.densify(moved)),
             "M": noise[nx:, :], "b": b + matrix_product(B, c),
         }  # fmt: skip
+        return {name: ca.densify(value) for name, value in results.items()}
 
     return half("exact_back", s, formula, _sizes(system))
 
