@@ -20,8 +20,8 @@ def window(**settings):
     """One window over a whole recording, and the regression that it is."""
     of = struck.system(accelerations=True)
     u, y = struck.record(of, SAMPLES, seed=7, missing=0.1)
-    units = {"inputs": {"f": "N"}, "outputs": {"y": "m", "z": "m"}}
-    recording = bs.from_arrays(u=u, y=y, dt=struck.DT, **units)
+    outputs = {"y": "m", "z": "m"}
+    recording = bs.from_arrays(u=u, y=y, dt=struck.DT, inputs={"f": "N"}, outputs=outputs)
     made = bs.CompressiveSensingMHE(
         **struck.gaussians(of), forces=struck.FORCES, lam=0.4, N=SAMPLES - 1,
         sigma_force=struck.SIGMA_FORCE, **settings

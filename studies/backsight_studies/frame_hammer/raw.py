@@ -122,8 +122,8 @@ def main(path: Path) -> None:
     recording = read(path)
     hits = hits_in(recording.y)
     print(hits[["force", "time", "impulse", "width", "rival"]].to_dataframe().to_string())
-    score = judged(as_hammer(hits), recording.hammer, begin=0.0, end=DT * len(recording.y))
-    print(score)
+    if recording.hammer is not None:
+        print(judged(as_hammer(hits), recording.hammer, begin=0.0, end=DT * len(recording.y)))
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
 The study's own: moments, sizes and pulses to try are those of its rig. The search for sparse forces
 in any linear model, exact and without a list of sizes, is `backsight.run.sparse_forces`. With the
-clipped sensors as part of the model (`with_sensors`), `follow_hits` tries hits in the raw readings as
-this search does, for any model: see `raw`.
+clipped sensors as part of the model (`with_sensors`), `follow_hits` tries hits in the raw readings
+as this search does, for any model: see `raw`.
 """
 
 import dataclasses
