@@ -222,10 +222,14 @@ class Window:
         moved = self._first() + self._explain(2 * self.nx) + KernelWork(2 * self.nx + self.columns)
         return self._refit() + KernelWork(self.most) + self._forces() + moved
 
+    def _told_apart(self, s: int) -> KernelWork:
+        """`cs_window_append` and `cs_window_told_apart`."""
+        return self._append(s) + self._minimise(s) + KernelWork(3 * s + 3)
+
     def _alternatives(self) -> KernelWork:
-        free = min(self.n, self.most)
-        tried = sum((self._append(s) for s in range(self.most - free, self.most)), KernelWork(0))
-        return KernelWork(8 * self.n, self.n) + tried + (self.n - free) * self._append(self.most)
+        first = max(self.most - self.n, 0)
+        counts = [min(first + k, self.most) for k in range(self.n)]
+        return sum((self._told_apart(s) for s in counts), KernelWork(8 * self.n, self.n))
 
     def _spread(self) -> KernelWork:
         return self.forces * (KernelWork(self.most) + forward(self.most) + dot(self.most))
