@@ -13,12 +13,9 @@ from backsight.analysis.alignment import decide, ratio
 from backsight.data import from_arrays
 from backsight.discrete.exact import zoh
 from backsight.errors import TuningError
-from backsight.estimators import EKF, KalmanFilter, Noise, Prior
-from backsight.models.augment import augment
+from backsight.estimators import KalmanFilter, Noise, Prior
 from backsight.models.builtin import sdof
 from backsight.models.lti import lti
-from backsight.models.model import Model
-from backsight.models.signals import Signal
 from backsight.problem import load
 from backsight.problem.recorded import recording_of
 from backsight.run.diagnosis import aligned, check_alignment
@@ -278,27 +275,3 @@ def test_a_shift_with_which_the_filter_diverged_tells_nothing():
     made = decide(scores, dict.fromkeys(scores, 1.0), ())
     assert made.aligned is None
     assert "cannot be told" in str(made)
-
-
-def heater(C: float, h: float) -> Model:
-    return Model(
-        f=lambda x, u, p: [(u.P - p.h * x.T) / p.C],
-        h=lambda x, _u, _p: [x.T],
-        states={"T": "K"},
-        inputs={"P": "W"},
-        outputs={"y": "K"},
-        parameters={"C": Signal("J/K", value=C, lower=1.0), "h": Signal("W/K", value=h)},
-    )
-
-
-@pytest.mark.parametrize(("start", "late"), [((50.0, 2.0), 0), ((350.0, 7.0), 2)])
-def test_parameters_far_from_right_are_no_delay(start, late):
-    """A filter that begins with an eighth of the capacity follows late, and a shift helps it."""
-    power = [[40.0 * (k // 60 % 2)] for k in range(400)]
-    right = simulate(heater(400.0, 8.0), power, dt=0.5, sigma_y=0.05, seed=1)
-    prior = Prior(sigma_x0={"T": 1.0, "C": 100.0, "h": 5.0})
-    judge = EKF(Noise(sigma_y=0.05, sigma_w={"T": 1e-3}), prior)
-    result = check_alignment(judge, augment(heater(*start), ["C", "h"]), changed(right, late=late))
-    assert result.delay == late
-    assert result.explained == (late == 0)
-    assert ("other parameters explain" in str(result)) == (late == 0)

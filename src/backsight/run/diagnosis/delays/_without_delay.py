@@ -10,7 +10,7 @@ from backsight.errors import BacksightError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.diagnosis._free_forces import constants_and_forces
-from backsight.run.diagnosis.parameters.sense import dividing
+from backsight.run.diagnosis.parameters.sense import FAR, dividing
 from backsight.types import Array
 
 ROUNDS = 8
@@ -22,6 +22,9 @@ AS_WELL = 0.02
 NARROWER = 0.6
 """Deviations of constants by those of the round before: a wide prior leads astray again."""
 
+LEAST = 1e-3
+"""Least value of a positive constant, by where it starts."""
+
 Scored = Callable[[Recursion, int], tuple[float, Array] | None]
 """Mean log-likelihood and last estimate with outputs moved by a shift; None if it diverged."""
 
@@ -32,7 +35,7 @@ def explained_without(
     """Whether constants that begin elsewhere explain it without the shift, or have no meaning.
 
     A filter that begins with wrong parameters follows a motion late, and then a delay helps it. So
-    either hypothesis may begin again where the other one ended.
+    either hypothesis may begin again where the other one ended, as far as the prior reaches.
     """
     try:
         noise, prior = judge.assumed
@@ -43,8 +46,11 @@ def explained_without(
     places = sorted(constants)
     if not places or recursion.start is None:
         return False
-    low, high = (np.array([getattr(s, k) for s in model.states]) for k in ("lower", "upper"))
-    across = [i for i in dividing(model, start, np.sqrt(np.diag(P0))) if i in constants]
+    std = np.sqrt(np.diag(P0))
+    least = [LEAST * x if s.positive else s.lower for s, x in zip(model.states, start, strict=True)]
+    low = np.maximum(least, start - FAR * std)
+    high = np.minimum([s.upper for s in model.states], start + FAR * std)
+    across = [i for i in dividing(model, start, std) if i in constants]
     begun, reached = start.copy(), {0: -np.inf, shift: -np.inf}
     for k in range(ROUNDS):
         narrow = np.ones(model.nx)
