@@ -203,11 +203,31 @@ def diagonal(values: ca.MX) -> ca.MX:
 
 def gain_of(PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
     """Gain K (nx, ny), innovation covariance S and noise N (ny, ny), see `matrix_gain.c`."""
+    return gain_and_learned(PHt, HPHt, R, mask)[:3]
+
+
+def gain_and_learned(
+    PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX
+) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
+    """`gain_of`, and W (ny, nx) with which P - W' W is the covariance after the measurement."""
     nx, ny = PHt.shape
-    outputs = [(nx, ny), (ny, ny), (ny, ny)]
+    outputs = [(nx, ny), (ny, ny), (ny, ny), (ny, nx)]
     inputs = [PHt, HPHt, R, mask]
-    K, S, N = foreign.call("matrix_gain", (nx, ny), inputs=inputs, outputs=outputs)
-    return K, S, N
+    K, S, N, W = foreign.call("matrix_gain", (nx, ny), inputs=inputs, outputs=outputs)
+    return K, S, N, W
+
+
+def minus_square(P: ca.MX, W: ca.MX) -> ca.MX:
+    """P - W' W of a symmetric P (n, n); as symmetric."""
+    inner, n = W.shape
+    inputs, sizes = [P, W], (n, inner, 1, 1)
+    return foreign.call("matrix_square", sizes, inputs=inputs, outputs=[(n, n)])[0]
+
+
+def congruence_of(A: ca.MX, P: ca.MX, Q: ca.MX) -> ca.MX:
+    """A P A' + Q of a dense A and symmetric P and Q (n, n); as symmetric."""
+    n = A.shape[0]
+    return foreign.call("matrix_congruence", (n,), inputs=[A, P, Q], outputs=[(n, n)])[0]
 
 
 def near_to(A: ca.MX, B: ca.MX, size: np.ndarray, most: float) -> ca.MX:

@@ -56,6 +56,14 @@ def _gain(nx: int, ny: int) -> KernelWork:
     return of_pairs + _factor(ny) + KernelWork(2 * nx * ny) + 2 * _divide(ny, nx)
 
 
+def _square(n: int, k: int, *_: int) -> KernelWork:
+    return KernelWork(n * (n + 1) * k + max(n * k, n * (n + 1)))
+
+
+def _congruence(n: int) -> KernelWork:
+    return KernelWork(2 * n**3 + n * n + n * n * (n + 1))
+
+
 def _near(n: int) -> KernelWork:
     return KernelWork(4 * n * n + 5 * n + 2, n)
 
@@ -74,11 +82,13 @@ KERNELS: dict[str, Callable[..., KernelWork]] = {
     "cs_window_stages": stages_effort,
     "matrix_cholesky": _cholesky,
     "matrix_compress": _compress,
+    "matrix_congruence": _congruence,
     "matrix_downdate": _downdate,
     "matrix_gain": _gain,
     "matrix_near": _near,
     "matrix_product": _product,
     "matrix_solve": _solve,
+    "matrix_square": _square,
     "matrix_triangle": _triangle,
     "matrix_turn": _turn,
 }

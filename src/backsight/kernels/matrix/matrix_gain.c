@@ -7,7 +7,9 @@
  *
  * which has columns of zeros for rows that were not measured, the covariance N of the sample's own
  * noise, M^-1 R M^-1 but nominal where not measured, and S = H P H' + N. The gain is the
- * optimal one of the measured rows for this noise.
+ * optimal one of the measured rows for this noise. The last result is W (ny, nx), with which the
+ * covariance after the measurement is P - W' W: with the factor L of the matrix in brackets
+ * W = L^-1 M H P.
  */
 #include "matrix.h"
 
@@ -22,7 +24,7 @@ KERNEL void matrix_gain(
 {
     const int nx = sizes[0], ny = sizes[1];
     const real *PHt = arg[0], *HPH = arg[1], *R = arg[2], *m = arg[3];
-    real *K = res[0], *S = res[1], *N = res[2];
+    real *K = res[0], *S = res[1], *N = res[2], *W = res[3];
     real *A = w, *L = w + ny * ny, *X = w + 2 * ny * ny; /* X is the gain, transposed */
     int i, j;
     (void)iw;
@@ -37,8 +39,10 @@ KERNEL void matrix_gain(
     matrix_factor(ny, A, L);
     for (j = 0; j < nx; ++j)
         for (i = 0; i < ny; ++i)
-            X[i + j * ny] = m[i] * PHt[j + i * nx];
-    matrix_divide(ny, nx, L, 0, X);
+            W[i + j * ny] = m[i] * PHt[j + i * nx];
+    matrix_divide(ny, nx, L, 0, W);
+    for (i = 0; i < nx * ny; ++i)
+        X[i] = W[i];
     matrix_divide(ny, nx, L, 1, X);
     for (i = 0; i < ny; ++i)
         for (j = 0; j < nx; ++j)
