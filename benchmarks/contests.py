@@ -89,7 +89,7 @@ def _observer(observer: Problem) -> Contest:
         ),
         "6 states, window of 15 samples, 8 Heun sub-steps, 2 Gauss-Newton iterations, pre- and "
         "post-filter; difference of the lanes from a run by itself, of all others from the other "
-        "engine.",
+        "engine. Estimates of the programs go to memory that is there.",
     )
 
 

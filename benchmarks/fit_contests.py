@@ -13,7 +13,7 @@ DEVIATIONS = "Noise of a linear oscillator by maximum likelihood, 3 standard dev
 COVARIANCE = "The same, all of Q free"
 
 BACKSIGHT = "Backsight"
-FIRST = "Backsight, the first time: built and compiled"
+FIRST = "Backsight, the first time: nothing kept"
 STATSMODELS = "statsmodels, L-BFGS"
 KALMAN_PY = "kalman-py, BFGS through JAX"
 

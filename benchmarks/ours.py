@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from backsight.engine import lanes, native, vm
+from backsight.engine.recursion import Recursion
 from backsight.run.estimation import estimate, match
 from backsight.types import Array
 from benchmarks import problems, windows
@@ -49,10 +50,11 @@ def in_lanes(problem: Problem, recordings: Sequence[Sequence[Array]], threads: i
     """Several recordings at once; compared with a run of the first by itself."""
     recursion = problem.recursion
     carries = [recursion.carry0] * len(recordings)
+    into = [_places(recursion, len(recording[0])) for recording in recordings]
 
     def work() -> Array:
-        outcomes = lanes.run_many(recursion, recordings, carries=carries, threads=threads)
-        return outcomes[0][1][0] / problem.setting.sx
+        lanes.run_many(recursion, recordings, carries=carries, threads=threads, into=into)
+        return into[0][0] / problem.setting.sx
 
     single = native.run(recursion, recordings[0], carry=recursion.carry0)[1][0]
     samples = sum(len(recording[0]) for recording in recordings)
@@ -81,7 +83,14 @@ def without_expectation(contender: Contender) -> Contender:
 
 
 def _native(problem: Problem) -> functools.partial[Array]:
-    return functools.partial(_estimates, problem, native.run, None)
+    # Outputs go to memory that is there, as those of the lanes: the program is timed, not how long
+    # the system takes to give out pages, which depends on what ran before.
+    run = functools.partial(native.run, into=_places(problem.recursion, len(problem.data[0])))
+    return functools.partial(_estimates, problem, run, None)
+
+
+def _places(recursion: Recursion, samples: int) -> list[Array]:
+    return [np.empty((samples, size)) for size in recursion.output_sizes]
 
 
 def _virtual(problem: Problem) -> functools.partial[Array]:

@@ -27,7 +27,7 @@ FOUR_MODES = {
 }
 """The fourth vibrates at 301 Hz, and Nyquist is at 200 Hz."""
 
-WRONG_SIZE = 'dictionary = { kind = "Atoms", matrix = [[1.0], [1.0]] }\nlam = 54.317'
+WRONG_SIZE = 'dictionary = { kind = "Atoms", matrix = [[1.0], [1.0]] }\nlam = 29.434'
 
 
 @pytest.mark.parametrize(
@@ -44,15 +44,15 @@ WRONG_SIZE = 'dictionary = { kind = "Atoms", matrix = [[1.0], [1.0]] }\nlam = 54
             "301.1 Hz (q4, q4_dot); the limit (Nyquist) is 200 Hz: keep fewer modes",
         ),
         (MATRICES, {"F4 = [1, 0, 0]": "F4 = [0, 0, 0]"}, "CS-MHE: force F4 moves no state of the"),
-        (BEAM, {"lam = 54.317": WRONG_SIZE}, "CS-MHE: the dictionary has 2 rows; 8 forces need 8"),
+        (BEAM, {"lam = 29.434": WRONG_SIZE}, "CS-MHE: the dictionary has 2 rows; 8 forces need 8"),
         (
             BEAM,
-            {"lam = 54.317": WRONG_SIZE.replace("Atoms", "Atom")},
+            {"lam = 29.434": WRONG_SIZE.replace("Atoms", "Atom")},
             "estimators.CS-MHE.dictionary.kind: unknown kind 'Atom', did you mean 'Atoms'?",
         ),
         (
             BEAM,
-            {"lam = 54.317": 'lam = 54.317\nnonnegative = ["F9"]'},
+            {"lam = 29.434": 'lam = 29.434\nnonnegative = ["F9"]'},
             "CS-MHE: 'F9' is none of the forces: ",
         ),
         (
@@ -60,7 +60,7 @@ WRONG_SIZE = 'dictionary = { kind = "Atoms", matrix = [[1.0], [1.0]] }\nlam = 54
             {'["F1", "F2"': '["F1", "F9"'},
             "CS-MHE: forces: the model has no parameter 'F9': ",
         ),
-        (BEAM, {"lam = 54.317": "lam = -1"}, "estimators.CS-MHE: lam is -1.0; it must be positive"),
+        (BEAM, {"lam = 29.434": "lam = -1"}, "estimators.CS-MHE: lam is -1.0; it must be positive"),
         (BEAM, {"threshold = 0.5": "threshold = -0.5"}, "CS-MHE: threshold is -0.5; it must not"),
         (BEAM, {"drift = [100.0, 1000.0]": "drift = [100.0]"}, "drift is (100.0,); give two"),
     ],
@@ -74,7 +74,7 @@ def test_structures_and_forces_that_cannot_be(refused, tmp_path, file, changes, 
     ("changes", "remark"),
     [
         (
-            {"lam = 54.317 ": "lam = 1e6 "},
+            {"lam = 29.434 ": "lam = 1e6 "},
             "no force was found in the whole recording: lam is at or above lambda_max = 1110; "
             "choose a smaller one",
         ),

@@ -119,8 +119,8 @@ def test_the_gain_is_that_of_the_measured_rows():
     )
     weighed = P @ Hm.T @ np.linalg.inv(Hm @ P @ Hm.T + Rm) @ np.diag(mask)
     np.testing.assert_allclose(K_, weighed, rtol=1e-9, atol=1e-10)
-    given = map(constant, (PHt, H @ PHt, R, mask))
-    (after,) = values(dense.minus_square(constant(P), dense.gain_and_learned(*given)[3]))
+    after, again, _, _ = values(*dense.corrected_of(*map(constant, (P, PHt, H @ PHt, R, mask))))
+    np.testing.assert_array_equal(again, K_)
     assert np.array_equal(after, after.T)
     left = np.eye(N) - K_ @ H
     joseph = left @ P @ left.T + K_ @ N_ @ K_.T

@@ -49,6 +49,20 @@ def test_number_of_steps_is_that_of_the_recording():
         assert np.array_equal(outputs[1], native.run(r, one, carry=carry)[1][1])
 
 
+def test_outputs_go_where_they_are_told():
+    r = location()
+    data, carries = recordings(r)
+    into = [[np.full((len(d[0]), size), np.nan) for size in r.output_sizes] for d in data]
+    expected = lanes.run_many(r, data, carries=carries)
+    for k, (_, outputs) in enumerate(lanes.run_many(r, data, carries=carries, into=into)):
+        assert all(a is b for a, b in zip(outputs, into[k], strict=True))
+        assert all(np.array_equal(a, b) for a, b in zip(outputs, expected[k][1], strict=True))
+    with pytest.raises(EngineError, match="places for 1 of"):
+        lanes.run_many(r, data, carries=carries, into=into[:1])
+    with pytest.raises(EngineError, match="puts out arrays"):
+        lanes.run_many(r, data, carries=carries, into=[[o[:-1] for o in p] for p in into])
+
+
 def test_nan_stays_in_its_recording():
     r = location()
     data, carries = recordings(r)

@@ -234,7 +234,9 @@ def test_a_fault_at_a_step(place, kind):
         assert len(done.told) < 2000
         if kind != "kill":
             assert done.code in (0, 1, {"interrupt": 130, "broken": 2}[kind]), done.told
-            assert done.code != 2 or "Input/output error" in done.told
+            # SQLite does not say why, and a fault of one moment is gone when it is looked for.
+            words = "Input/output error", "unable to open database file"
+            assert done.code != 2 or any(reason in done.told for reason in words)
         place.check()
 
 

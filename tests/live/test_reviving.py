@@ -99,9 +99,9 @@ def test_a_kill_costs_less_than_a_second_and_no_sample(tmp_path, samples, expect
         _wait(lambda: any("source rig" in sentence for _, sentence in told))
         took = []
         for part in np.array_split(samples, 4)[:-1]:
-            publish(map(message, part))
             begun = len(told)
             parts = len(list((tmp_path / "store").glob("part-*")))
+            publish(map(message, part))
             _wait(lambda p=parts: len(list((tmp_path / "store").glob("part-*"))) > p)
             killed = time.monotonic()
             psutil.Process(process.pid).children()[0].kill()

@@ -10,7 +10,11 @@ from tests.mutation.mutants import Mutant
 
 OF_KERNELS = {
     "cs_window": ("tests/estimators/test_cs_mhe.py", "tests/relations/test_nonlinear_windows.py"),
-    "matrix": ("tests/estimators/test_many_states.py", "tests/engine/test_dense.py"),
+    "matrix": (
+        "tests/estimators/test_many_states.py",
+        "tests/engine/test_dense.py",
+        "tests/tune/test_filter_by_matrices.py",
+    ),
 }
 """Tests by folder of kernels; coverage does not see into C."""
 

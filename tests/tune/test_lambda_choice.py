@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 
+import numpy as np
 import pytest
 
 import backsight as bs
@@ -55,12 +56,17 @@ def test_the_hits_are_found_with_the_weight_that_is_chosen(choose):
 def test_weight_is_a_value_of_a_fit():
     given, model = recording(1e-5, 2, background=0.0739**0.5), struck_beam.model(0.003)
     tuned = bs.tune.fit(estimator(), model, given, free=["lam"])
-    choice = bs.tune.lambda_from_sensors(estimator(), model, given)
-    assert tuned.values["lam"] == pytest.approx(choice.lam)
-    assert tuned.estimator.lam == tuned.values["lam"]
-    as_good = choice.table["lam"].values[choice.table["as_good"].values]
-    assert as_good.min() <= tuned.values["lam"] <= as_good.max()
-    assert 0 < tuned.std["lam"] < tuned.values["lam"]
+    choice = bs.tune.lambda_from_scaled_noise(estimator(), model, given)
+    lam = tuned.values["lam"]
+    assert lam == pytest.approx(choice.lam)
+    assert isinstance(tuned.estimator, bs.CompressiveSensingMHE)
+    assert tuned.estimator.lam == lam
+    # As another draw of noise has it; the criterion is at its minimum.
+    other = bs.tune.lambda_from_scaled_noise(estimator(), model, given, seed=1).lam
+    assert abs(other - lam) < 3 * np.sqrt(2) * tuned.std["lam"] < 0.4 * lam
+    nearby = [dataclasses.replace(estimator(), lam=k * lam) for k in (0.9, 1.1)]
+    assert all(bs.tune.fit(e, model, given, free=["lam"]).before > tuned.cost for e in nearby)
+    assert not tuned.doubts
     with pytest.raises(TuningError, match="free lam alone"):
         bs.tune.fit(estimator(), model, given, free=["lam", "sigma_y"])
 
@@ -80,6 +86,8 @@ def test_the_size_of_the_noise_need_not_be_known(factor):
     assert other.lam == pytest.approx(one.lam / factor**2, rel=0.02)
     scales = [c.table["scale"].values[-1] for c in (one, other)]
     assert scales[1] == pytest.approx(scales[0] / factor, rel=0.02)
+    doubts = bs.tune.fit(wrong, model, given, free=["lam"]).doubts
+    assert ["times the noise that is stated" in d for d in doubts] == [True]
 
 
 def test_a_wrong_model_is_told_from_noise():

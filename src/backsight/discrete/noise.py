@@ -55,6 +55,11 @@ def discretise_noise(A: ArrayLike, Qc: ArrayLike, *, dt: float) -> tuple[Array, 
     give the rest; they only add positive semidefinite matrices.
     """
     a, q = _checked(A, Qc, dt)
+    return integrated_noise(a, q, dt=dt)
+
+
+def integrated_noise(a: Array, q: Array, *, dt: float) -> tuple[Array, Array]:
+    """See `discretise_noise`; a part of a density, which need not be positive, is taken, too."""
     with np.errstate(invalid="ignore"):  # SciPy makes indices of large scales, too, and drops them
         _, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
     a, q = a * scale / scale[:, None], q / np.outer(scale, scale)

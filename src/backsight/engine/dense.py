@@ -203,25 +203,22 @@ def diagonal(values: ca.MX) -> ca.MX:
 
 def gain_of(PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX]:
     """Gain K (nx, ny), innovation covariance S and noise N (ny, ny), see `matrix_gain.c`."""
-    return gain_and_learned(PHt, HPHt, R, mask)[:3]
-
-
-def gain_and_learned(
-    PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX
-) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
-    """`gain_of`, and W (ny, nx) with which P - W' W is the covariance after the measurement."""
     nx, ny = PHt.shape
-    outputs = [(nx, ny), (ny, ny), (ny, ny), (ny, nx)]
+    outputs = [(nx, ny), (ny, ny), (ny, ny)]
     inputs = [PHt, HPHt, R, mask]
-    K, S, N, W = foreign.call("matrix_gain", (nx, ny), inputs=inputs, outputs=outputs)
-    return K, S, N, W
+    K, S, N = foreign.call("matrix_gain", (nx, ny, 0), inputs=inputs, outputs=outputs)
+    return K, S, N
 
 
-def minus_square(P: ca.MX, W: ca.MX) -> ca.MX:
-    """P - W' W of a symmetric P (n, n); as symmetric."""
-    inner, n = W.shape
-    inputs, sizes = [P, W], (n, inner, 1, 1)
-    return foreign.call("matrix_square", sizes, inputs=inputs, outputs=[(n, n)])[0]
+def corrected_of(
+    P: ca.MX, PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX
+) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
+    """Covariance (nx, nx) after a measurement, symmetric as P, and what `gain_of` gives."""
+    nx, ny = PHt.shape
+    outputs = [(nx, ny), (ny, ny), (ny, ny), (nx, nx)]
+    inputs = [PHt, HPHt, R, mask, P]
+    K, S, N, after = foreign.call("matrix_gain", (nx, ny, 1), inputs=inputs, outputs=outputs)
+    return after, K, S, N
 
 
 def congruence_of(A: ca.MX, P: ca.MX, Q: ca.MX) -> ca.MX:

@@ -105,7 +105,7 @@ def run(
     program = compiled(recursion)
     rows, memory = checked_data(recursion, data, carry)
     n = len(rows[0])
-    outputs = _checked_places(recursion, into, n) or [
+    outputs = checked_places(recursion, into, n) or [
         np.empty((n, size)) for size in recursion.output_sizes
     ]
     workspace = program.workspace()
@@ -167,7 +167,7 @@ def checked_data(
     return rows, memory
 
 
-def _checked_places(recursion: Recursion, into: Sequence[Array], n: int) -> list[Array]:
+def checked_places(recursion: Recursion, into: Sequence[Array], n: int) -> list[Array]:
     """Arrays that the machine code may write to; as `checked_data`."""
     shapes = [(n, size) for size in recursion.output_sizes]
     fits = [p.shape for p in into] == shapes and all(

@@ -12,6 +12,7 @@ from backsight.errors import TuningError
 from backsight.estimators._compiling import Compilable
 from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators._inspection import Inspection
+from backsight.estimators.scaled import Setting
 from backsight.kernels import library
 from backsight.models.model import Model
 from backsight.schema import Innovations
@@ -45,6 +46,13 @@ class AbstractEstimator(Compilable, abc.ABC):
     def horizon(self) -> int:
         """Sampling periods that the window spans, 0 of an estimator without a window."""
         return int(getattr(self, "N", 0))
+
+    def filters_exactly(self, s: Setting) -> bool:  # noqa: ARG002 - most never do
+        """Whether of a linear model it is the Kalman filter, by covariances alone.
+
+        But for bounds, turns and outliers, which others see; of a model with this setting.
+        """
+        return False
 
     @property
     def forgets(self) -> bool:

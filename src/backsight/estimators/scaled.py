@@ -11,7 +11,7 @@ import numpy as np
 from backsight.algebra.newton import SOLVED
 from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.modes import modes_at, modes_over
-from backsight.discrete.noise import discretise_noise
+from backsight.discrete.noise import integrated_noise
 from backsight.discrete.runge_kutta import Integrator
 from backsight.discrete.steps import complaint, settle_steps
 from backsight.errors import BacksightError, TuningError
@@ -96,7 +96,7 @@ class Setting:
         rates = ca.densify(ca.jacobian(self.model.rhs(x, u), x))
         A = np.array(ca.Function("A", [x, u], [rates])(self.x0, np.zeros(self.model.nu)))
         A = A if np.isfinite(A).all() else np.zeros_like(A)
-        return self.with_noise(lambda Q, Qc: (Q + discretise_noise(A, Qc, dt=self.dt)[1], 0 * Qc))
+        return self.with_noise(lambda Q, Qc: (Q + integrated_noise(A, Qc, dt=self.dt)[1], 0 * Qc))
 
     def with_noise(self, change: Callable[[Array, Array], tuple[Array, Array]]) -> Setting:
         """The same with other Q and Qc, which are linear in Q and Qc; of the parts, too."""

@@ -51,13 +51,10 @@ def _downdate(n: int) -> KernelWork:
     return KernelWork(5 * n + 5 * apart, 2 * n + apart, n)
 
 
-def _gain(nx: int, ny: int) -> KernelWork:
+def _gain(nx: int, ny: int, corrected: int) -> KernelWork:
     of_pairs = KernelWork(12 * ny * ny, 2 * ny * ny)
-    return of_pairs + _factor(ny) + KernelWork(2 * nx * ny) + 2 * _divide(ny, nx)
-
-
-def _square(n: int, k: int, *_: int) -> KernelWork:
-    return KernelWork(n * (n + 1) * k + max(n * k, n * (n + 1)))
+    after = KernelWork(corrected * nx * (nx + 1) * (ny + 1))
+    return of_pairs + _factor(ny) + KernelWork(2 * nx * ny) + 2 * _divide(ny, nx) + after
 
 
 def _congruence(n: int) -> KernelWork:
@@ -76,6 +73,17 @@ def _turn(m: int, n: int, symmetric: int) -> KernelWork:
     return KernelWork(m * n, m * n) if symmetric else KernelWork(0)
 
 
+def _innovations(nx: int, ny: int, n: int) -> KernelWork:
+    """Of a recording in which no sample is like the one before."""
+    pairs = ny * (ny + 1) // 2
+    spread = KernelWork(2 * nx * ny * (nx + ny) + 8 * pairs + 2 * nx * ny, pairs)
+    spread += _factor(ny) + KernelWork(0, ny * ny)
+    gain = KernelWork(2 * nx * ny * ny + 2 * nx * nx * ny + nx * ny, nx * ny)
+    ahead = KernelWork(4 * nx**3 + 6 * nx * nx * ny + 2 * nx * ny * ny + 7 * nx * nx)
+    sample = KernelWork(4 * nx * ny + 2 * nx * nx + ny * ny + 4 * ny + 2)
+    return n * (spread + gain + ahead + sample)
+
+
 KERNELS: dict[str, Callable[..., KernelWork]] = {
     "cs_window": window_effort,
     "cs_window_motion": motion_effort,
@@ -85,10 +93,10 @@ KERNELS: dict[str, Callable[..., KernelWork]] = {
     "matrix_congruence": _congruence,
     "matrix_downdate": _downdate,
     "matrix_gain": _gain,
+    "matrix_innovations": _innovations,
     "matrix_near": _near,
     "matrix_product": _product,
     "matrix_solve": _solve,
-    "matrix_square": _square,
     "matrix_triangle": _triangle,
     "matrix_turn": _turn,
 }

@@ -7,6 +7,10 @@ import importlib
 import importlib.machinery
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from backsight.errors import EngineError, nearest
 from backsight.kernels import sources
@@ -66,6 +70,53 @@ def work(kernel: str, sizes: Sequence[int]) -> tuple[int, int]:
     given = (ctypes.c_int * max(len(sizes), 1))(*sizes)
     _with(kernel)[f"{kernel}_work"](given, ctypes.byref(reals), ctypes.byref(ints))
     return reals.value, ints.value
+
+
+Sizes = tuple[int, ...]
+Arguments = Sequence[npt.NDArray[np.float64]]
+OnArrays = Callable[[Sizes, Arguments, Sequence[Sizes]], Arguments]
+
+
+def on_arrays(kernel: str) -> OnArrays:
+    """Return a kernel as a function of arrays: ``(sizes, arguments, shapes) -> results``.
+
+    Arguments and results are columns one after the other; of rows in C's order give the transpose.
+
+    Raises
+    ------
+    EngineError
+        As `address`.
+    """
+    address(kernel)
+    library = handle()
+    run, need = library[kernel], library[f"{kernel}_work"]
+    run.argtypes = [ctypes.POINTER(ctypes.c_int), *[_ANY] * 4]
+
+    def call(sizes: Sizes, arguments: Arguments, shapes: Sequence[Sizes]) -> Arguments:
+        given = (ctypes.c_int * len(sizes))(*sizes)
+        reals, ints = ctypes.c_long(), ctypes.c_long()
+        need(given, ctypes.byref(reals), ctypes.byref(ints))
+        work = np.empty(reals.value), np.empty(ints.value, np.int32)
+        columns = [np.asfortranarray(a, float) for a in arguments]
+        results = [np.empty(shape, order="F") for shape in shapes]
+        run(given, _places(columns), _places(results), *map(_place, work))
+        return results
+
+    return call
+
+
+_ANY = ctypes.c_void_p
+
+
+def _places(arrays: Arguments) -> ctypes.Array[ctypes.c_void_p]:
+    """Addresses of arrays."""
+    return (_ANY * len(arrays))(*map(_place, arrays))
+
+
+def _place(array: npt.NDArray[Any]) -> int:
+    # Not `array.ctypes.data`, which takes several times as long.
+    place: int = array.__array_interface__["data"][0]
+    return place
 
 
 def handle() -> ctypes.CDLL:

@@ -1,11 +1,14 @@
 """Weight of the l1 norm by what noise can do, with the size of the noise from the recording."""
 
+import dataclasses
+
 import numpy as np
 import xarray as xr
 
 from backsight.description import Whole, checked
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
+from backsight.sparse import ForceSearch, L1Path
 from backsight.tune._force_path import check_draws, unweighted, weights_of_noise, whole_path
 from backsight.tune.lambda_choice import LEAST, LambdaChoice
 
@@ -72,18 +75,74 @@ def lambda_from_scaled_noise(
     >>> bs.tune.lambda_from_scaled_noise(finder, rod, recording, draws=20).lam > 0
     True
     """
+    return scaled_noise(estimator, model, recording, draws=draws, seed=seed).choice()
+
+
+@dataclasses.dataclass(frozen=True)
+class ScaledNoise:
+    r"""What the weight by scaled noise rests on: the minimum of a function of forces and noise.
+
+    .. math:: J(\alpha, \sigma) = \frac{1}{2\sigma} \|\eta - H \alpha\|^2 + \frac{n \sigma}{2}
+        + \frac{\lambda_1}{2} \|\alpha\|_1
+
+    Parameters
+    ----------
+    search : ForceSearch
+    path : L1Path
+    unit : float
+        The weight :math:`\lambda_1` for noise as it is stated.
+    doubt : float
+        Standard deviation of the logarithm of `unit`, by the number of draws.
+    """
+
+    search: ForceSearch
+    path: L1Path
+    unit: float
+    doubt: float
+
+    @property
+    def measured(self) -> int:
+        """Number n of measurements."""
+        return int((self.search.filter.mask > 0).sum())
+
+    def left(self, lam: float) -> tuple[float, float]:
+        """Squares that are left with a weight, and the sum of the sizes of the forces."""
+        which, values = self.path.at(max(lam, self.path.lam[-1]))
+        regression = self.search.regression
+        rest = regression.target - regression.columns[:, which] @ values
+        return float(rest @ rest), float(np.abs(values).sum())
+
+    def choice(self) -> LambdaChoice:
+        """Forces and size of the noise in turn, until neither changes."""
+        weights, scales = [self.unit], list[float]()
+        settled = False
+        while not settled and len(scales) < ROUNDS:
+            scales.append(float(np.sqrt(self.left(weights[-1])[0] / self.measured)))
+            weights.append(self.unit * scales[-1])
+            settled = abs(weights[-1] - weights[-2]) <= SETTLED * weights[-2]
+        table = xr.Dataset({"scale": ("lam", scales)}, coords={"lam": weights[:-1]})
+        return LambdaChoice(weights[-1], table, settled)
+
+    def cost(self, lam: float) -> float:
+        """J with a weight, which says the size of the noise and with it the forces."""
+        sigma, (squares, size) = lam / self.unit, self.left(lam)
+        return 0.5 * (squares / sigma + self.measured * sigma + self.unit * size)
+
+
+def scaled_noise(
+    estimator: AbstractForceEstimator,
+    model: Model,
+    recording: xr.Dataset,
+    *,
+    draws: int,
+    seed: int,
+) -> ScaledNoise:
+    """Draw noise, and follow the forces over all weights; see `lambda_from_scaled_noise`."""
     check_draws(AS_LIKELY_AS_NOT, draws)
     search = unweighted(estimator, model, recording)
     noise = weights_of_noise(search, draws=draws, seed=seed)
-    unit = float(np.quantile(noise, 1 - AS_LIKELY_AS_NOT))
-    path, measured = whole_path(search, LEAST), int((search.filter.mask > 0).sum())
-    weights, scales = [unit], list[float]()
-    settled = False
-    while not settled and len(scales) < ROUNDS:
-        which, values = path.at(max(weights[-1], path.lam[-1]))
-        left = search.regression.target - search.regression.columns[:, which] @ values
-        scales.append(float(np.sqrt(left @ left / measured)))
-        weights.append(unit * scales[-1])
-        settled = abs(weights[-1] - weights[-2]) <= SETTLED * weights[-2]
-    table = xr.Dataset({"scale": ("lam", scales)}, coords={"lam": weights[:-1]})
-    return LambdaChoice(weights[-1], table, settled)
+    middle = 1 - AS_LIKELY_AS_NOT
+    apart = np.sqrt(AS_LIKELY_AS_NOT * middle / draws)
+    low, unit, high = np.quantile(noise, np.clip([middle - apart, middle, middle + apart], 0, 1))
+    doubt = float(np.log(high / low)) / 2
+    return ScaledNoise(search, whole_path(search, LEAST), float(unit), doubt)

@@ -21,6 +21,7 @@ from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.fixed_gain import correct_with
 from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear, Varying, in_time
+from backsight.estimators.scaled import Setting
 from backsight.estimators.smoothing import passes
 from backsight.estimators.steady import filter_limit, reusing_filter
 from backsight.estimators.uncertainty import Noise, Prior
@@ -100,6 +101,10 @@ class KalmanFilter(AbstractEstimator):
     def constant_gain(self) -> bool:
         """See `AbstractEstimator.constant_gain`."""
         return self.steady_state
+
+    def filters_exactly(self, s: Setting) -> bool:
+        """See `AbstractEstimator.filters_exactly`; a wide prior needs a factor."""
+        return not (self.steady_state or wide(s))
 
     def varied(self, *, parameters: bool) -> AbstractEstimator:
         """See `AbstractEstimator.varied`: never with the gain of one steady state."""

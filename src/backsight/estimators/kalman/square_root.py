@@ -46,6 +46,7 @@ from backsight.estimators.parts.substeps import (
 )
 from backsight.estimators.scaled import Setting
 from backsight.estimators.smoothing import drowned
+from backsight.models.lti import output_equation, state_equation
 from backsight.types import Array
 
 WIDE = 1e6
@@ -251,6 +252,10 @@ def _linearised(s: Setting) -> tuple[Array, Array]:
         _, H = seen_outputs(s)(s.x0, still)
         steps = s.integrator.steps if s.model.continuous else 1
         return np.linalg.matrix_power(ca.densify(F).full(), steps), ca.densify(H).full()
+    if not s.model.continuous:
+        states, outputs = state_equation(s.model), output_equation(s.model)
+        if states and outputs:
+            return states[0], outputs[0]
     x, u = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
     still = np.zeros(s.model.nu)
     slope = ca.Function("H", [x, u], [ca.densify(ca.jacobian(s.model.output(x, u), x))])

@@ -181,15 +181,14 @@ class Corrected:
 def corrected_covariance(P: ca.MX, H: ca.MX, R: Array | ca.MX, mask: ca.MX) -> Corrected:
     """Gain and covariance after a measurement, see `weighted_gain`.
 
-    P - P H' S^-1 H P as P - W' W with W = L^-1 H P and S = L L'. What rounding makes of S changes
-    that by K (dS) K', which is small beside P since S has its Cholesky factor; Joseph's form, which
-    does not mind a rounded gain either, has three more products with all of P.
+    P - P H' S^-1 H P as P - W' W with W = L^-1 H P and S = L L', see `matrix_gain.c`. What rounding
+    makes of S changes that by K (dS) K', which is small beside P; Joseph's form, which does not
+    mind a rounded gain either, takes four times as many operations with all of P.
     """
     G = times_transposed(P, H)
     HG = times_transposed(transpose(G), H)
     noise = R if isinstance(R, ca.MX) else ca.MX(ca.DM(R))
-    K, S, N, learned = dense.gain_and_learned(G, HG, noise, mask)
-    return Corrected(dense.minus_square(P, learned), K, S, N)
+    return Corrected(*dense.corrected_of(P, G, HG, noise, mask))
 
 
 def scatter_and_noise(d: Term, weights: Array, R: Array, mask: Term) -> Term:

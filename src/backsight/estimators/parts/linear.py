@@ -7,7 +7,7 @@ import numpy as np
 
 from backsight.analysis.observability import check_observability
 from backsight.discrete.exact import foh, zoh
-from backsight.discrete.noise import discretise_noise
+from backsight.discrete.noise import integrated_noise
 from backsight.discrete.runge_kutta import Hold, Integrator
 from backsight.discrete.steps import over_sample
 from backsight.discrete.varying import transitions
@@ -142,7 +142,7 @@ def linear(
     B_next = np.zeros_like(B)
     if model.continuous:
         rates = A
-        s = s.with_noise(lambda Q, Qc: (Q + discretise_noise(rates, Qc, dt=dt)[1], 0 * Qc))
+        s = s.with_noise(lambda Q, Qc: (Q + integrated_noise(rates, Qc, dt=dt)[1], 0 * Qc))
         if hold == "foh":
             A, B, B_next = foh(A, B, dt=dt)
         else:

@@ -6,8 +6,10 @@ a network, too, and every landing waits until it would survive a power cut.
 
 import contextlib
 import dataclasses
+import errno
 import importlib.metadata
 import json
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -163,8 +165,24 @@ def _writing_rows(folder: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        reason = "the disk is full" if "full" in str(error) else str(error)
-        raise OutputError(f"cannot write to the folder '{folder}': {reason}") from error
+        raise OutputError(
+            f"cannot write to the folder '{folder}': {_reason(error, folder)}"
+        ) from error
+
+
+def _reason(error: sqlite3.Error, folder: Path) -> str:
+    """Say it as the system does where SQLite does not say why."""
+    match getattr(error, "sqlite_errorcode", 0) & 0xFF:  # the rest is where in SQLite it was
+        case sqlite3.SQLITE_FULL:
+            return "the disk is full"
+        case sqlite3.SQLITE_IOERR:
+            return os.strerror(errno.EIO)
+        case sqlite3.SQLITE_CANTOPEN:
+            try:
+                (folder / ROWS).open("ab").close()
+            except OSError as why:
+                return str(why.strerror)
+    return str(error)
 
 
 @contextlib.contextmanager
@@ -214,10 +232,12 @@ def _check_empty(out: Path) -> None:
 
 
 def _connected(out: Path) -> sqlite3.Connection:
-    connection = sqlite3.connect(out / ROWS, timeout=30.0)
-    with _not_ours(out):
+    with _writing_rows(out), contextlib.ExitStack() as opened, _not_ours(out):
+        connection = sqlite3.connect(out / ROWS, timeout=30.0)
+        opened.callback(connection.close)
         connection.execute("PRAGMA journal_mode = DELETE")
         connection.execute("PRAGMA synchronous = EXTRA")
+        opened.pop_all()
     return connection
 
 
@@ -225,6 +245,8 @@ def _connected(out: Path) -> sqlite3.Connection:
 def _not_ours(out: Path) -> Iterator[None]:
     try:
         yield
+    except sqlite3.OperationalError:
+        raise  # the disk, not what is on it
     except sqlite3.DatabaseError as error:
         raise OutputError(f"'{out / ROWS}' is not from here ({error})") from None
 

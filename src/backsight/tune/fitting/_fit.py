@@ -88,11 +88,11 @@ def fit(
     Notes
     -----
     Noise and prior of Kalman filters, `sigma_y` of all estimators that weigh samples, parameters of
-    models, delays, and the settings that methods name in `varied_settings` run in lanes. Anything
+    models, delays, and the settings that methods name in `varied_settings` run in lanes; the noise,
+    prior and delays of inputs of a Kalman filter with constant matrices by these alone. Anything
     else is built anew for every value, which takes as long as it takes to build an estimator. The
-    weight `lam` of sparse forces is found by itself, by `lambda_from_sensors`, or
-    `lambda_from_whiteness` if there is one sensor, and so is their threshold, by
-    `threshold_from_noise`. Of a linear model with free parameters the
+    weight `lam` of sparse forces is found by itself, by `lambda_from_scaled_noise`, and so is their
+    threshold, by `threshold_from_noise`. Of a linear model with free parameters the
     filter is the extended one with a Runge-Kutta method.
 
     References

@@ -34,11 +34,10 @@ from backsight.tune.fitting._output_error import (
 from backsight.tune.fitting.criteria import AbstractCriterion, Likelihood, Simulation
 from backsight.tune.fitting.runners import (
     Data,
-    LaneRunner,
     Rebuilt,
     able_settings,
     delays_of,
-    lanes_of,
+    quick_runner,
 )
 from backsight.tune.fitting.tuned import HeldOut, Tuned, correlation_of
 from backsight.tune.fitting.values import AbstractScale, Choice, Unknown, placed
@@ -224,18 +223,16 @@ class Tuning:
         for dt in self.periods:
             if dt not in known:
                 given, ahead = (estimator, self.model, dt), self.criterion.alone
-                lanes = lanes_of(*given, unknowns, ahead=ahead) if unknowns else None
+                quick = quick_runner(*given, unknowns, ahead=ahead) if unknowns else None
                 rebuilt = Rebuilt(estimator, self.model, tuple(unknowns), dt, ahead)
-                known[dt] = lanes or rebuilt
+                known[dt] = quick or rebuilt
         runners = tuple(known[dt] for dt in self.periods)
-        if any(u.late_output for u in unknowns) and not all(
-            isinstance(r, LaneRunner) for r in runners
-        ):
+        fast = not any(isinstance(r, Rebuilt) for r in runners)
+        if any(u.late_output for u in unknowns) and not fast:
             raise TuningError(
                 f"{self.estimator.title} cannot find the delay of one output of several: tune an "
                 "EKF"
             )
-        fast = all(isinstance(r, LaneRunner) for r in runners)
         # What iterates to a tolerance has derivatives no better than that.
         smooth = fast and not self.estimator.horizon
         return Objective(

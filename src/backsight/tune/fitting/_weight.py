@@ -1,9 +1,9 @@
 """Weight and threshold of sparse forces as values of a fit.
 
-The weight is what other sensors say, or what is left over; the threshold what noise does not reach.
+The weight is what noise can do, by its size in the recording; the threshold what noise does not
+reach.
 """
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,65 +11,55 @@ import xarray as xr
 
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
+from backsight.rounding import significant
 from backsight.tune.fitting.tuned import Tuned, correlation_of
 from backsight.tune.fitting.values import number_at, with_setting
 from backsight.tune.force_threshold import threshold_from_noise
-from backsight.tune.lambda_choice import LambdaChoice, lambda_from_sensors, lambda_from_whiteness
+from backsight.tune.lambda_scaled import scaled_noise
 
 ALARM = 0.05
 """Share of recordings of noise in which a force may be shown."""
 
-AS_GOOD = 4.0
-"""By how much the price of a weight may be above the lowest one to be as good."""
+AS_STATED = 1.25
+"""Factor by which the noise of a recording may differ from what is stated without a word."""
 
-
-@dataclasses.dataclass(frozen=True)
-class _Found:
-    """The weight of one recording.
-
-    Parameters
-    ----------
-    choice : LambdaChoice
-    size : float
-        Standard deviation of its logarithm.
-    cost, before : float
-        Half the squares at the weight, and at the one before.
-    """
-
-    choice: LambdaChoice
-    size: float
-    cost: float
-    before: float
+DRAWS = 400
+"""Recordings of noise that are drawn for a weight."""
 
 
 def tuned_weight(
     estimator: AbstractForceEstimator, model: Model, recordings: Sequence[xr.Dataset]
 ) -> Tuned:
-    """Weight with which sensors predict each other as well as with any; the rest as `Tuned` has it.
+    """Weight by what noise can do, with the size of the noise from the recording.
 
-    Of one sensor the weight that leaves nothing but noise at the least expense. Several recordings
-    have the mean of the logarithms of theirs. The standard deviation is that of a weight that could
-    lie anywhere among those that do as well, or the spread between recordings if it is larger.
+    See `lambda_from_scaled_noise`; the rest as `Tuned` has it. Several recordings have the mean of
+    the logarithms of theirs. The standard deviation is that of the size of the noise, or the spread
+    between recordings if it is larger.
     """
-    found = [_of(estimator, model, recording) for recording in recordings]
-    logs = np.log([f.choice.lam for f in found])
-    n = len(found)
-    size = float(np.mean([f.size for f in found])) / np.sqrt(n)
+    found = [scaled_noise(estimator, model, r, draws=DRAWS, seed=0) for r in recordings]
+    choices = [f.choice() for f in found]
+    logs, n = np.log([c.lam for c in choices]), len(found)
+    size = float(np.sqrt(np.mean([0.5 / f.measured + f.doubt**2 for f in found]) / n))
     if n > 1:
         size = max(size, float(logs.std(ddof=1)) / np.sqrt(n))
     lam = float(np.exp(logs.mean()))
-    doubts = [
-        f"the weight of recording {i + 1} is the best of those tried, but no good one: the model "
-        "is wrong, or the noise is not as stated"
-        for i, f in enumerate(found)
-        if not f.choice.reached
-    ]
+    doubts = []
+    for i, choice in enumerate(choices):
+        scale = float(choice.table["scale"][-1])
+        if not choice.reached:
+            doubts.append(f"the weight of recording {i + 1} has not settled: take it with care")
+        elif not 1 / AS_STATED < scale < AS_STATED:
+            why = "or the model is wrong" if scale > 1 else "is larger than it need be"
+            doubts.append(
+                f"what forces leave of recording {i + 1} is {significant(scale, 2)} times the "
+                f"noise that is stated, which the weight makes up for: sigma_y or sigma_force {why}"
+            )
     return _tuned(
         ("lam", lam, lam * size, ""),
         estimator,
         model,
         recordings,
-        costs=(sum(f.before for f in found), sum(f.cost for f in found)),
+        costs=(sum(f.cost(estimator.lam) for f in found), sum(f.cost(lam) for f in found)),
         doubts=doubts,
     )
 
@@ -145,23 +135,3 @@ def _tuned(
         passes=float(n),
         converged=True,
     )
-
-
-def _of(estimator: AbstractForceEstimator, model: Model, recording: xr.Dataset) -> _Found:
-    if model.ny > 1:
-        choice = lambda_from_sensors(estimator, model, recording)
-        measured = np.isfinite(recording["y"].values).sum(axis=0)
-        cost = 0.5 * (choice.table["error"] ** 2 @ xr.DataArray(measured, dims="output"))
-        good = choice.table["as_good"].values
-    else:
-        choice = lambda_from_whiteness(estimator, model, recording)
-        cost = 0.5 * choice.table["price"]
-        good = cost.values <= cost.values.min() + AS_GOOD / 2
-    lam, cost_of = choice.table["lam"].values, cost.values
-    ends = np.log(lam[good])
-    # The deviation of what may lie anywhere between two ends; at least that of the grid.
-    step = float(np.abs(np.diff(np.log(lam))).max(initial=0.0))
-    size = max(float(np.ptp(ends)), step) / np.sqrt(12)
-    start = estimator.lam
-    at, before = (int(np.abs(np.log(lam / value)).argmin()) for value in (choice.lam, start))
-    return _Found(choice, size, float(cost_of[at]), float(cost_of[before]))

@@ -21,21 +21,13 @@ from backsight.discrete.steps import explicit
 from backsight.estimators import Compilable
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.scaled import Setting, setting
-from backsight.estimators.uncertainty import Noise
-from backsight.estimators.varied_noise import NoisePart, VariedNoise
 from backsight.estimators.varied_number import VariedNumber
 from backsight.models.augment import with_idle_inputs
 from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.model import Model
 from backsight.models.signals import Signal
-from backsight.tune.fitting.values import (
-    Unknown,
-    matrices_of,
-    number_at,
-    walk_factor,
-    walk_parts,
-    with_setting,
-)
+from backsight.tune.fitting.runners._free_noise import FreeNoise
+from backsight.tune.fitting.values import Unknown, number_at, with_setting
 from backsight.types import Array
 
 PREVIOUS = "previous_"
@@ -73,18 +65,16 @@ def opened_to_inputs(
 ) -> Wide:
     """Make inputs of all values but those of the prior and those that are factors of sensors."""
     by_kind = {
-        kind: [u for u in unknowns if u.kind == kind]
-        for kind in ("parameter", "walk", "setting", "delay")
+        kind: [u for u in unknowns if u.kind == kind] for kind in ("parameter", "setting", "delay")
     }
     parameters = [u.entry for u in by_kind["parameter"]]
     late = {u.entry.partition(".")[2]: u for u in by_kind["delay"] if u.late_output}
-    matrices = matrices_of(unknowns)
+    factors = FreeNoise(tuple(unknowns))
     wide = _scaled(estimator, model, dt)
     if late:
         wide = with_idle_inputs(wide, [PREVIOUS + s.name for s in model.inputs])
     wide = forces_as_inputs(wide, parameters) if parameters else wide
-    roots = [(m, i, j) for m in matrices for i, j in m.entries]
-    names = [*(_factor(u) for u in by_kind["walk"]), *(_root(m.word, i, j) for m, i, j in roots)]
+    names = factors.names
     names += [f"setting_{u.entry}".replace(".", "_") for u in by_kind["setting"]]
     names += [f"delay_of_{output}" for output in late]
     first = len(wide.inputs)
@@ -94,12 +84,10 @@ def opened_to_inputs(
         wide = _with_late_outputs(wide, model.nu, at)
 
     def numbers(values: Mapping[str, float]) -> Array:
-        of_roots = {m.word: m.root(values) for m in matrices}
         return np.array(
             [
                 *(values[u.name] for u in by_kind["parameter"]),
-                *(walk_factor(u, values[u.name]) for u in by_kind["walk"]),
-                *(of_roots[m.word][i, j] for m, i, j in roots),
+                *factors.numbers(values),
                 *(values[u.name] for u in by_kind["setting"]),
                 *(values[u.name] for u in late.values()),
             ]
@@ -108,17 +96,9 @@ def opened_to_inputs(
     bends = bool(parameters or late)
     varied = _varied(estimator, model, dt, unknowns, bends=bends)
     for k, u in enumerate(by_kind["setting"]):
-        at = first + len(by_kind["walk"]) + len(roots) + k
+        at = first + len(factors.names) + k
         varied = with_setting(varied, u.entry, VariedNumber(number_at(varied, u.entry), at))
     return Wide(varied, wide, (*parameters, *names), numbers, bool(late))
-
-
-def _factor(unknown: Unknown) -> str:
-    return "factor_of_" + unknown.entry.replace(".", "_")
-
-
-def _root(word: str, i: int, j: int) -> str:
-    return f"root_of_{word}_{i}_{j}"
 
 
 def _scaled(estimator: AbstractEstimator, model: Model, dt: float) -> Model:
@@ -165,7 +145,7 @@ def _varied(
     """
     changes: dict[str, Any] = {}
     if any(u.kind in ("walk", "matrix") for u in unknowns):
-        changes["noise"] = _varied_noise(estimator.assumed[0], model, unknowns)
+        changes["noise"] = FreeNoise(tuple(unknowns)).varied(estimator.assumed[0], model)
     stand_in = estimator.varied(parameters=bends)
     chosen = stand_in.chosen(model, dt)
     if chosen is not None:
@@ -174,23 +154,3 @@ def _varied(
             chosen = explicit(given, lambda: stand_in.modes(model), dt=dt)
         changes["integrator"] = chosen
     return dataclasses.replace(stand_in, **changes)
-
-
-def _varied_noise(noise: Noise, model: Model, unknowns: Sequence[Unknown]) -> VariedNoise:
-    """Noise of which inputs multiply what is free."""
-    parts = []
-    rest = {"Q": noise.stated_process(model), "Qc": noise.stated_density(model)}
-    for u in unknowns:
-        if u.kind == "walk":
-            word, part = walk_parts(noise, model, u)
-            rest[word] = rest[word] - part
-            parts.append(NoisePart((_factor(u),) * 2, **{word: part}))
-    for matrix in matrices_of(unknowns):
-        rest[matrix.word] = np.zeros((len(matrix.names),) * 2)
-        for a, b, E in matrix.products():
-            factors = _root(matrix.word, *a), _root(matrix.word, *b)
-            parts.append(NoisePart(factors, **{matrix.word: E}))
-    fields = {f.name: getattr(noise, f.name) for f in dataclasses.fields(noise)}
-    fields |= {"sigma_w": None, "Q": None, "Qc": None}
-    fields |= {word: left for word, left in rest.items() if word != "R" and left.any()}
-    return VariedNoise(**fields, parts=tuple(parts))
