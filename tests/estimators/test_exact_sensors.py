@@ -180,7 +180,7 @@ def test_every_estimator_takes_exact_sensors_or_says_who_does(key):
     given, _ = estimator.assumed
     without = bs.Noise(sigma_y=0.0, sigma_w=given.sigma_w, Q=given.Q)
     exact = dataclasses.replace(estimator, noise=without)
-    if ESTIMATORS[key] in (*FILTERS, bs.MHE):
+    if ESTIMATORS[key] in (*FILTERS, bs.MHE, bs.JointInput):
         exact.compile(problem.model, 0.02)
     else:
         with pytest.raises(TuningError, match=r"'position' has no noise .* EKF, IEKF and UKF"):

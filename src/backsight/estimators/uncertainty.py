@@ -120,8 +120,8 @@ class Noise(Description):
             of = f"'{exact[0]}'" if exact else "a combination of outputs"
             raise TuningError(
                 f"{of} has no noise (sigma_y = 0, a singular R): that is for MHE, LinearMHE with "
-                "an arrival_weight, KalmanFilter with constant matrices, EKF, IEKF and UKF, and "
-                "what smooths these; give it a small sigma_y"
+                "an arrival_weight, JointInput, KalmanFilter with constant matrices, EKF, IEKF and "
+                "UKF, and what smooths these; give it a small sigma_y"
             )
         return R
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from backsight.kernels._window_effort import motion_effort, stages_effort, window_effort
+from backsight.kernels._stages_effort import motion_effort, stages_effort
+from backsight.kernels._window_effort import window_effort
 from backsight.kernels._work import KernelWork
 
 

@@ -27,6 +27,9 @@ MUCH = 100.0
 PARTLY = 0.25
 """Fraction of a sample that is worth mentioning."""
 
+SURE = 5.0
+"""Standard deviations from which on a delay of a part of a sample is none by chance."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Alignment(Printed):
@@ -161,7 +164,7 @@ class Alignment(Printed):
                 "model lacks."
             )
         if not self.aligned:
-            return "Alignment of y and u: cannot be told from this recording, shifts fit equally."
+            return self._between()
         times = significant(min(self._worse(-1), self._worse(1), MUCH), 2)
         text = (
             "y and u are aligned: one sample more or less makes the innovations at least "
@@ -175,6 +178,18 @@ class Alignment(Printed):
         return (
             f"{text}, though y may be about {part:.2g}{band} of a sample {word}: is the input held "
             "between samples or interpolated, as the estimators assume?"
+        )
+
+    def _between(self) -> str:
+        """What is to be said where two whole shifts fit equally."""
+        if self.fine is None or not SURE * self.fine[1] < abs(self.fine[0]) < 1:
+            return "Alignment of y and u: cannot be told from this recording, shifts fit equally."
+        part, band = abs(self.fine[0]), significant(self.fine[1], 1)
+        word = "late" if self.fine[0] > 0 else "early"
+        return (
+            f"y is probably {part:.2f} ± {band} of a sample {word}, between two whole shifts: is "
+            "the input held between samples or interpolated, as the estimators assume? Otherwise "
+            "give the outputs this delay, in seconds."
         )
 
     def _worse(self, shift: int) -> float:
@@ -238,36 +253,6 @@ def decide(
         parts=parts,
         ratios=ratios,
     )
-
-
-def vertex(scores: Mapping[float, Array]) -> tuple[float, float] | None:
-    """Delay with fractions by Newton's step on the likelihood, and its standard deviation.
-
-    Parameters
-    ----------
-    scores : dict
-        Delays in equal steps of a fraction of a sample to the log-likelihood of every sample.
-
-    Returns
-    -------
-    (float, float) or None
-        None if the likelihood has no maximum inside.
-    """
-    delays = sorted(scores)
-    top = max(range(len(delays)), key=lambda i: float(scores[delays[i]].mean()), default=0)
-    if not 0 < top < len(delays) - 1:
-        return None
-    at, h = delays[top], delays[top + 1] - delays[top]
-    before, here, after = (scores[delays[i]] for i in (top - 1, top, top + 1))
-    bend = -float((before - 2 * here + after).mean()) / h**2
-    slopes = np.array([p.mean() for p in np.array_split((after - before) / (2 * h), PARTS)])
-    if not bend > 0:
-        return None
-    step, std = slopes.mean() / bend, slopes.std(ddof=1) / math.sqrt(PARTS) / bend
-    if not std < 0.5:
-        return None
-    # How sharp the maximum is between the points is not known better than a part of their distance.
-    return at + float(step), math.hypot(float(std), 0.1 * h)
 
 
 def _alone(name: str, found: Alignment) -> str:

@@ -16,6 +16,7 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman.kf import fixed_gain_halves
 from backsight.estimators.linear_windows._sliding import Sliding, sliding_window
 from backsight.estimators.linear_windows.stacked import gains, newest_gain
+from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.linear import Linear, linear, require_observable
 from backsight.estimators.uncertainty import Noise, Prior
@@ -63,7 +64,8 @@ class RecursiveMHE(AbstractEstimator):
     Notes
     -----
     Other missing samples leave the estimate as the model predicts it; with alpha > 0 it is then
-    not the least-squares estimate until it is initialised again. The covariance is that of the
+    not the least-squares estimate until it is initialised again, so that rules for outliers need
+    alpha = 0. The covariance is that of the
     estimate which the recursion makes, rounding errors apart.
 
     References
@@ -111,6 +113,20 @@ class RecursiveMHE(AbstractEstimator):
     def forgets(self) -> bool:
         """See `AbstractEstimator.forgets`."""
         return True
+
+    @property
+    def constant_gain(self) -> bool:
+        """See `Compilable.constant_gain`."""
+        return self.alpha == 0
+
+    def unfit_for(self, rule: AbstractOutlierRule) -> str:
+        """See `Compilable.unfit_for`: what never was in the window must not be taken out of it."""
+        if self.alpha == 0:
+            return super().unfit_for(rule)
+        return (
+            f"{self.title} is not right after a sample that outliers = {type(rule).__name__}() "
+            "leaves out; use alpha = 0, LinearMHE or an EKF"
+        )
 
     def gains(self, model: Model, dt: float) -> tuple[Array, Array]:
         """Gains L and L tilde, (nx, ny) each, physical units, without the factor alpha.
