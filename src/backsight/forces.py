@@ -13,6 +13,8 @@ from backsight.analysis.forces import announce_hits as announce_hits
 from backsight.analysis.forces import compare_forces as compare_forces
 from backsight.analysis.forces import find_impacts as find_impacts
 from backsight.estimators.cs_mhe import Carryover as Carryover
+from backsight.estimators.cs_mhe import Exchanges as Exchanges
+from backsight.estimators.cs_mhe import Reweighting as Reweighting
 from backsight.estimators.dictionaries import Atoms as Atoms
 from backsight.estimators.dictionaries import Decays as Decays
 from backsight.estimators.dictionaries import ForceLine as ForceLine
@@ -27,6 +29,7 @@ from backsight.models.forces.processes import GaussMarkov as GaussMarkov
 from backsight.models.forces.processes import Matern as Matern
 from backsight.models.forces.processes import Periodic as Periodic
 from backsight.models.forces.unknown_forces import forces_as_inputs as forces_as_inputs
+from backsight.run.follow_hits import follow_hits as follow_hits
 from backsight.run.hits import locate_hits as locate_hits
 from backsight.run.sparse_forces import find_sparse_forces as find_sparse_forces
 from backsight.sparse import L1 as L1

@@ -8,9 +8,8 @@ import pytest
 from tests.export.hardened import FUZZ, filled
 
 import backsight as bs
-from backsight.export import export_c
-from backsight.export._written import code_of
 from estimators import struck
+from export.test_hardening import compare, exported
 from run.test_nonlinear_sparse_forces import KNOWING, recording, structure
 
 LIMIT = bs.settings.Limit
@@ -34,6 +33,18 @@ def limited():
     return made, struck.model(of), data
 
 
+def chosen():
+    made, model, data = limited()
+    plain = {"limits": (), "carryover": None, "largest": float("inf")}
+    return dataclasses.replace(made, refinement=bs.forces.Exchanges(), **plain), model, data
+
+
+def shrunk():
+    made, model, data = chosen()
+    how = bs.forces.Reweighting(groups=(struck.FORCES[:2],))
+    return dataclasses.replace(made, refinement=how, nonnegative=struck.FORCES[:1]), model, data
+
+
 def bent():
     stiff = LIMIT("k", {"k": 1.0}, lower=0.2, upper=3.0)
     made = dataclasses.replace(KNOWING, N=4, limits=(stiff,), largest=20.0)
@@ -42,14 +53,19 @@ def bent():
 
 @pytest.mark.slow
 @pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("make")), reason="needs gcc and make")
-@pytest.mark.parametrize("case", [limited, bent], ids=["limited", "bent"])
+@pytest.mark.parametrize("case", [limited, bent, chosen, shrunk], ids=lambda case: case.__name__)
 def test_exported_windows(case, tmp_path):
-    made, model, data = case()
-    export_c(made, model, data, tmp_path, name="win", precision="double")
-    code = code_of(made, model, data, name="win", precision="double", names=None, restart=False)
-    (tmp_path / "main.c").write_text(filled(FUZZ, "win", code))
+    code = exported(case(), tmp_path)
+    (tmp_path / "main.c").write_text(filled(FUZZ, "it", code))
     checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g0"]
-    compile_it = ["gcc", "-std=c99", "-O1", *checks, "win.c", "main.c", "-o", "main", "-lm"]
+    compile_it = ["gcc", "-std=c99", "-O1", *checks, "it.c", "main.c", "-o", "main", "-lm"]
     for command in (compile_it, ["./main"], ["make", "test"]):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("g++"), reason="needs g++")
+@pytest.mark.parametrize("case", [chosen, shrunk], ids=lambda case: case.__name__)
+def test_a_window_costs_at_most_what_is_told(case, tmp_path):
+    compare(exported(case(), tmp_path), tmp_path, close=False)

@@ -6,77 +6,30 @@ Everything that may be active is: as many atoms as there is room for.
 import dataclasses
 from functools import cached_property
 
-from backsight.kernels._work import KernelWork
+from backsight.kernels._work import (
+    KernelWork,
+    backward_solve,
+    dots,
+    factoring,
+    forward_solve,
+    posterior_work,
+    products,
+    readying,
+    unknown_work,
+)
 
 NONE, FILTERED = 0, 2
 """Arrival costs as `cs_window_tables.h` counts them."""
 
 PLACES = 3
 
+CHANGES = 8
+"""As in `cs_window_problem.h`."""
+
 
 def window_effort(*sizes: int) -> KernelWork:
     """Largest number of operations of one window."""
     return Window(*sizes).whole
-
-
-def stages_effort(nx: int, ny: int, p: int, steps: int, N: int, _: int) -> KernelWork:
-    """The same of its problem, ``cs_window_stages``."""
-    d = p * steps
-    noise = p * (_product(ny, nx) + _product(nx, p) + _product(ny, p))
-    noise += (nx + ny) * (_product(nx, p) + _product(ny, p)) + 2 * ny * _product(nx, nx)
-    noise += nx * _product(ny, nx) + ny * _product(ny, nx)
-    outputs = (nx + d + N * ny + nx + ny) * _product(ny, nx) + KernelWork(2 * p * ny)
-    ahead = (2 * nx + d + nx + ny) * _product(nx, nx) + KernelWork(2 * p * nx)
-    ahead += KernelWork(2 * nx * nx * N * ny)
-    after = (N + 1) * nx * (_product(ny, nx) + _product(nx, nx))
-    return (N + 1) * (noise + outputs + ahead) + 2 * after
-
-
-def motion_effort(nx: int, ny: int, p: int, steps: int, N: int, _: int) -> KernelWork:
-    """The same of the motion of its solution, ``cs_window_motion``."""
-    del steps
-    back = nx * (_dot(nx) + _dot(ny) + KernelWork(1))
-    forces = (
-        nx * (_dot(ny) + KernelWork(1)) + p * (_dot(nx) + _dot(ny) + KernelWork(1)) + _product(p, p)
-    )
-    ahead = 2 * _product(nx, nx) + _product(nx, p) + KernelWork(p)
-    return (N + 1) * (back + forces + ahead)
-
-
-def _product(rows: int, n: int) -> KernelWork:
-    return KernelWork(n * (2 * rows + 1))
-
-
-def _dot(n: int) -> KernelWork:
-    return KernelWork(2 * n + 1)
-
-
-def _factor(n: int) -> KernelWork:
-    return KernelWork(sum(2 + j + 2 * (n - j) * j + n - j for j in range(n)), n, n)
-
-
-def _ready(n: int) -> KernelWork:
-    return KernelWork(n, n)
-
-
-def _forward(n: int) -> KernelWork:
-    return KernelWork(n * n + n + 1)
-
-
-def _backward(first: int, n: int) -> KernelWork:
-    return KernelWork(n * n - first * first + n + first + 2)
-
-
-def _posterior(n: int) -> KernelWork:
-    """`cs_window_posterior`."""
-    right = sum((_product(n, n - j) for j in range(n)), KernelWork(0))
-    both = sum(((i + 1) * (_dot(n - i) + KernelWork(1)) for i in range(n)), KernelWork(0))
-    return 2 * _factor(n) + right + both + _ready(n) + n * _forward(n)
-
-
-def _unknown(n: int) -> KernelWork:
-    """`cs_window_unknown`."""
-    return _factor(n) + KernelWork(3 * n) + _ready(n) + n * _forward(n)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +53,8 @@ class Window:
     bounded: int
     varying: int
     sided: int
+    passes: int
+    chosen: int
 
     @property
     def m(self) -> int:
@@ -134,36 +89,38 @@ class Window:
     def _prepare(self, m: int, d: int, places: int) -> KernelWork:
         nx = self.nx
         rows = nx + d + places * nx
-        first = sum((KernelWork(2 * rows) + _product(rows, i) for i in range(m)), KernelWork(0))
+        first = sum((KernelWork(2 * rows) + products(rows, i) for i in range(m)), KernelWork(0))
         known = nx + d  # of the states only what is of one of them
         ends = [rows if j < known else known + ((j - known) // nx + 1) * nx for j in range(rows)]
-        second = sum((_product(end - j, m) for j, end in enumerate(ends)), KernelWork(0))
+        second = sum((products(end - j, m) for j, end in enumerate(ends)), KernelWork(0))
         covariances = KernelWork(places * nx * (2 * nx + d))
         noise = KernelWork(7 * m * (m + 1) // 2)
-        return noise + _factor(m) + _ready(m) + first + second + covariances
+        return noise + factoring(m) + readying(m) + first + second + covariances
 
     @cached_property
     def _look(self) -> KernelWork:
         nx, m = self.nx, self.m
-        found = KernelWork(m) + self._prepare(m, self.d, PLACES) + _posterior(nx) + _forward(m)
+        found = (
+            KernelWork(m) + self._prepare(m, self.d, PLACES) + posterior_work(nx) + forward_solve(m)
+        )
         if self.arrival == NONE:
-            found += _unknown(nx)
+            found += unknown_work(nx)
         if self.bounded:
-            found += self.columns * (_product(self.rows, self.length) + KernelWork(1))
-        return found + _product(self.rows, m) + _product(nx, nx)
+            found += self.columns * (products(self.rows, self.length) + KernelWork(1))
+        return found + products(self.rows, m) + products(nx, nx)
 
     def _append(self, s: int) -> KernelWork:
         nx, length = self.nx, self.length
-        effect = _product(self.rows, length) + _product(nx, nx) + s * _dot(length)
-        row = _product(s, nx) + _forward(s)
-        pivot = 2 * _dot(length) + 2 * _dot(nx) + _dot(s) + _dot(nx + s) + KernelWork(13, 2, 1)
+        effect = products(self.rows, length) + products(nx, nx) + s * dots(length)
+        row = products(s, nx) + forward_solve(s)
+        pivot = 2 * dots(length) + 2 * dots(nx) + dots(s) + dots(nx + s) + KernelWork(13, 2, 1)
         return effect + row + pivot
 
     def _remove(self, s: int) -> KernelWork:
         return KernelWork(3 * s * s + 11 * s, s, s)
 
     def _minimise(self, s: int) -> KernelWork:
-        return _backward(self.nx, self.nx + s)
+        return backward_solve(self.nx, self.nx + s)
 
     def _move(self, s: int) -> KernelWork:
         return KernelWork(10 * s, s)
@@ -173,13 +130,13 @@ class Window:
         return 2 * self._append(s) + leaves
 
     def _first(self) -> KernelWork:
-        return _product(self.nx, self.most) + self.nx * _dot(self.nx)
+        return products(self.nx, self.most) + self.nx * dots(self.nx)
 
     def _explain(self, rows: int) -> KernelWork:
-        return _product(rows, self.nx) + _product(rows, self.most)
+        return products(rows, self.nx) + products(rows, self.most)
 
     def _gradients(self) -> KernelWork:
-        return self.steps * _product(self.atoms, self.length)
+        return self.steps * products(self.atoms, self.length)
 
     def _violated(self) -> KernelWork:
         return KernelWork(7 * self.n + 3)
@@ -203,16 +160,16 @@ class Window:
     def _residuals(self) -> KernelWork:
         m, d = self.m, self.d
         forces = KernelWork(self.n * (2 + 2 * self.length))
-        fit = _product(m, self.nx) + d * KernelWork(1 + 2 * m)
-        found = self._first() + forces + fit + KernelWork(2 * m) + _forward(m)
+        fit = products(m, self.nx) + d * KernelWork(1 + 2 * m)
+        found = self._first() + forces + fit + KernelWork(2 * m) + forward_solve(m)
         if self.bounded or self.varying:
-            found += m * (_dot(m) + KernelWork(2))
+            found += m * (dots(m) + KernelWork(2))
         return found
 
     def _gap(self) -> KernelWork:
         nx, c = self.nx, self.columns * self.bounded
         near = KernelWork(4 * self.n)
-        least_squares = near + _dot(self.m) + self._explain(nx) + _dot(nx) + KernelWork(2)
+        least_squares = near + dots(self.m) + self._explain(nx) + dots(nx) + KernelWork(2)
         return least_squares + KernelWork(30 * self.n + 60 * c + 12, self.n + 1)
 
     def _within(self) -> KernelWork:
@@ -230,8 +187,40 @@ class Window:
         s = self.most  # only an atom that would pass zero needs another pass
         counts = range(s + 1) if self.sided else (s,)
         passes = (self._minimise(s) + KernelWork(8 * s, s) + self._remove(s) for s in counts)
-        pull = KernelWork(2 * self.most, self.most) + _forward(self.most)
+        pull = KernelWork(2 * self.most, self.most) + forward_solve(self.most)
         return pull + sum(passes, KernelWork(0))
+
+    def _reweighted(self) -> KernelWork:
+        """Every pass is an optimum of its own."""
+        return self.passes * (self._optimum + KernelWork(9 * self.n, 2 * self.n, self.n))
+
+    def _gain(self, s: int) -> KernelWork:
+        return self._append(s) + KernelWork(6)
+
+    def _exchanged(self) -> KernelWork:
+        """A change may look at all atoms in place of every one that is chosen."""
+        s = min(self.chosen, self.most)
+        each = (
+            self._remove(s) + self.n * self._gain(s) + 2 * self._append(s) + 3 * dots(self.nx + s)
+        )
+        worths = s * (forward_solve(s) + dots(s) + KernelWork(s + 4, 1))
+        first = worths + self.n * self._gain(s) + self._append(s) + self._minimise(s)
+        checks = (s + 1) * (self._minimise(s) + KernelWork(2 * s))
+        return (CHANGES * s + 1) * (first + s * each + checks)
+
+    def _chosen(self) -> KernelWork:
+        """Number of atoms: from those of the l1 norm, from none, and the better end again."""
+        s = min(self.chosen, self.most)
+        start = s * (self._append(s) + self._minimise(s) + KernelWork(2 * s))
+        again = s * self._append(s) + self._minimise(s) + KernelWork(2 * s + 3 * self.n)
+        return 2 * (start + self._exchanged() + dots(self.nx + s)) + again + self._residuals()
+
+    def _doubtful(self) -> KernelWork:
+        s, free = min(self.chosen, self.most), min(self.n, self.most)
+        looks = s * (self._remove(s) + self.n * self._gain(s) + self._append(s))
+        tried = sum((self._append(i) for i in range(self.most - free, self.most)), KernelWork(0))
+        worths = 2 * s * dots(self.nx + s)
+        return looks + worths + tried + (self.n - free) * self._append(self.most)
 
     def _unbiased(self) -> KernelWork:
         moved = self._first() + self._explain(2 * self.nx) + KernelWork(2 * self.nx + self.columns)
@@ -247,29 +236,29 @@ class Window:
         return sum((self._told_apart(s) for s in counts), KernelWork(8 * self.n, self.n))
 
     def _spread(self) -> KernelWork:
-        return self.forces * (KernelWork(self.most) + _forward(self.most) + _dot(self.most))
+        return self.forces * (KernelWork(self.most) + forward_solve(self.most) + dots(self.most))
 
     def _covariances(self, rows: int) -> KernelWork:
         nx, s = self.nx, self.most
-        effects = sum((_product(rows, i) for i in range(s)), KernelWork(0))
-        own = nx * _product(rows, nx) + s * _product(rows, nx) + effects + KernelWork(s * rows)
-        block = sum((_product(nx - j, nx + s) for j in range(nx)), KernelWork(0))
+        effects = sum((products(rows, i) for i in range(s)), KernelWork(0))
+        own = nx * products(rows, nx) + s * products(rows, nx) + effects + KernelWork(s * rows)
+        block = sum((products(nx - j, nx + s) for j in range(nx)), KernelWork(0))
         return own + rows // nx * block
 
     def _filtered(self) -> KernelWork:
         nx, s, outputs = self.nx, self.most, self.ny - self.limits
         rows = 2 * nx + self.p
-        each = _product(rows, self.length) + _product(nx, nx)
-        solved = _product(rows, outputs) + KernelWork(outputs) + s * each + _product(rows, s)
-        states = 2 * _product(nx, nx) + nx * _dot(nx)
-        tables = self._prepare(outputs, self.p, 1) + _forward(outputs) + _posterior(nx)
+        each = products(rows, self.length) + products(nx, nx)
+        solved = products(rows, outputs) + KernelWork(outputs) + s * each + products(rows, s)
+        states = 2 * products(nx, nx) + nx * dots(nx)
+        tables = self._prepare(outputs, self.p, 1) + forward_solve(outputs) + posterior_work(nx)
         if self.bounded:
-            tables += self.columns * (_product(rows, self.p) + KernelWork(2))
+            tables += self.columns * (products(rows, self.p) + KernelWork(2))
         return tables + solved + states + self._covariances(nx)
 
     def _variances(self) -> KernelWork:
         s = self.most
-        inverse = sum((_product(i, i) + KernelWork(4 * (i + 1)) for i in range(s)), KernelWork(0))
+        inverse = sum((products(i, i) + KernelWork(4 * (i + 1)) for i in range(s)), KernelWork(0))
         return inverse + KernelWork(s + s * (2 * s + 2))
 
     def _forces(self) -> KernelWork:
@@ -288,12 +277,17 @@ class Window:
         found += self._gradients() + KernelWork(4 * self.n + 3) + self._optimum
         if self.bounded:
             found += self._within() + self._look + self._appended + KernelWork(3 * self.columns)
+        if self.passes:
+            found += self._reweighted()
+        if self.chosen:
+            found += self._chosen()
         found += self._kkt() + self._gap() + KernelWork(self.m if self.varying else 0)
         shown = (PLACES - own) * nx
         states = self._filtered() if own else KernelWork(0)
         states += self._explain(shown) + self._covariances(shown)
         forces = KernelWork(3 * self.n) + self._forces() + 2 * self._spread()
-        fitted = self._unbiased() + self._alternatives() + self._covariances(2 * nx)
+        alternatives = self._doubtful() if self.chosen else self._alternatives()
+        fitted = self._unbiased() + alternatives + self._covariances(2 * nx)
         fitted += KernelWork(2 * nx * nx + 4 * self.forces + self.n)
         carried = self._variances() if self.carries else KernelWork(0)
         return found + carried + states + forces + fitted

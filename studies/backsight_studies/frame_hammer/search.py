@@ -2,10 +2,8 @@
 
 The study's own: moments, sizes and pulses to try are those of its rig. The search for sparse forces
 in any linear model, exact and without a list of sizes, is `backsight.run.sparse_forces`. With the
-clipped sensors as part of the model (`with_sensors`) it takes these readings, but its
-linearisations do not settle: at the limit of a sensor there is no slope that would lead to the size
-of a hit, which many starts find here. `CompressiveSensingMHE` with that model sees the hits in the
-raw readings, all of the first seven within 14 ms, but only four of them at their height.
+clipped sensors as part of the model (`with_sensors`), `follow_hits` tries hits in the raw readings
+as this search does, for any model: see `raw`.
 """
 
 import dataclasses

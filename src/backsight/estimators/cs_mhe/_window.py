@@ -13,6 +13,7 @@ from backsight.engine.loops import scan
 from backsight.estimators.cs_mhe._arrival import LinearArrival, counted
 from backsight.estimators.cs_mhe._limits import NO_LIMIT, limited_sample
 from backsight.estimators.cs_mhe._tables import Tables
+from backsight.estimators.cs_mhe.refinement import Refinement, kernel_numbers, sizes_of
 from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.covariance import Term
 from backsight.estimators.parts.limits import Limits
@@ -103,6 +104,10 @@ class Solver:
         Largest factors, and largest changes of those that are expected.
     at_most : (int, int), optional
         Steps of the active set and atoms in it, fewer than can be.
+    refinement : Reweighting or Exchanges, optional
+        What follows the l1 norm.
+    group : (atoms steps,) array, optional
+        See `groups_of`; every atom by itself if not given.
     """
 
     forced: Forced
@@ -120,6 +125,8 @@ class Solver:
     limits: Limits
     caps: Array
     at_most: tuple[int | None, int | None] = (None, None)
+    refinement: Refinement | None = None
+    group: Array | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -140,7 +147,8 @@ class Solver:
         options = limit, counted(self.arrival), self.correction, int(self.carries)
         bounded = bool(limits or self.caps.min() < NO_LIMIT)
         known = nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
-        return *known, limits, int(bounded), int(not t.full), int(self.side.any())
+        kinds = limits, int(bounded), int(not t.full), int(self.side.any())
+        return *known, *kinds, *sizes_of(self.refinement)
 
     def solve(
         self,
@@ -170,7 +178,9 @@ class Solver:
         options = [self.threshold, ROUNDING * self.lam, float(self.lag), float(self.refits), SMALL]
         full = self.tables.full or [np.zeros((1, 1))] * 4
         side = np.tile(self.side, self.tables.steps)
-        constants = [*full, *self.tables.atoms, side, self.caps.T, np.array(options)]
+        group = np.arange(len(side)) if self.group is None else self.group
+        options += kernel_numbers(self.refinement, len(side))
+        constants = [*full, *self.tables.atoms, side, self.caps.T, group, np.array(options)]
         given = [ca.MX(ca.DM(a)) for a in constants]
         told = [*problem] or [ca.MX(ca.DM(a)) for a in self.tables.problem]
         rows = (len(self.limits.names) + len(self.forced.system.C)) * (self.N + 1)

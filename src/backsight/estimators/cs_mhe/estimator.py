@@ -40,6 +40,7 @@ from backsight.estimators.cs_mhe._tables import (
 )
 from backsight.estimators.cs_mhe._window import KERNEL, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
+from backsight.estimators.cs_mhe.refinement import Refinement, faults_of, groups_of
 from backsight.estimators.dictionaries import Dictionary, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.kalman.square_root import refuse_too_wide
@@ -70,9 +71,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
 
         x_{i+1} = A x_i + B u_i + E d_i + w_i, \qquad y_i = C x_i + D u_i + F d_i + v_i .
 
-    There is no factor 1/2: :math:`\lambda` is that of the paper, twice that of a cost with it. Of a
-    nonlinear model windows are linearised along the motion that was found (Gauss-Newton, eq. 9-10);
-    parameters that are its states, as of `augment`, are estimated together with the forces.
+    There is no factor 1/2: :math:`\lambda` is that of the paper. Of a nonlinear model windows are
+    linearised along the motion that was found (Gauss-Newton, eq. 9-10).
 
     Parameters
     ----------
@@ -87,8 +87,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     N : int
         Horizon in sampling periods; the window holds N + 1 samples.
     sigma_force : dict or number
-        Standard deviation per sample, as white noise, of the part of the forces that is not looked
-        for: :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
+        Standard deviation per sample of the part of the forces that is not looked for, white:
+        :math:`Q = E\,\mathrm{diag}(\sigma^2) E'`. It stands for the error of the model.
     dictionary : Impulses, HalfSines, Haversines, Splines, Decays, SteadyLoads, MovingLoads or Atoms
         Of which pulses the forces are made.
     nonnegative, nonpositive : tuple of str
@@ -100,11 +100,13 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         (:math:`X, V, W` of eq. 14), beside the bounds of the states in the model.
     arrival : SmoothedArrival, ConstantArrival or NoArrival
         What :math:`\bar x, \bar P` are once the window is full, as for `MHE`: the Kalman filter's
-        prediction from the sample that leaves, which takes from the whole window only the forces
-        found; with `SmoothedArrival(naive=True)` the window's own estimate, which counts its
-        measurements twice (the paper's); the same with a constant covariance; or nothing.
+        prediction, which takes from the window only the forces found; with `naive=True` the
+        window's own, which counts measurements twice (the paper's); one with constant P; nothing.
     carryover : Carryover, optional
-        Expect the forces of a window in the next one, too (Algorithm 1); not if not given.
+        Expect the forces of a window in the next one, too (Algorithm 1).
+    refinement : Reweighting or Exchanges, optional
+        What follows the l1 norm in a window: weights that shrink, or the number of forces in
+        place of their sizes. Not with limits or a `carryover`.
     threshold : float
         Smallest factor that counts as a force, in `d_hat` and for the carryover.
     correction : {"none", "amplitude", "energy"}
@@ -114,55 +116,48 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         The l1 norm finds forces, and makes them too small. With ``removed`` the forces found are
         shown as least squares in which the others stay zero, while `threshold` judges them by the
         l1 norm; deviations, of states too, count what the l1 norm had taken away, and atoms that
-        could as well have been chosen (whose optimality condition is used up to a half). ``kept``
-        shows the optimum of the cost itself, as in the paper. The states are the same.
+        could as well have been chosen. ``kept`` shows the optimum itself, as in the paper.
     lag : int or "N"
-        The estimate of a sample is made when `lag` more have been measured, as for `MHE`; with "N"
-        from the start of the window. The newest forces cannot be told apart yet.
+        The estimate of a sample is made when `lag` more have been measured, with "N" from the
+        start of the window: the newest forces cannot be told apart yet.
     hold : {"zoh", "foh"}
         Known inputs between samples: held, or, of a linear model, interpolated; forces are held.
     passes : int
         Of a nonlinear model: how often a window is linearised; every sample is in N + 1 windows.
     max_steps, max_active : int, optional
         For hard real time: most steps of the active set in one window, and most factors that are
-        not zero at a time, of which the work space is the square; by default so many as always
-        suffice. Where one is reached, the status says *iteration limit*.
+        not zero; by default so many as suffice. Beyond, the status says *iteration limit*.
 
     Notes
     -----
     Results have the variables ``d_hat`` (time, force), the force from this sample to the next;
     ``d_raw``, the same without threshold and correction; ``d_std``, its standard deviation, 0
     where no force was found; ``nonzeros`` and ``steps`` of the active set; ``kkt``, the largest
-    violation of the optimality conditions as a share of lam, 1e-9 or more; ``gap``, the duality gap
-    as a share of the cost, 1e-10 or more: the optimum is not lower by more (above 1e-9 the status
-    says *not optimal*); and ``lam_max``, the weight from which on nothing would have been found.
+    violation of the optimality conditions of (the last) l1 norm as a share of lam, 1e-9 or more;
+    ``gap``, its duality gap as a share of the cost, 1e-10 or more: the optimum is not lower by more
+    (above 1e-9 the status says *not optimal*); ``lam_max``, the weight that would find nothing.
 
-    The solution is exact: a warm-started active set. Covariances of the states are those of the
-    least-squares problem in which the forces that are zero stay zero and the others are free; with
-    ``SmoothedArrival(naive=True)`` and ``bias="kept"`` they are too small. Samples may be missing,
-    or have a noise of their own (eq. 8). If limits contradict each other, the estimate is the one
-    without them, the status says *infeasible*, and ``infeasible`` names them.
+    Covariances of the states are those of the least-squares problem in which the forces that are
+    zero stay zero and the others are free; with ``SmoothedArrival(naive=True)`` and ``bias="kept"``
+    they are too small. If limits contradict each other, the estimate is the one without them, the
+    status says *infeasible*, and ``infeasible`` names them.
 
     Raises
     ------
-    EngineError
-        If the C kernels of the package are not compiled.
-    TuningError
-        If a setting is wrong.
+    EngineError, TuningError
+        If the C kernels of the package are not compiled, or a setting is wrong.
 
     References
     ----------
     Kirchner, Croes, Cosco, Desmet, "Exploiting input sparsity for joint state/input moving horizon
-    estimation", 2018, Mechanical Systems and Signal Processing 101.
-    Lee, Battle, Raina, Ng, "Efficient sparse coding algorithms", 2007, Advances in Neural
-    Information Processing Systems 19.
+    estimation", 2018, doi:10.1016/j.ymssp.2017.08.024. Lee, Battle, Raina, Ng, "Efficient sparse
+    coding algorithms", 2007, Advances in Neural Information Processing Systems 19.
 
     Examples
     --------
     >>> noise, prior = bs.Noise(sigma_y=1e-3, sigma_w=1e-6), bs.Prior(sigma_x0=1e-3)
-    >>> estimator = bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=20.0, N=8)
-    >>> estimator.forces, estimator.lam
-    (('hit',), 20.0)
+    >>> bs.CompressiveSensingMHE(noise, prior, forces=("hit",), lam=20.0, N=8).lam
+    20.0
     """
 
     key: ClassVar[str] = "csmhe"
@@ -187,6 +182,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
         default_factory=SmoothedArrival
     )
     carryover: Carryover | None = None
+    refinement: Refinement | None = None
     threshold: NonNegative = 0.0
     correction: Correction = "none"
     bias: Literal["removed", "kept"] = "removed"
@@ -206,6 +202,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             yield from names_used_twice(self.limits)
         if sound("forces", "nonnegative", "nonpositive"):
             yield from sign_faults(self.forces, self.nonnegative, self.nonpositive)
+        if sound("refinement", "limits", "largest"):
+            yield from faults_of(self.refinement, self.limits, self.largest, self.carryover)
 
     @property
     def innovations(self) -> Innovations:
@@ -253,8 +251,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     def _joined(self, model: Model) -> Model:
         """The model with its unknown forces as the last inputs."""
         joined = with_forces_as_inputs(model, self.forces)
-        if (rule := self.outliers) is not None:
-            raise TuningError(self._refusal(rule))
+        if (rule := self.outliers) is not None and (problem := self.unfit_for(rule)):
+            raise TuningError(problem)
         if self.noise.beyond_additive:
             raise TuningError(f"{self.title} takes additive noise of constant size only")
         return joined
@@ -288,11 +286,13 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             limits=limits,
             caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
             at_most=(self.max_steps, self.max_active),
+            refinement=self.refinement,
+            group=groups_of(self.refinement, self.forces, self.dictionary, found.steps, limits),
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":
         """See `AbstractForceEstimator.weighted`."""
-        return dataclasses.replace(self, lam=lam, threshold=0.0, carryover=None)
+        return dataclasses.replace(self, lam=lam, threshold=0.0, carryover=None, refinement=None)
 
     def sides(self) -> Array:
         """See `AbstractForceEstimator.sides`."""

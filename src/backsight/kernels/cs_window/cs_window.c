@@ -20,6 +20,7 @@
 
 #include "kernels.h"
 
+#include "cs_window_choice.h"
 #include "cs_window_shown.h"
 
 enum {
@@ -38,10 +39,10 @@ KERNEL void cs_window_work(const int *sizes, long *reals, long *ints)
                           + (3 * nx + z.p) * most;
     const long covariances = PLACES * nx * (nx + most), inverse = most * most;
     *reals = cs_window_active_size(&z) + nx * nx + rows + 7 * m + 5 * z.n + 2 * d + z.columns
-             + z.forces + 3 * nx + m + cs_window_limits_size(&z)
+             + z.forces + 3 * nx + m + cs_window_limits_size(&z) + 3 * z.n
              + cs_window_tables_size(nx, d, m, PLACES) + filtered + covariances + inverse
              + 3 * nx * nx + nx;
-    *ints = 3 * z.most + z.n + 2 * z.m + z.columns;
+    *ints = 4 * z.most + 2 * z.n + 2 * z.m + z.columns;
 }
 
 /* The window before anything is active: what was measured, and nothing else counts. A window that is
@@ -62,6 +63,8 @@ static cs_window_problem cs_window_begin(const cs_window_sizes *z, const real *c
     k.counting.used = k.shut + z->n;
     k.row = k.counting.used + m;
     k.held = k.row + m;
+    k.best = k.held + z->columns;
+    k.doubt = k.best + z->most;
     k.X = w + cs_window_active_size(z);
     k.v = k.X + nx * nx;
     k.r = k.v + rows;
@@ -75,7 +78,8 @@ static cs_window_problem cs_window_begin(const cs_window_sizes *z, const real *c
     k.x0 = k.g + z->n;
     k.f = k.x0 + nx;
     k.at_limit = k.f + z->d;
-    k.tables = k.at_limit + z->columns + cs_window_limits_size(z);
+    k.weights = k.at_limit + z->columns + cs_window_limits_size(z);
+    k.tables = k.weights + 3 * z->n;
     k.rest = k.tables + cs_window_tables_size(nx, z->d, m, PLACES);
     k.absent = (int)arg[ARG_ABSENT][0];
     k.complete = k.absent == 0 && !z->varying;
@@ -98,17 +102,6 @@ static cs_window_problem cs_window_begin(const cs_window_sizes *z, const real *c
     k.at[AT_OUTPUT] = newest > lag ? newest - lag : 0;
     k.at[AT_NEXT] = newest + 1;
     return k;
-}
-
-/* The optimum without limits that are not active; a status. */
-static int cs_window_optimum(cs_window_problem *k, const real *warm, int *steps)
-{
-    int more;
-    k->room = cs_window_start(k->z, &k->tab, &k->prior, k->v, warm, k->held, &k->A, k->shut);
-    const int status = cs_window_search(k->z, &k->tab, &k->prior, &k->A, k->v, k->g, k->shut,
-                                        k->least, &more, k->rest);
-    *steps += more;
-    return k->room ? status : NOT_CONVERGED;
 }
 
 /* The problem with the limits that are active now, and its optimum; a status. */
@@ -209,6 +202,7 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
     k.least = asked > rounding ? asked : rounding;
     int status = cs_window_optimum(&k, arg[ARG_WARM], &steps);
     cs_window_factors(&k, alpha, extra);
+    if (z.passes) status = cs_window_reweighted(&k, alpha, extra, k.weights, status, &steps);
     if (z.bounded)
         status = cs_window_within(&k, alpha, extra, k.at_limit + z.columns, &steps,
                                   info + INFO_CONTRADICTED);
@@ -222,6 +216,11 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
     if (!cs_window_near(&z, &k.prior, info[INFO_KKT], options[OPTION_GAP])) {
         if (!z.bounded && !z.varying) cs_window_residuals(&k, alpha, extra);
         info[INFO_GAP] = cs_window_gap(&k, alpha, extra);
+    }
+    if (z.chosen) { /* the l1 norm was the start only */
+        const int chosen = cs_window_chosen(&k, k.weights, k.best, alpha, extra, &steps);
+        status = chosen == DONE ? status : chosen;
+        cs_window_residuals(&k, alpha, extra);
     }
     real *motion = res[RES_MOTION];
     motion[0] = 0;
@@ -261,7 +260,8 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
     cs_window_spread(&z, A, arg[ARG_PSI], shown, spread);
     if (refits) { /* what is shown; the next window starts from the optimum */
         if (!limited) cs_window_unbiased(&k, found, x, fitted, forces, shift, space);
-        cs_window_alternatives(&z, &k.tab, &k.prior, A, k.v, k.g, k.shut);
+        if (z.chosen) cs_window_doubtful(&k, k.doubt);
+        else cs_window_alternatives(&z, &k.tab, &k.prior, A, k.v, k.g, k.shut);
         cs_window_spread(&z, A, arg[ARG_PSI], shown, spread);
         cs_window_covariances(&k.tab, A, known + nx, k.X, A->effect, rows, A->L + nx * A->stride,
                               A->stride, both, space);

@@ -5,9 +5,12 @@
 #include "cs_window_search.h"
 
 /* OPTION_GAP: up to which a gap need not be known. */
-enum { OPTION_THRESHOLD, OPTION_TOLERANCE, OPTION_LAG, OPTION_REFIT, OPTION_GAP };
+enum {
+    OPTION_THRESHOLD, OPTION_TOLERANCE, OPTION_LAG, OPTION_REFIT, OPTION_GAP, OPTION_FLOOR, OPTION_PRICE
+};
 
 #define NO_LIMIT ((real)1e30) /* a limit that is none */
+#define CHANGES 8 /* of the chosen atoms, at most so many for each that may be chosen */
 
 /* Limits are active where `row` and `held` are -1 (lower end) or 1 (upper end); held atoms and extra
    states stay at their limits, whose values are in `at_limit`. */
@@ -19,12 +22,12 @@ typedef struct {
     cs_window_tables tab;
     cs_window_active A;
     int at[PLACES];
-    int absent, complete, unobserved, room, *shut, *row, *held;
+    int absent, complete, unobserved, room, *shut, *row, *held, *best, *doubt;
     real least; /* violation of an optimality condition that is rounding */
     real *X, *r, *v, *g; /* of all rows: measured, or the end of the active limit */
     real *x0, *f, *fit; /* first state, modal forces, and what both explain of all rows */
     real *given, *white, *e; /* of the rows that count: what W takes, and L^-1, S0^-1 times residuals */
-    real *at_limit, *rest, *tables; /* the last two: work space */
+    real *at_limit, *weights, *rest, *tables; /* the last three: work space */
 } cs_window_problem;
 
 /* Take the effect of a held atom out of what is to be explained. */
@@ -78,6 +81,17 @@ static void cs_window_quiet(cs_window_problem *k)
     cs_window_first(&k->A, k->x0, rest);
     cs_window_explain(&k->tab, &k->A, k->v, k->x0, k->z->nx, k->z->d, rest);
     cs_window_gradients(k->z, &k->prior, rest, k->g);
+}
+
+/* The optimum without limits that are not active; a status. */
+static int cs_window_optimum(cs_window_problem *k, const real *warm, int *steps)
+{
+    int more;
+    k->room = cs_window_start(k->z, &k->tab, &k->prior, k->v, warm, k->held, &k->A, k->shut);
+    const int status = cs_window_search(k->z, &k->tab, &k->prior, &k->A, k->v, k->g, k->shut,
+                                        k->least, &more, k->rest);
+    *steps += more;
+    return k->room ? status : NOT_CONVERGED;
 }
 
 /* Factors of all atoms, and of their extra states; held ones, too. */

@@ -11,7 +11,7 @@ enum { ARRIVAL_NONE, ARRIVAL_CONSTANT, ARRIVAL_FILTERED, ARRIVAL_SMOOTHED };
 enum {
     ARG_O, ARG_G, ARG_S0, ARG_POWERS, ARG_P, ARG_CROSS, ARG_MOVED, ARG_NOISE,
     ARG_W, ARG_J, ARG_V, ARG_L,
-    ARG_ATOMS, ARG_ACROSS, ARG_PSI, ARG_SIDE, ARG_CAPS, ARG_OPTIONS,
+    ARG_ATOMS, ARG_ACROSS, ARG_PSI, ARG_SIDE, ARG_CAPS, ARG_GROUP, ARG_OPTIONS,
     ARG_R, ARG_MASK, ARG_LOW, ARG_HIGH, ARG_ABSENT, ARG_PA, ARG_LAM, ARG_Q, ARG_C, ARG_EXTRA_Q,
     ARG_EXTRA_C, ARG_WARM
 };
@@ -22,6 +22,7 @@ typedef struct {
     int limits, bounded; /* sums with limits of a sample; whether there are any, or atoms with limits */
     int varying; /* whether the tables are those of this window alone */
     int sided; /* whether some atoms have a known sign */
+    int passes, chosen; /* with weights that shrink; most atoms if their number is what counts */
     int outputs, m, d, n, columns; /* rows, modal forces, atoms of the window; with extra states */
 } cs_window_sizes;
 
@@ -48,7 +49,7 @@ typedef struct {
 static cs_window_sizes cs_window_read(const int *s)
 {
     cs_window_sizes z = {s[0],  s[1],  s[2],  s[3],  s[4],  s[5], s[6], s[7], s[8], s[9], s[10],
-                         s[11], s[12], s[13], s[14], s[15], s[16], 0,   0,    0,    0,    0};
+                         s[11], s[12], s[13], s[14], s[15], s[16], s[17], s[18], 0, 0, 0, 0, 0};
     z.outputs = z.ny - z.limits;
     z.m = z.ny * (z.N + 1);
     z.d = z.p * z.steps;

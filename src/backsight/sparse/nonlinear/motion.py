@@ -1,0 +1,133 @@
+r"""Motion of a nonlinear model with unknown forces, and its derivatives, scaled.
+
+.. math:: x_{k+1} = f(x_k, u_k, d_k), \qquad y_k = h(x_k, u_k, d_k)
+"""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+
+from backsight.discrete.steps import advanced, over_sample
+from backsight.estimators.force_estimator import Forced
+from backsight.types import Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Slopes:
+    """Derivatives of next states and outputs by states and forces.
+
+    Parameters
+    ----------
+    A, E, C, F : (n, nx, nx), (n, nx, nf), (n, ny, nx), (n, ny, nf) arrays
+    """
+
+    A: Array
+    E: Array
+    C: Array
+    F: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class ForcedMotion:
+    """A model, sample by sample.
+
+    Parameters
+    ----------
+    forced : Forced
+    ahead, seen : Function
+        ``(x, u) -> next x``, ``(x, u) -> y``; the forces are the last inputs.
+    slopes : Function
+        ``(x, u) -> (A, B, C, D)``.
+    """
+
+    forced: Forced
+    ahead: ca.Function
+    seen: ca.Function
+    slopes: ca.Function
+
+    @staticmethod
+    def of(forced: Forced) -> "ForcedMotion":
+        """Trace a model with its unknown forces as last inputs."""
+        s = forced.system.s
+        x, u = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
+        y, end = s.model.output(x, u), s.model.rhs(x, u)
+        if s.model.continuous:
+            end, n = x, s.integrator.steps
+            for _ in range(n):
+                end = advanced(s.integrator, s.model, end, ua=u, ub=u, h=s.dt / n)
+        by = over_sample(s.integrator, s.model, s.dt)
+        a, b = ca.MX.sym("x", s.model.nx), ca.MX.sym("u", s.model.nu)
+        looks = ca.Function("looks", [x, u], [ca.densify(ca.jacobian(y, z)) for z in (x, u)])
+        return ForcedMotion(
+            forced,
+            ca.Function("ahead", [x, u], [ca.densify(end)]),
+            ca.Function("seen", [x, u], [ca.densify(y)]),
+            ca.Function("slopes", [a, b], [*by(a, b, b)[1:], *looks(a, b)]),
+        )
+
+    def inputs(self, u: Array, d: Array) -> Array:
+        """All inputs (n, nu + nf) of known ones (n, nu) and forces (n, nf) in their own unit."""
+        return np.hstack([u, d / self.forced.system.s.su[self.forced.nu :]])
+
+    def states(self, x0: Array, v: Array) -> Array:
+        """States (n + 1, nx) from the first on, with all inputs (n, nu + nf)."""
+        later = np.array(self.ahead.mapaccum(len(v))(x0, v.T))
+        return np.vstack([x0, later.T])
+
+    def outputs(self, x: Array, v: Array) -> Array:
+        """Outputs (n, ny) of states (n, nx)."""
+        return np.array(self.seen.map(len(v))(x.T, v.T)).T
+
+    def slopes_along(self, x: Array, v: Array) -> Slopes:
+        """Derivatives along states (n, nx)."""
+        n, nu = len(v), self.forced.nu
+        unit = self.forced.system.s.su[nu:]
+        found = self.slopes(x[0], v[0]) if n == 1 else self.slopes.map(n)(x.T, v.T)
+        A, B, C, D = (np.array(m).reshape(m.shape[0], n, -1).transpose(1, 0, 2) for m in found)
+        return Slopes(A, B[:, :, nu:] / unit, C, D[:, :, nu:] / unit)
+
+
+@dataclasses.dataclass(frozen=True)
+class Readings:
+    """Scaled data.
+
+    Parameters
+    ----------
+    u : (n, nu) array
+        Known inputs.
+    y : (n, ny) array
+    root : (n, ny, ny) array
+        What makes the noise of a sample white; rows of what was not measured are zero.
+    """
+
+    u: Array
+    y: Array
+    root: Array
+
+    def between(self, first: int, last: int) -> "Readings":
+        """Samples from the first on, without the last."""
+        part = slice(first, last)
+        return Readings(self.u[part], self.y[part], self.root[part])
+
+    @property
+    def counts(self) -> Array:
+        """Number of measurements of every sample, (n,)."""
+        return np.einsum("kii->ki", self.root).astype(bool).sum(axis=1)
+
+
+def readings_of(forced: Forced, data: tuple[Array, Array, Array]) -> Readings:
+    """Scale inputs, outputs and mask, and whiten the noise of every pattern of measurements."""
+    (u, y, mask), s = data, forced.system.s
+    root = np.zeros((len(y), *s.R.shape))
+    known: dict[bytes, Array] = {}
+    for k, row in enumerate(mask):
+        key = row.tobytes()
+        if key not in known:
+            seen = np.flatnonzero(row > 0)
+            square = np.ix_(seen, seen)
+            known[key] = np.zeros(s.R.shape)
+            own = np.linalg.inv(np.linalg.cholesky(s.R[square])) if len(seen) else np.zeros((0, 0))
+            known[key][square] = own * row[seen]
+        root[k] = known[key]
+    return Readings(u / s.su[: forced.nu], np.where(mask > 0, y / s.sy, 0.0), root)
