@@ -21,9 +21,10 @@ static void cs_window_groups(const cs_window_sizes *z, const real *group, const 
 /* The l1 norm again and again, with the weights lam f / (f + size) of the last pass, f a share of the
    largest size of the first; a status. `weights` takes 3 n numbers and holds the last weights. */
 static int cs_window_reweighted(cs_window_problem *k, real *alpha, real *extra, real *weights,
-                                int status, int *steps)
+                                int before, int *steps)
 {
     const cs_window_sizes *z = k->z;
+    int status = before;
     const real *lam = k->prior.lam, *group = k->arg[ARG_GROUP];
     real *size = weights + z->n, *space = size + z->n, floor = 0;
     for (int pass = 0; pass < z->passes && k->A.count > 0; ++pass) {
