@@ -95,7 +95,7 @@ def _of_mutants(found: dict[str, Any]) -> list[str]:
         f"{share:.0%} ± {band:.0%} (95 %). Of those that were not noticed {same} of {len(alive)} "
         f"change no result, judged by reading; {tries - len(alive)} of the {tries - same} others "
         "were noticed. Tests were added for some that were not noticed at first, so that the share "
-        "is a little too good; kernels in C are not among the areas.\n",
+        "is a little too good.\n",
         "| area | changes | tried | noticed | |\n|---|---:|---:|---:|---:|",
         *rows,
         "",
