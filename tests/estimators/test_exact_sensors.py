@@ -227,6 +227,21 @@ def test_an_exact_sensor_beside_one_that_feels_the_process_noise(method):
     np.testing.assert_allclose(result["x_hat"], expected, atol=1e-11)
 
 
+@pytest.mark.slow
+def test_the_noise_of_the_others_is_found():
+    """An encoder, and a sensor whose noise is said three times too large."""
+    rng, x, y = np.random.default_rng(1), np.array([0.1, 0.5]), []
+    for _ in range(300):
+        y.append(x + np.array([0.0, 0.03]) * rng.standard_normal())
+        x = A @ x + np.sqrt(np.diag(Q)) * rng.standard_normal(2)
+    recording = bs.from_arrays(y=y, dt=DT, inputs={}, outputs={"y0": "m", "y1": "m"})
+    kf = bs.KalmanFilter(bs.Noise(sigma_y={"y0": 0.0, "y1": 0.1}, Q=Q), bs.Prior(P0=P0))
+    tuned = bs.tune.fit(kf, plant(np.eye(2)), recording, free=["sigma_y.y1"], restarts=0)
+    assert np.sqrt(tuned.estimator.noise.measurement(plant(np.eye(2)), singular=True)[1, 1]) == (
+        pytest.approx(0.03, rel=0.15)
+    )
+
+
 def test_readings_that_contradict_each_other_whatever_happens_are_refused():
     still = bs.RecursiveMHE(bs.Noise(sigma_y=0.0), bs.Prior(P0=P0), N=4)
     with pytest.raises(TuningError, match="follow from each other, whatever the process noise"):
