@@ -201,6 +201,47 @@ def test_the_gain_of_a_window_is_what_its_newest_reading_does_to_it(sensors):
     np.testing.assert_allclose(found[1], found[0], atol=1e-9)
 
 
+@pytest.mark.parametrize("method", [bs.KalmanFilter, bs.UKF, bs.MHE], ids=lambda m: m.key)
+def test_an_exact_sensor_beside_one_that_feels_the_process_noise(method):
+    """Process noise in common with an accelerometer, and an encoder: dense conditioning."""
+    rng, n, to_x, to_a = np.random.default_rng(4), 18, np.array([0.05, 0.3]), 1.2
+    C = np.array([[1.0, 0.0], [-8.0, -0.8]])
+    Q, R = np.outer(to_x, to_x) + 1e-4 * np.eye(2), np.diag([0.0, 0.01 + to_a**2])
+    effect, rows, goal = np.zeros((2, 2 + 4 * n)), [], []
+    effect[:, :2] = np.sqrt(P0)
+    unknown, expected = rng.standard_normal(2 + 4 * n), []
+    for k in range(n):
+        common, own, walk = 2 + k, 2 + n + k, slice(2 + 2 * (n + k), 4 + 2 * (n + k))
+        shown = C @ effect
+        shown[1, [common, own]] = to_a, 0.1
+        rows.append(shown)
+        goal.append(shown @ unknown)
+        inverse = np.linalg.pinv(np.vstack(rows), rcond=1e-12)
+        expected.append(effect @ inverse @ np.concatenate(goal))
+        effect = A @ effect
+        effect[:, common] = to_x
+        effect[:, walk] = 0.01 * np.eye(2)
+    recording = bs.from_arrays(y=goal, dt=DT, inputs={}, outputs={"y0": "m", "y1": "m"})
+    noise = bs.Noise(R=R, Q=Q, cross=np.outer(to_x, [0.0, to_a]))
+    result = bs.estimate(method(noise, bs.Prior(P0=P0)), plant(C), recording, engine="vm")
+    np.testing.assert_allclose(result["x_hat"], expected, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_the_noise_of_the_others_is_found():
+    """An encoder, and a sensor whose noise is said three times too large."""
+    rng, x, y = np.random.default_rng(1), np.array([0.1, 0.5]), []
+    for _ in range(300):
+        y.append(x + np.array([0.0, 0.03]) * rng.standard_normal())
+        x = A @ x + np.sqrt(np.diag(Q)) * rng.standard_normal(2)
+    recording = bs.from_arrays(y=y, dt=DT, inputs={}, outputs={"y0": "m", "y1": "m"})
+    kf = bs.KalmanFilter(bs.Noise(sigma_y={"y0": 0.0, "y1": 0.1}, Q=Q), bs.Prior(P0=P0))
+    tuned = bs.tune.fit(kf, plant(np.eye(2)), recording, free=["sigma_y.y1"], restarts=0)
+    assert np.sqrt(tuned.estimator.noise.measurement(plant(np.eye(2)), singular=True)[1, 1]) == (
+        pytest.approx(0.03, rel=0.15)
+    )
+
+
 def test_readings_that_contradict_each_other_whatever_happens_are_refused():
     still = bs.RecursiveMHE(bs.Noise(sigma_y=0.0), bs.Prior(P0=P0), N=4)
     with pytest.raises(TuningError, match="follow from each other, whatever the process noise"):

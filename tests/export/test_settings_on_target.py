@@ -187,3 +187,13 @@ def test_what_cannot_be_changed_is_refused(tmp_path):
     with pytest.raises(EngineError, match="matrix exponential"):
         export_c(exact, known.model, linear, tmp_path / "a", tunable=["b"])
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.slow
+def test_sensors_without_noise_have_none_to_change(tmp_path):
+    problem = CASES["kf"].problem
+    estimator = KalmanFilter(Noise(sigma_y=0.0, sigma_w=1e-3), CASES["kf"].problem.prior)
+    export_c(estimator, problem.model, recorded(problem), tmp_path / "exact")
+    assert "sigma_y" not in (tmp_path / "exact" / "estimator.h").read_text()
+    with pytest.raises(EngineError, match="has no noise of its sensors that could be changed"):
+        export_c(estimator, problem.model, recorded(problem), tmp_path / "x", tunable=["sigma_y"])

@@ -9,7 +9,7 @@ import numpy as np
 
 from backsight.errors import BacksightError, EngineError
 from backsight.estimators.base import AbstractEstimator
-from backsight.estimators.uncertainty import Noise, Prior
+from backsight.estimators.uncertainty import Noise, Prior, covariance_faults
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.types import Array
@@ -64,12 +64,18 @@ def changeable(estimator: AbstractEstimator, model: Model) -> list[str]:
     except BacksightError:
         pass
     else:
-        found += [SIGMA] * (not estimator.constant_gain)
+        found += [SIGMA] * (noisy(estimator, model) and not estimator.constant_gain)
         found += [WALK] * bool(np.any(noise.stated_process(model)))
         found += [SPREAD] * bool(np.any(prior.covariance(model))) + [MEAN]
     found += [LOWER] * any(math.isfinite(s.lower) for s in model.states)
     found += [UPPER] * any(math.isfinite(s.upper) for s in model.states)
     return [*found, *_numbers(estimator)]
+
+
+def noisy(estimator: AbstractEstimator, model: Model) -> bool:
+    """Whether all sensors have noise, which could be another one."""
+    R = estimator.assumed[0].measurement(model, singular=True)
+    return not any(covariance_faults(R, what="R", singular=False))
 
 
 def followed(name: str, estimator: AbstractEstimator, model: Model) -> Followed:

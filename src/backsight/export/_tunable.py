@@ -20,7 +20,7 @@ from backsight.errors import BacksightError, EngineError, nearest
 from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.scaled import setting
-from backsight.export._followed import PRIOR, SIGMA, Followed, changeable, followed, refusal
+from backsight.export._followed import PRIOR, SIGMA, Followed, changeable, followed, noisy, refusal
 from backsight.export._opened import PARAMETERS, opened_step
 from backsight.models.model import Model
 from backsight.models.signals import Signal
@@ -98,7 +98,8 @@ def tunable(
         If a name is unknown, or the estimator would find something else with it changeable.
     """
     plain = watched(estimator.compile(model, dt), estimator, model)
-    wanted = [SIGMA] * weighs(estimator) if names is None else list(dict.fromkeys(names))
+    told = weighs(estimator) and noisy(estimator, model)
+    wanted = [SIGMA] * told if names is None else list(dict.fromkeys(names))
     _check(wanted, estimator, model)
     known = {s.name: s for s in model.parameters}
     parameters = [n for n in wanted if n in known]

@@ -226,7 +226,7 @@ class _Common:
 
 def _common(noise: Noise, model: Model) -> _Common:
     """Split by what w tells of v: the covariance of E[v | w] is N' Q^+ N with N = E[w v']."""
-    Q, R = noise.per_sample(model), noise.measurement(model)
+    Q, R = noise.per_sample(model), noise.measurement(model, singular=True)
     nothing = _Common(np.zeros((0, 0)), np.zeros((model.nx, 0)), np.zeros((model.ny, 0)), Q, R)
     if noise.cross is None or not np.any(noise.cross):
         return nothing
@@ -248,7 +248,8 @@ def _common(noise: Noise, model: Model) -> _Common:
     rest, left = np.linalg.eigh(unit_Q - G @ W @ G.T)
     rest = left @ np.diag(np.maximum(rest, 0.0)) @ left.T
     own = R - np.outer(r, r) * (V @ W @ V.T)
-    for _ in covariance_faults(own / np.outer(r, r), what="R", singular=False):
+    exact = any(covariance_faults(R, what="R", singular=False))
+    if not exact and any(covariance_faults(own / np.outer(r, r), what="R", singular=False)):
         raise TuningError(
             "R - cross' Q^+ cross is singular: the process noise says all of the measurement "
             "noise, which then is none of its own; make R larger than what they have in common"

@@ -249,7 +249,7 @@ def _sensors(wide: Wide, model: Model) -> ca.Function:
     noise = wide.varied.assumed[0]
     one = np.ones(model.nx), np.ones(model.ny)
     parts = [(p.index, p.R) for p in scaled_parts(noise, wide.model, *one) if p.R.any()]
-    R, u = noise.measurement(model), ca.SX.sym("u", wide.model.nu)
+    R, u = noise.measurement(model, singular=True), ca.SX.sym("u", wide.model.nu)
     return ca.Function(
         "sensors", [u], [ca.densify(vech(noise_at(0 * R if parts else R, parts, u)))]
     )

@@ -89,6 +89,6 @@ class Rebuilt:
 
 def _measurement(estimator: AbstractEstimator, model: Model) -> Array:
     try:
-        return estimator.assumed[0].measurement(model)
+        return estimator.assumed[0].measurement(model, singular=True)
     except TuningError:
         return np.zeros((model.ny, model.ny))

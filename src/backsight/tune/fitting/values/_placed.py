@@ -85,7 +85,9 @@ def _noise(
     changes: dict[str, Any] = {}
     if any(u.kind in ("sigma_y", "R") for u in unknowns):
         factor = sensor_factors(model, unknowns, values)
-        R = _without_rounding(noise.measurement(model) * np.outer(factor, factor), model)
+        R = _without_rounding(
+            noise.measurement(model, singular=True) * np.outer(factor, factor), model
+        )
         if noise.R is not None:
             changes["R"] = R
         else:

@@ -44,7 +44,7 @@ def sensor_deviations(
     free: Free, entry: str, estimator: AbstractEstimator, model: Model
 ) -> list[Unknown]:
     """Standard deviations of the sensors."""
-    sigma = np.sqrt(np.diag(estimator.assumed[0].measurement(model)))
+    sigma = np.sqrt(np.diag(estimator.assumed[0].measurement(model, singular=True)))
     return _each(free, "sigma_y", entry, model.outputs, sigma)
 
 
