@@ -57,9 +57,10 @@ def test_innovations_factor_the_covariance_of_all_outputs(nx, ny, n):
     mask[3:6], mask[7, 0], mask[-8:, 1], mask[-3, 0] = 0, 0, 0.5, 2.0
     kf = bs.KalmanFilter(noise, PRIOR)
     unknowns = unknowns_of([Free("R"), Free("Q")], kf, model)
-    runner = quick_runner(kf, model, 0.1, unknowns)
+    data = u, y, mask, y, mask
+    runner = quick_runner(kf, model, 0.1, unknowns, data=[data])
     assert isinstance(runner, LinearRunner)
-    ((r, d),) = runner.innovations((u, y, mask, y, mask), [{"R": 1.0, "Q": 1.0}])
+    ((r, d),) = runner.innovations(data, [{"R": 1.0, "Q": 1.0}])
     mean, S = of_all_outputs(matrices, noise, u, mask)
     L, seen = np.linalg.cholesky(S), mask > 0
     np.testing.assert_allclose(d[0][seen], np.diag(L) ** 2, rtol=1e-9)
@@ -112,6 +113,19 @@ def test_it_is_for_plain_filters_alone(monkeypatch):
     assert given(bs.EKF(noise, PRIOR)) is None
     monkeypatch.setattr(library, "missing", lambda: "no compiler")
     assert given() is None
+
+
+def test_where_weights_change_all_the_time_lanes_are_quicker(monkeypatch):
+    model, _, noise = system(3, 2)
+    kf = bs.KalmanFilter(noise, PRIOR)
+    unknowns = unknowns_of([Free("R")], kf, model)
+    given = kf, model, 0.1, unknowns
+    monkeypatch.setattr("backsight.tune.fitting.runners.lanes_of", lambda *_, **__: None)
+    n = 10_000
+    u, y, mask = np.zeros((n, 2)), np.zeros((n, 2)), np.ones((n, 2))
+    assert quick_runner(*given, data=[(u, y, mask, y, mask)]) is not None
+    mask[::3, 0] = 0
+    assert quick_runner(*given, data=[(u, y, mask, y, mask)]) is None
 
 
 def test_matrices_of_the_estimator_are_no_part_of_what_is_kept():

@@ -27,6 +27,7 @@ static int cs_window_reweighted(cs_window_problem *k, real *alpha, real *extra, 
     int status = before;
     const real *lam = k->prior.lam, *group = k->arg[ARG_GROUP];
     real *size = weights + z->n, *space = size + z->n, floor = 0;
+    int reached = status;
     for (int pass = 0; pass < z->passes && k->A.count > 0; ++pass) {
         cs_window_groups(z, group, alpha, size, space);
         for (int i = 0; i < z->n && pass == 0; ++i) floor = real_fmax(floor, size[i]);
@@ -34,10 +35,10 @@ static int cs_window_reweighted(cs_window_problem *k, real *alpha, real *extra, 
         for (int i = 0; i < z->n; ++i) weights[i] = lam[i] * (f / (f + size[i]));
         k->prior.lam = weights;
         k->A.count = 0;
-        status = cs_window_optimum(k, alpha, steps);
+        reached = cs_window_optimum(k, alpha, steps);
         cs_window_factors(k, alpha, extra);
     }
-    return status;
+    return reached;
 }
 
 /* What the chosen atoms lower the cost by, less what they cost. */

@@ -223,7 +223,8 @@ class Tuning:
         for dt in self.periods:
             if dt not in known:
                 given, ahead = (estimator, self.model, dt), self.criterion.alone
-                quick = quick_runner(*given, unknowns, ahead=ahead) if unknowns else None
+                own = [d for d, t in zip(self.data, self.periods, strict=True) if t == dt]
+                quick = quick_runner(*given, unknowns, data=own, ahead=ahead) if unknowns else None
                 rebuilt = Rebuilt(estimator, self.model, tuple(unknowns), dt, ahead)
                 known[dt] = quick or rebuilt
         runners = tuple(known[dt] for dt in self.periods)

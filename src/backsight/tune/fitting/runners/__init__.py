@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.tune.fitting.runners._delays import delays_of as delays_of
+from backsight.tune.fitting.runners._exactly_linear import MANY, updates_of
 from backsight.tune.fitting.runners._exactly_linear import LinearRunner as LinearRunner
 from backsight.tune.fitting.runners._exactly_linear import linear_runner as linear_runner
 from backsight.tune.fitting.runners._lanes import Data as Data
@@ -25,8 +26,10 @@ def quick_runner(
     dt: float,
     unknowns: Sequence[Unknown],
     *,
+    data: Sequence[Data],
     ahead: int = 0,
 ) -> LinearRunner | LaneRunner | None:
-    """The quickest runner for which all values are plain numbers; None if there is none."""
-    by_matrices = None if ahead else linear_runner(estimator, model, dt, unknowns)
+    """The quickest runner of recordings for which all values are plain numbers; None if none is."""
+    few = sum(map(updates_of, data)) <= MANY
+    by_matrices = linear_runner(estimator, model, dt, unknowns) if few and not ahead else None
     return by_matrices or lanes_of(estimator, model, dt, unknowns, ahead=ahead)

@@ -32,6 +32,12 @@ KERNEL = "matrix_innovations"
 KINDS = {"sigma_y", "R", "walk", "matrix", "sigma_x0", "P0", "x0", "delay"}
 """Kinds of unknowns that are noise, prior, or in the data."""
 
+SETTLING = 100
+"""Samples that a covariance takes to come back to itself, roughly."""
+
+MANY = 6000
+"""Updates of the covariance from which on lanes, which take several at once, repay their making."""
+
 OF_PRIOR = ("sigma_x0", "P0", "x0")
 
 
@@ -129,6 +135,14 @@ class LinearRunner:
         if system.ramp:
             b += np.vstack([u[1:], u[-1:]]) @ system.B_next.T
         return b, data[3] / s.sy - u @ system.D.T
+
+
+def updates_of(data: Data) -> int:
+    """About how often a pass computes the covariance anew; elsewhere it stays as it is."""
+    weights, corrects = _weights(data)
+    rows = np.hstack([weights, corrects.T])
+    changes = int((rows[1:] != rows[:-1]).any(axis=1).sum())
+    return min(len(rows), SETTLING * (1 + changes))
 
 
 def linear_runner(
