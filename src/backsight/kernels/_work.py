@@ -37,37 +37,37 @@ class KernelWork:
         )
 
 
-def product(rows: int, n: int) -> KernelWork:
+def of_product(rows: int, n: int) -> KernelWork:
     return KernelWork(n * (2 * rows + 1))
 
 
-def dot(n: int) -> KernelWork:
+def of_dot(n: int) -> KernelWork:
     return KernelWork(2 * n + 1)
 
 
-def factor(n: int) -> KernelWork:
+def of_factor(n: int) -> KernelWork:
     return KernelWork(sum(2 + j + 2 * (n - j) * j + n - j for j in range(n)), n, n)
 
 
-def ready(n: int) -> KernelWork:
+def of_ready(n: int) -> KernelWork:
     return KernelWork(n, n)
 
 
-def forward(n: int) -> KernelWork:
+def of_forward(n: int) -> KernelWork:
     return KernelWork(n * n + n + 1)
 
 
-def backward(first: int, n: int) -> KernelWork:
+def of_backward(first: int, n: int) -> KernelWork:
     return KernelWork(n * n - first * first + n + first + 2)
 
 
-def posterior(n: int) -> KernelWork:
+def of_posterior(n: int) -> KernelWork:
     """`cs_window_posterior`."""
-    right = sum((product(n, n - j) for j in range(n)), KernelWork(0))
-    both = sum(((i + 1) * (dot(n - i) + KernelWork(1)) for i in range(n)), KernelWork(0))
-    return 2 * factor(n) + right + both + ready(n) + n * forward(n)
+    right = sum((of_product(n, n - j) for j in range(n)), KernelWork(0))
+    both = sum(((i + 1) * (of_dot(n - i) + KernelWork(1)) for i in range(n)), KernelWork(0))
+    return 2 * of_factor(n) + right + both + of_ready(n) + n * of_forward(n)
 
 
-def unknown(n: int) -> KernelWork:
+def of_unknown(n: int) -> KernelWork:
     """`cs_window_unknown`."""
-    return factor(n) + KernelWork(3 * n) + ready(n) + n * forward(n)
+    return of_factor(n) + KernelWork(3 * n) + of_ready(n) + n * of_forward(n)

@@ -40,7 +40,7 @@ from backsight.estimators.cs_mhe._tables import (
 )
 from backsight.estimators.cs_mhe._window import KERNEL, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
-from backsight.estimators.cs_mhe.refinement import Refinement, faults_of, grouped
+from backsight.estimators.cs_mhe.refinement import Refinement, atom_groups, faults_of
 from backsight.estimators.dictionaries import Dictionary, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.kalman.square_root import refuse_too_wide
@@ -287,7 +287,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
             at_most=(self.max_steps, self.max_active),
             refinement=self.refinement,
-            group=grouped(self.refinement, self.forces, self.dictionary, found.steps, limits),
+            group=atom_groups(self.refinement, self.forces, self.dictionary, found.steps, limits),
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":

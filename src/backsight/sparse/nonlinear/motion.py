@@ -29,7 +29,7 @@ class Slopes:
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class ForcedMotion:
     """A model, sample by sample.
 
     Parameters
@@ -47,7 +47,7 @@ class Motion:
     slopes: ca.Function
 
     @staticmethod
-    def of(forced: Forced) -> "Motion":
+    def of(forced: Forced) -> "ForcedMotion":
         """Trace a model with its unknown forces as last inputs."""
         s = forced.system.s
         x, u = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
@@ -59,7 +59,7 @@ class Motion:
         by = over_sample(s.integrator, s.model, s.dt)
         a, b = ca.MX.sym("x", s.model.nx), ca.MX.sym("u", s.model.nu)
         looks = ca.Function("looks", [x, u], [ca.densify(ca.jacobian(y, z)) for z in (x, u)])
-        return Motion(
+        return ForcedMotion(
             forced,
             ca.Function("ahead", [x, u], [ca.densify(end)]),
             ca.Function("seen", [x, u], [ca.densify(y)]),
@@ -89,7 +89,7 @@ class Motion:
 
 
 @dataclasses.dataclass(frozen=True)
-class Readings:
+class WhiteData:
     """Scaled data.
 
     Parameters
@@ -105,10 +105,10 @@ class Readings:
     y: Array
     root: Array
 
-    def between(self, first: int, last: int) -> "Readings":
+    def between(self, first: int, last: int) -> "WhiteData":
         """Samples from the first on, without the last."""
         part = slice(first, last)
-        return Readings(self.u[part], self.y[part], self.root[part])
+        return WhiteData(self.u[part], self.y[part], self.root[part])
 
     @property
     def counts(self) -> Array:
@@ -116,7 +116,7 @@ class Readings:
         return np.einsum("kii->ki", self.root).astype(bool).sum(axis=1)
 
 
-def readings(forced: Forced, data: tuple[Array, Array, Array]) -> Readings:
+def white_data(forced: Forced, data: tuple[Array, Array, Array]) -> WhiteData:
     """Scale inputs, outputs and mask, and whiten the noise of every pattern of measurements."""
     (u, y, mask), s = data, forced.system.s
     root = np.zeros((len(y), *s.R.shape))
@@ -130,4 +130,4 @@ def readings(forced: Forced, data: tuple[Array, Array, Array]) -> Readings:
             own = np.linalg.inv(np.linalg.cholesky(s.R[square])) if len(seen) else np.zeros((0, 0))
             known[key][square] = own * row[seen]
         root[k] = known[key]
-    return Readings(u / s.su[: forced.nu], np.where(mask > 0, y / s.sy, 0.0), root)
+    return WhiteData(u / s.su[: forced.nu], np.where(mask > 0, y / s.sy, 0.0), root)

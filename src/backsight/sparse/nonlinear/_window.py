@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from backsight.estimators.dictionaries import AbstractPulses
-from backsight.sparse.nonlinear.motion import Motion, Readings
+from backsight.sparse.nonlinear.motion import ForcedMotion, WhiteData
 from backsight.types import Array
 
 STEP = 0.02
@@ -71,8 +71,8 @@ class HitWindow:
 
     Parameters
     ----------
-    motion : Motion
-    data : Readings
+    motion : ForcedMotion
+    data : WhiteData
     mean : (nx,) array
         First state as it is expected, scaled.
     information : (nx, nx) array
@@ -82,8 +82,8 @@ class HitWindow:
         Forces that a hit may move at the same time, wherever it is.
     """
 
-    motion: Motion
-    data: Readings
+    motion: ForcedMotion
+    data: WhiteData
     mean: Array
     information: Array
     course: AbstractPulses
