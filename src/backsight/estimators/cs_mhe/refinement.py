@@ -8,8 +8,8 @@ from typing import Literal, final
 import numpy as np
 
 from backsight.description import Count, Description, Positive
-from backsight.errors import TuningError, nearest
-from backsight.estimators.force_estimator import AbstractDictionary
+from backsight.errors import TuningError
+from backsight.estimators.force_estimator import AbstractDictionary, force_groups
 from backsight.estimators.parts.limits import Limit, Limits
 from backsight.types import Array, ByName
 
@@ -159,27 +159,17 @@ def atom_groups(
             "leave one of them out"
         )
     belongs = dictionary.force_of(len(forces))
-    atoms = len(belongs)
-    first, span = np.arange(atoms), "step"
-    if isinstance(refinement, Reweighting):
-        span = refinement.span
-        groups = _named(refinement.groups, forces)
-        if span == "window":
-            groups += [{i} for i in range(len(forces)) if not any(i in g for g in groups)]
-        if groups and min(belongs) < 0:
+    atoms, first = len(belongs), np.arange(len(belongs))
+    if not isinstance(refinement, Reweighting):
+        return np.arange(float(atoms * steps))
+    if refinement.groups or refinement.span == "window":
+        if min(belongs) < 0:
             raise TuningError("groups of forces need a dictionary whose atoms are of one force")
-        for group in groups:
-            members = [a for a, force in enumerate(belongs) if force in group]
-            first[members] = members[0]
-    later = atoms if span == "step" else 0
+        group = np.array(force_groups(refinement.groups, forces))
+        named = {name for names in refinement.groups for name in names}
+        for a, force in enumerate(belongs):
+            if refinement.span == "window" or forces[force] in named:
+                same = [b for b, other in enumerate(belongs) if group[other] == group[force]]
+                first[a] = same[0]
+    later = atoms if refinement.span == "step" else 0
     return np.concatenate([first + later * j for j in range(steps)]).astype(float)
-
-
-def _named(groups: Sequence[Sequence[str]], forces: Sequence[str]) -> list[set[int]]:
-    names = [name for group in groups for name in group]
-    for name in names:
-        if name not in forces:
-            raise TuningError(f"groups: '{name}' is none of the forces: {nearest(name, forces)}")
-        if names.count(name) > 1:
-            raise TuningError(f"groups: '{name}' is named twice; a force is in one group")
-    return [{forces.index(name) for name in group} for group in groups if group]
