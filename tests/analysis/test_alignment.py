@@ -225,6 +225,14 @@ def test_fractional_delay_is_found_with_its_band(late, force):
     )
 
 
+def test_delay_between_two_whole_shifts_is_told_with_its_band():
+    """Of half a sample none and one fit equally; the delay is known all the same."""
+    result = of_one(0.5)
+    value, std = result.fine
+    assert abs(value - 0.5) < 3 * std < 0.15
+    assert re.search(rf"{value:.2f} ± 0.0\d of a sample late, between two whole", str(result))
+
+
 def test_missing_force_is_no_misalignment():
     for force in (0.3, 1.0):
         result = of_one(0.0, force=force)

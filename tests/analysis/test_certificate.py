@@ -246,6 +246,19 @@ def test_certificate_does_not_pronounce_where_its_references_disagree():
     assert "cannot be told" in certificate.lines()[0]
 
 
+def test_states_so_large_that_their_last_digit_is_a_deviation_tell_nothing():
+    """A mode that triples without noise: the references agree by chance, on rounded numbers."""
+    names = {"states": {"a": ""}, "inputs": {}, "outputs": {"y": ""}}
+    y = np.random.default_rng(1).standard_normal(300)
+    recording = from_arrays(y=y, dt=1.0, inputs={}, outputs={"y": ""})
+    tripling = lti([[3.0]], np.zeros((1, 0)), [[1.0]], dt=1.0, **names)
+    estimator = MHE(Noise(sigma_y=1.0, sigma_w=0.0), Prior(sigma_x0=1.0), N=4)
+    certificate = certify(estimator, tripling, recording)
+    assert certificate.rounding > 1
+    assert not certificate.holds
+    assert "cannot be told" in certificate.lines()[0]
+
+
 def test_nothing_is_told_by_references_that_are_nonsense(oscillator):
     certificate = dataclasses.replace(certify(EKF(NOISY, UNSURE), *oscillator), references=2e86)
     assert certificate.verdict(certificate.claims[0]) == "cannot tell"

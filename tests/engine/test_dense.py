@@ -119,6 +119,24 @@ def test_the_gain_is_that_of_the_measured_rows():
     )
     weighed = P @ Hm.T @ np.linalg.inv(Hm @ P @ Hm.T + Rm) @ np.diag(mask)
     np.testing.assert_allclose(K_, weighed, rtol=1e-9, atol=1e-10)
+    after, again, _, _ = values(*dense.corrected_of(*map(constant, (P, PHt, H @ PHt, R, mask))))
+    np.testing.assert_array_equal(again, K_)
+    assert np.array_equal(after, after.T)
+    left = np.eye(N) - K_ @ H
+    joseph = left @ P @ left.T + K_ @ N_ @ K_.T
+    np.testing.assert_allclose(after, joseph, rtol=0, atol=1e-12 * P.max())
+
+
+@pytest.mark.parametrize("n", [5, 60], ids=["by products", "by a factor"])
+@pytest.mark.parametrize("known", [False, True], ids=["", "a state is known"])
+def test_a_congruence_is_symmetric_and_positive(n, known):
+    """A state that is known leaves no factor, and the product is that of the whole matrices."""
+    A, root, Q = RNG.standard_normal((n, n)), RNG.standard_normal((n, n)), np.eye(n)
+    root[2] *= not known
+    spread = root @ root.T
+    (found,) = values(dense.congruence_of(*map(constant, (A, spread, Q))))
+    assert np.array_equal(found, found.T)
+    np.testing.assert_allclose(found, A @ spread @ A.T + Q, rtol=0, atol=1e-12 * found.max())
 
 
 @pytest.mark.parametrize("share", [0.1, 1.0], ids=["few", "dense"])

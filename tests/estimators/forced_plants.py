@@ -54,7 +54,7 @@ class Plant:
     D: np.ndarray
     F: np.ndarray
 
-    def run(self, d, *, u=None, x0=0.0, w=0.0, v=0.0):
+    def run(self, d, *, u=None, x0: float | np.ndarray = 0.0, w=0.0, v=0.0):
         """States (n, nx) and outputs (n, ny)."""
         u = np.zeros((len(d), self.B.shape[1])) if u is None else u
         w = np.broadcast_to(w, (len(d), len(self.A)))

@@ -10,6 +10,9 @@ import scipy.optimize
 import backsight as bs
 from backsight.errors import TuningError
 from estimators.exact_plants import DT, FILTERS, P0, SENSORS, A, N, Q, conditioned, drawn, plant
+from estimators.forced_plants import DT as SAMPLING
+from estimators.forced_plants import chain
+from estimators.forced_plants import plant as stepwise
 
 OFTEN_SMOOTHED = {
     (bs.KalmanFilter, "noisy one first"), (bs.KalmanFilter, "both states"),
@@ -54,16 +57,46 @@ def test_what_later_readings_tell_exactly_has_no_band():
     assert np.abs(result["P"]).max() < 1e-24
 
 
-def test_smoothing_of_many_states_with_exact_sensors_says_what_to_do():
-    n = 14
-    model = bs.lti(
-        0.9 * np.eye(n), np.zeros((n, 0)), np.eye(n)[:1], dt=DT,
-        states={f"x{i}": "" for i in range(n)}, inputs={}, outputs={"y0": ""},
-    )  # fmt: skip
-    kf = bs.KalmanFilter(bs.Noise(sigma_y=0.0, sigma_w=1.0), bs.Prior(sigma_x0=1.0))
-    recording = bs.from_arrays(y=np.zeros((5, 1)), dt=DT, inputs={}, outputs={"y0": ""})
-    with pytest.raises(TuningError, match=r"up to 12 states; .* solve_window"):
-        bs.smooth(kf, model, recording)
+@pytest.mark.parametrize("method", [bs.KalmanFilter, bs.EKF])
+def test_many_states_are_smoothed_as_by_conditioning_on_all(method):
+    """A chain of 14 states, by kernels; one sensor has noise, two have none, one of them gaps."""
+    model, rng, n, nx = chain("displacement"), np.random.default_rng(0), 12, 14
+    p, R = stepwise(model), np.diag([0.0, 1e-8, 0.0])
+    P0, Q = np.diag([1e-4] * 7 + [1e-2] * 7), np.diag([0.0] * 7 + [1e-4] * 7)
+    noise = rng.standard_normal((n, nx)) * np.sqrt(np.diag(Q))
+    start = np.sqrt(np.diag(P0)) * rng.standard_normal(nx)
+    _, y = p.run(np.zeros((n, 3)), x0=start, w=noise, v=rng.standard_normal((n, 3)) * [0, 1e-4, 0])
+    y[4:6, 2] = np.nan
+    effect, rows, every = np.zeros((nx, (nx + 3) * n)), [], []
+    effect[:, :nx] = np.sqrt(P0)
+    for k in range(n):
+        shown = p.C @ effect
+        shown[:, nx * n + 3 * k : nx * n + 3 * (k + 1)] = np.sqrt(R)
+        rows.append(shown[np.isfinite(y[k])])
+        every.append(effect)
+        effect = p.A @ effect
+        if k + 1 < n:
+            effect[:, nx * (k + 1) : nx * (k + 2)] = np.sqrt(Q)
+    inverse = np.linalg.pinv(np.vstack(rows), rcond=1e-13)
+    left = np.eye((nx + 3) * n) - inverse @ np.vstack(rows)
+    size, found = np.sqrt(np.diag(P0)), inverse @ y[np.isfinite(y)]
+    outputs = {s.name: s.unit for s in model.outputs}
+    recording = bs.from_arrays(y=y, inputs={}, outputs=outputs, dt=SAMPLING)
+    estimator = method(bs.Noise(R=R, Q=Q), bs.Prior(P0=P0))
+    result = bs.smooth(estimator, model, recording, engine="vm")
+    expected = np.array([part @ found for part in every])
+    np.testing.assert_allclose(result["x_hat"] / size, expected / size, atol=1e-10)
+    P = np.array([part @ left @ left.T @ part.T for part in every]) / np.outer(size, size)
+    np.testing.assert_allclose(result["P"] / np.outer(size, size), P, atol=1e-11)
+    assert not result["status"].any()
+
+
+def test_sigma_points_of_many_states_with_exact_sensors_say_what_to_do():
+    ukf = bs.UKF(bs.Noise(sigma_y=0.0, sigma_w=1.0), bs.Prior(sigma_x0=1.0))
+    names = {s.name: s.unit for s in chain("displacement").outputs}
+    recording = bs.from_arrays(y=np.zeros((5, 3)), dt=SAMPLING, inputs={}, outputs=names)
+    with pytest.raises(TuningError, match=r"no slope .* smooth with EKF or IEKF"):
+        bs.smooth(ukf, chain("displacement"), recording)
 
 
 def beacon():

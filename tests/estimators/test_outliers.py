@@ -1,5 +1,6 @@
 """Rules for outliers against gated filters in NumPy, and what they promise of any estimator."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -188,29 +189,69 @@ def test_a_rule_that_can_never_act_is_told():
     [
         (bs.Luenberger(noise(RULES[1]), PRIOR, poles=(0.5, 0.6)), "has a constant gain"),
         (bs.KalmanFilter(noise(RULES[2]), PRIOR, steady_state=True), "has a constant gain"),
-        (bs.RecursiveMHE(noise(RULES[0]), PRIOR, N=4), "cannot weigh single samples"),
+        (bs.RecursiveMHE(noise(RULES[1]), PRIOR, N=4), "cannot weigh single samples"),
+        (bs.RecursiveMHE(noise(RULES[0]), PRIOR, N=4, alpha=0.5), "not right after a sample"),
+        (bs.HGO(noise(RULES[2]), PRIOR, gain=20.0), "cannot weigh single samples"),
         (
             bs.CompressiveSensingMHE(noise(RULES[0]), PRIOR, forces=("F",), lam=1.0),
             "would take hits for outliers",
         ),
     ],
-    ids=["luenberger", "steady", "rmhe", "csmhe"],
+    ids=["luenberger", "steady", "rmhe", "rmhe exact", "hgo", "csmhe"],
 )
 def test_what_cannot_follow_a_rule_says_so(estimator, reason):
     with pytest.raises(TuningError, match=reason):
         estimator.compile(plant(), DT)
 
 
-@pytest.mark.parametrize("steady", [True, False])
-def test_a_gate_goes_with_a_constant_gain(steady):
-    gate = noise(RULES[0])
-    estimator = (
-        bs.KalmanFilter(gate, PRIOR, steady_state=True)
-        if steady
-        else bs.Luenberger(gate, PRIOR, poles=(0.5, 0.6))
-    )
+GIVEN_GAINS = {
+    "steady": lambda n: bs.KalmanFilter(n, PRIOR, steady_state=True),
+    "luenberger": lambda n: bs.Luenberger(n, PRIOR, poles=(0.5, 0.6)),
+    "rmhe": lambda n: bs.RecursiveMHE(n, PRIOR, N=4),
+}
+
+
+@pytest.mark.parametrize("name", GIVEN_GAINS)
+def test_a_gate_goes_with_a_constant_gain(name):
+    estimator = GIVEN_GAINS[name](noise(RULES[0]))
     result = bs.estimate(estimator, plant(), MOTION.recording(MOTION.dirty), engine="vm")
     assert (result["weight"].values == 0)[MOTION.bad].all()
+
+
+OBSERVERS = {
+    "hgo": lambda n, prior: bs.HGO(n, prior, gain=20.0),
+    "ahg": lambda n, prior: bs.AHG(n, prior, Gamma=np.array([[5.0]]), gain=20.0),
+}
+
+
+@pytest.mark.parametrize("name", OBSERVERS)
+def test_a_gate_leaves_out_of_an_observer_what_was_not_measured(name):
+    """Outliers of a hundred deviations are gaps to it."""
+    rng, n = np.random.default_rng(5), 400
+    spring = bs.Model(
+        f=lambda x, u, p: [x.v, -p.k * x.q - 0.3 * x.v + u.F],
+        h=lambda x, u, p: [x.q],
+        states={"q": "m", "v": "m/s"},
+        inputs={"F": "N"},
+        outputs={"y": "m"},
+        parameters={"k": 9.0},
+    )
+    force = np.repeat(4 * rng.standard_normal(n // 10), 10)
+    clean = bs.simulate(spring, force, dt=0.01, sigma_y=5e-3, x0=[0.3, 0.0], seed=2)
+    bad = (rng.random(n) < 0.02) & (np.arange(n) > 60)  # the start is not known yet
+    dirty, gaps = clean.copy(deep=True), clean.copy(deep=True)
+    dirty["y"].values[bad, 0] += 0.5 * rng.choice([-1, 1], bad.sum())
+    gaps["y"].values[bad] = np.nan
+    model = bs.augment(spring, ["k"]) if name == "ahg" else spring
+    plain = bs.Noise(sigma_y=5e-3, sigma_w={"v": 1e-2})
+    gate = dataclasses.replace(plain, outliers=bs.settings.Gate(probability=1 - 1e-9))
+    prior = bs.Prior(sigma_x0=0.5)
+    kept, expected = (
+        bs.estimate(OBSERVERS[name](n, prior), model, recording, engine="vm")
+        for n, recording in ((gate, dirty), (plain, gaps))
+    )
+    assert np.array_equal(kept["weight"].values[:, 0] == 0, bad)
+    np.testing.assert_allclose(kept["x_hat"], expected["x_hat"], atol=1e-12)
 
 
 @pytest.mark.parametrize(

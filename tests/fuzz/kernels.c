@@ -21,8 +21,8 @@ typedef void kernel(const int *, const real *const *, real *const *, real *, int
 typedef void work(const int *, long *, long *);
 
 #define KNOWN(name) kernel matrix_##name; work matrix_##name##_work
-KNOWN(cholesky); KNOWN(compress); KNOWN(downdate); KNOWN(gain); KNOWN(innovations);
-KNOWN(near); KNOWN(product); KNOWN(solve); KNOWN(triangle); KNOWN(turn);
+KNOWN(cholesky); KNOWN(compress); KNOWN(congruence); KNOWN(downdate); KNOWN(gain);
+KNOWN(innovations); KNOWN(near); KNOWN(product); KNOWN(solve); KNOWN(triangle); KNOWN(turn);
 
 /* Sizes of arguments and results, ended by -1; sizes[2] and [3] were drawn below 2. */
 static void shapes(int which, int *s, int *args, int *results)
@@ -33,7 +33,9 @@ static void shapes(int which, int *s, int *args, int *results)
     case 0: *a++ = n * n; *r++ = n * n; break;
     case 1: *a++ = n * m; *r++ = n * n; break;
     case 2: *a++ = n * n; *a++ = n; *r++ = n * n; *r++ = 1; break;
-    case 3: *a++ = n * m; *a++ = m * m; *a++ = m * m; *a++ = m; *r++ = n * m; *r++ = m * m; *r++ = m * m; break;
+    case 3:
+        *a++ = n * m; *a++ = m * m; *a++ = m * m; *a++ = m; if (s[2]) *a++ = n * n;
+        *r++ = n * m; *r++ = m * m; *r++ = m * m; if (s[2]) *r++ = n * n; break;
     case 4: *a++ = n * n; *a++ = n * n; *a++ = n; *a++ = 1; *r++ = 1; break;
     case 5: *a++ = n * s[2]; *a++ = s[2] * m; if (s[6]) *a++ = n * m; *r++ = n * m; break;
     case 6: *a++ = n * n; *a++ = n * m; *r++ = n * m; break;
@@ -42,6 +44,7 @@ static void shapes(int which, int *s, int *args, int *results)
         *a++ = n * n; *a++ = m * n; *a++ = n * n; *a++ = m * m; *a++ = n; *a++ = n * n;
         *a++ = n * s[2]; *a++ = m * s[2]; *a++ = m * s[2]; *a++ = s[2];
         *r++ = m * s[2]; *r++ = m * s[2]; *r++ = n; *r++ = n * n; break;
+    case 10: *a++ = n * n; *a++ = n * n; *a++ = n * n; *r++ = n * n; break;
     default: if (s[2]) s[1] = n; *a++ = n * s[1]; *r++ = n * s[1];
     }
     *a = *r = -1;
@@ -53,6 +56,7 @@ static const struct { kernel *run; work *need; } kernels[] = {
     {matrix_near, matrix_near_work}, {matrix_product, matrix_product_work},
     {matrix_solve, matrix_solve_work}, {matrix_triangle, matrix_triangle_work},
     {matrix_innovations, matrix_innovations_work}, {matrix_turn, matrix_turn_work},
+    {matrix_congruence, matrix_congruence_work},
 };
 
 #define KERNELS ((int)(sizeof kernels / sizeof kernels[0]))

@@ -7,6 +7,8 @@ from scipy.optimize import minimize
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import TuningError
 from backsight.estimators import EKF, IEKF, Noise, Prior
+from backsight.estimators.kalman import iekf
+from backsight.estimators.scaled import setting
 from backsight.models.model import Model
 from backsight.models.signals import Signal
 from backsight.schema import Status
@@ -167,3 +169,14 @@ def test_many_states():
 def test_wrong_settings(setting, message):
     with pytest.raises(TuningError, match=message):
         IEKF(**NEAR, **setting)
+
+
+@pytest.mark.parametrize(("length", "taken"), [(0.9e-6, True), (1.1e-6, False)])
+def test_the_last_step_is_taken_though_rounding_raises_the_cost(length, taken):
+    """So short a step changes the cost by 1e-12, which is less than what it rounds to."""
+    s = setting(distances(), PERIOD, **NEAR, integrator=Integrator())
+    judge = iekf._judge(s, 1e-6)
+    go, w, _, J, t = judge(1, [0, 0], [9, 9], 1.0, 1.0, [1, 2], 1.0 + 1e-10, length)
+    assert float(go) == (not taken)
+    assert (float(w[1]), float(J)) == ((2.0, 1.0 + 1e-10) if taken else (0.0, 1.0))
+    assert float(t) == (1.0 if taken else 0.5)

@@ -206,8 +206,25 @@ def gain_of(PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.M
     nx, ny = PHt.shape
     outputs = [(nx, ny), (ny, ny), (ny, ny)]
     inputs = [PHt, HPHt, R, mask]
-    K, S, N = foreign.call("matrix_gain", (nx, ny), inputs=inputs, outputs=outputs)
+    K, S, N = foreign.call("matrix_gain", (nx, ny, 0), inputs=inputs, outputs=outputs)
     return K, S, N
+
+
+def corrected_of(
+    P: ca.MX, PHt: ca.MX, HPHt: ca.MX, R: ca.MX, mask: ca.MX
+) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
+    """Covariance (nx, nx) after a measurement, symmetric as P, and what `gain_of` gives."""
+    nx, ny = PHt.shape
+    outputs = [(nx, ny), (ny, ny), (ny, ny), (nx, nx)]
+    inputs = [PHt, HPHt, R, mask, P]
+    K, S, N, after = foreign.call("matrix_gain", (nx, ny, 1), inputs=inputs, outputs=outputs)
+    return after, K, S, N
+
+
+def congruence_of(A: ca.MX, P: ca.MX, Q: ca.MX) -> ca.MX:
+    """A P A' + Q of a dense A and symmetric P and Q (n, n); as symmetric."""
+    n = A.shape[0]
+    return foreign.call("matrix_congruence", (n,), inputs=[A, P, Q], outputs=[(n, n)])[0]
 
 
 def near_to(A: ca.MX, B: ca.MX, size: np.ndarray, most: float) -> ca.MX:

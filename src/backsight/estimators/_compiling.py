@@ -142,7 +142,7 @@ class Compilable(Description, abc.ABC):
         Virtual outputs, sensors at the end of their range, angles that start anew after a turn, and
         the rule for outliers, which adds the channel ``weight``. Errors are those of `build`.
         """
-        if (rule := self.outliers) is not None and (problem := self._refusal(rule)):
+        if (rule := self.outliers) is not None and (problem := self.unfit_for(rule)):
             raise TuningError(problem)
         noise = getattr(self, "noise", None)
         able = () if self.constant_gain else self.varies_noise
@@ -183,7 +183,7 @@ class Compilable(Description, abc.ABC):
             passes = method.both_ways(inner, dt, covariance=covariance)
             return dataclasses.replace(passes, backward=in_their_units(passes.backward, at))
         rule = self.outliers
-        if rule is not None and (problem := self._refusal(rule)):
+        if rule is not None and (problem := self.unfit_for(rule)):
             raise TuningError(problem)
         method, wide = self.widened(model, dt)
         found = method.smoother(wide, dt, covariance="full" if wide.virtual else covariance)
@@ -260,22 +260,18 @@ class Compilable(Description, abc.ABC):
         x0, still = self.assumed[1].mean(model)[None], np.zeros((1, model.nu))
         return bool(complaint(chosen, lambda: modes_at(model, x0, still), dt=dt))
 
-    def _refusal(self, rule: AbstractOutlierRule) -> str:
+    def unfit_for(self, rule: AbstractOutlierRule) -> str:
         """Why the estimator cannot follow a rule for outliers; empty if it can."""
         kind = type(rule).__name__
         if self.seeks_surprises:
             return f"outliers = {kind}() would take hits for outliers; weigh by sigma_factor"
-        if not self.weighs:
-            return (
-                f"{self.title} cannot weigh single samples, which outliers = {kind}() needs; use "
-                "an estimator that can, such as EKF"
-            )
-        if self.constant_gain and not rule.leaves_out:
-            return (
-                f"{self.title} has a constant gain, which the weights of {kind}() cannot change; "
-                "use Gate(), or an estimator that computes its gain, such as KalmanFilter"
-            )
-        return ""
+        if rule.leaves_out or (self.weighs and not self.constant_gain):
+            return ""  # what is left out is as if not measured, which every estimator knows
+        cannot = "has a constant gain, which cannot" if self.constant_gain else "cannot"
+        return (
+            f"{self.title} {cannot} weigh single samples, which outliers = {kind}() needs; use "
+            "Gate(), or an estimator that computes its gain, such as KalmanFilter or EKF"
+        )
 
     @abc.abstractmethod
     def build(self, model: Model, dt: float) -> Recursion:

@@ -13,6 +13,10 @@ struct blas_table {
         const int *, const double *, const int *, const double *, double *, const int *);
     void (*trsm)(const char *, const char *, const char *, const char *, const int *, const int *,
         const double *, const double *, const int *, double *, const int *);
+    void (*trmm)(const char *, const char *, const char *, const char *, const int *, const int *,
+        const double *, const double *, const int *, double *, const int *);
+    void (*syrk)(const char *, const char *, const int *, const int *, const double *,
+        const double *, const int *, const double *, double *, const int *);
     void (*potrf)(const char *, const int *, double *, const int *, int *);
     void (*geqrf)(const int *, const int *, double *, const int *, double *, double *, const int *,
         int *);

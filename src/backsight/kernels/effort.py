@@ -52,9 +52,14 @@ def _downdate(n: int) -> KernelWork:
     return KernelWork(5 * n + 5 * apart, 2 * n + apart, n)
 
 
-def _gain(nx: int, ny: int) -> KernelWork:
+def _gain(nx: int, ny: int, corrected: int) -> KernelWork:
     of_pairs = KernelWork(12 * ny * ny, 2 * ny * ny)
-    return of_pairs + _factor(ny) + KernelWork(2 * nx * ny) + 2 * _divide(ny, nx)
+    after = KernelWork(corrected * nx * (nx + 1) * (ny + 1))
+    return of_pairs + _factor(ny) + KernelWork(2 * nx * ny) + 2 * _divide(ny, nx) + after
+
+
+def _congruence(n: int) -> KernelWork:
+    return KernelWork(2 * n**3 + n * n + n * n * (n + 1))
 
 
 def _near(n: int) -> KernelWork:
@@ -86,6 +91,7 @@ KERNELS: dict[str, Callable[..., KernelWork]] = {
     "cs_window_stages": stages_effort,
     "matrix_cholesky": _cholesky,
     "matrix_compress": _compress,
+    "matrix_congruence": _congruence,
     "matrix_downdate": _downdate,
     "matrix_gain": _gain,
     "matrix_innovations": _innovations,

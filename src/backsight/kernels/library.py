@@ -156,7 +156,10 @@ def _loaded(file: Path, expected: str) -> ctypes.CDLL:
     return library
 
 
-BLAS = {"gemm": "blas", "gemv": "blas", "trsm": "blas", "potrf": "lapack", "geqrf": "lapack"}
+BLAS = {
+    "gemm": "blas", "gemv": "blas", "trsm": "blas", "trmm": "blas", "syrk": "blas",
+    "potrf": "lapack", "geqrf": "lapack",
+}  # fmt: skip
 """Functions in the order of blas.h, and which of SciPy's modules has them."""
 
 

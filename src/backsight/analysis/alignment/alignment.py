@@ -27,6 +27,9 @@ MUCH = 100.0
 PARTLY = 0.25
 """Fraction of a sample that is worth mentioning."""
 
+SURE = 5.0
+"""Standard deviations from which on a delay of a part of a sample is none by chance."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Alignment(Printed):
@@ -51,6 +54,9 @@ class Alignment(Printed):
         Delay of y with fractions of a sample and its standard deviation, where it can be told.
     channels : tuple of (str, Alignment)
         What was found with each output moved by itself, if there are several.
+    explained : bool
+        Whether the recording is explained without a shift: by parameters from another start, or by
+        another estimator.
     """
 
     shifts: tuple[int, ...]
@@ -61,6 +67,7 @@ class Alignment(Printed):
     ratios: tuple[Ratio, ...]
     fine: tuple[float, float] | None = None
     channels: tuple[tuple[str, "Alignment"], ...] = ()
+    explained: bool = False
 
     @property
     def best(self) -> int:
@@ -77,7 +84,7 @@ class Alignment(Printed):
     @property
     def single(self) -> bool:
         """Whether moving one output explains more than moving all of them."""
-        gains = [max(a.likelihood) for _, a in self.channels if a.late]
+        gains = [max(a.likelihood) for _, a in self.channels if a.late and not self.explained]
         return bool(gains) and max(gains) > (max(self.likelihood) if self.late else 0.0)
 
     @property
@@ -109,7 +116,7 @@ class Alignment(Printed):
     @property
     def late(self) -> bool:
         """Whether another shift is better for certain, even if it may be that of the search."""
-        return bool(self.shifts) and self._certain(self.best)
+        return bool(self.shifts) and self._certain(self.best) and not self.explained
 
     def remedies(self, dt: float) -> list[str]:
         """What to put into a problem file, a line each, where a delay is certain; `dt` is in s."""
@@ -154,6 +161,11 @@ class Alignment(Printed):
             return "Alignment of y and u: not judged, the model has no input or the run diverged."
         if self.delay:
             return self._misaligned()
+        if self.explained:
+            return (
+                "Alignment of y and u: cannot be told; without a shift other parameters explain "
+                "it, or those found have no meaning: narrow the prior, or use positive = true."
+            )
         if self._certain(self.best):
             return (
                 f"Alignment of y and u: the prediction is best with y shifted by {-self.best:+d} "
@@ -161,7 +173,7 @@ class Alignment(Printed):
                 "model lacks."
             )
         if not self.aligned:
-            return "Alignment of y and u: cannot be told from this recording, shifts fit equally."
+            return self._between()
         times = significant(min(self._worse(-1), self._worse(1), MUCH), 2)
         text = (
             "y and u are aligned: one sample more or less makes the innovations at least "
@@ -175,6 +187,18 @@ class Alignment(Printed):
         return (
             f"{text}, though y may be about {part:.2g}{band} of a sample {word}: is the input held "
             "between samples or interpolated, as the estimators assume?"
+        )
+
+    def _between(self) -> str:
+        """What is to be said where two whole shifts fit equally."""
+        if self.fine is None or not SURE * self.fine[1] < abs(self.fine[0]) < 1:
+            return "Alignment of y and u: cannot be told from this recording, shifts fit equally."
+        part, band = abs(self.fine[0]), significant(self.fine[1], 1)
+        word = "late" if self.fine[0] > 0 else "early"
+        return (
+            f"y is probably {part:.2f} ± {band} of a sample {word}, between two whole shifts: is "
+            "the input held between samples or interpolated, as the estimators assume? Otherwise "
+            "give the outputs this delay, in seconds."
         )
 
     def _worse(self, shift: int) -> float:
@@ -238,36 +262,6 @@ def decide(
         parts=parts,
         ratios=ratios,
     )
-
-
-def vertex(scores: Mapping[float, Array]) -> tuple[float, float] | None:
-    """Delay with fractions by Newton's step on the likelihood, and its standard deviation.
-
-    Parameters
-    ----------
-    scores : dict
-        Delays in equal steps of a fraction of a sample to the log-likelihood of every sample.
-
-    Returns
-    -------
-    (float, float) or None
-        None if the likelihood has no maximum inside.
-    """
-    delays = sorted(scores)
-    top = max(range(len(delays)), key=lambda i: float(scores[delays[i]].mean()), default=0)
-    if not 0 < top < len(delays) - 1:
-        return None
-    at, h = delays[top], delays[top + 1] - delays[top]
-    before, here, after = (scores[delays[i]] for i in (top - 1, top, top + 1))
-    bend = -float((before - 2 * here + after).mean()) / h**2
-    slopes = np.array([p.mean() for p in np.array_split((after - before) / (2 * h), PARTS)])
-    if not bend > 0:
-        return None
-    step, std = slopes.mean() / bend, slopes.std(ddof=1) / math.sqrt(PARTS) / bend
-    if not std < 0.5:
-        return None
-    # How sharp the maximum is between the points is not known better than a part of their distance.
-    return at + float(step), math.hypot(float(std), 0.1 * h)
 
 
 def _alone(name: str, found: Alignment) -> str:

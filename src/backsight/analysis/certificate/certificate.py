@@ -77,6 +77,8 @@ class Certificate(Printed):
         Largest difference that counts as none, of estimates; `LOST` times as much of covariances.
     left_out : tuple of str
         What of the estimator and its model the comparison does without.
+    rounding : float
+        The last digit of the largest state, in standard deviations: no difference is known better.
     """
 
     estimator: str
@@ -89,6 +91,7 @@ class Certificate(Printed):
     at: dict[str, float]
     tolerance: float
     left_out: tuple[str, ...] = ()
+    rounding: float = 0.0
 
     @property
     def holds(self) -> bool:
@@ -109,9 +112,13 @@ class Certificate(Printed):
             return False
         if self.equal(claim):
             return self.references <= self.tolerance
-        apart = claim.estimates > max(MARGIN * self.references, self.tolerance)
+        apart = claim.estimates > max(MARGIN * self._known(), self.tolerance)
         spread = claim.covariances > LOST * max(MARGIN * self.references, self.tolerance)
         return apart or spread
+
+    def _known(self) -> float:
+        """How well differences of estimates are known."""
+        return max(self.references, self.rounding)
 
     def verdict(self, claim: Claim) -> str:
         """``equal``, ``differs`` or ``cannot tell``."""
@@ -128,7 +135,7 @@ class Certificate(Printed):
             return [
                 f"Whether {self.estimator}{with_own} equals the {named} and the full-information "
                 f"estimate cannot be told: on the linearised model these two differ by "
-                f"{self.references:.1e} standard deviations, by rounding alone, and the estimator "
+                f"{self._known():.1e} standard deviations, by rounding alone, and the estimator "
                 f"from them by {own.estimates:.1e}. A mode that grows or is much faster than the "
                 "sampling, or scales far apart, are the usual reasons.",
                 *self._without(),

@@ -44,10 +44,11 @@ class Precision(Description):
 
     def number(self, value: float) -> str:
         """Write a constant."""
+        wide = "(double)" if self.name == "double" else ""  # INFINITY and NAN are floats
         if math.isnan(value):
-            return "NAN"
+            return f"{wide}NAN"
         if math.isinf(value) or (self.name == "float" and abs(value) > 3.4e38):
-            return "INFINITY" if value > 0 else "(-INFINITY)"
+            return f"{wide}INFINITY" if value > 0 else f"(-{wide}INFINITY)"
         digits = repr(float(value)) if self.name == "double" else f"{value:.9g}"
         text = digits if any(c in digits for c in ".e") else f"{digits}.0"
         return f"({text}{self.suffix})" if value < 0 else text + self.suffix
@@ -79,9 +80,7 @@ def write_c99_leaf(leaf: Leaf, real: str, kind: Precision) -> str:
 def _expression(operation: Operation, inputs: list[str], values: list[str], kind: Precision) -> str:
     what = operation.kind
     if what == "const":
-        # INFINITY and NAN are floats.
-        wide = kind.name == "double" and not math.isfinite(operation.value)
-        return f"(double){kind.number(operation.value)}" if wide else kind.number(operation.value)
+        return kind.number(operation.value)
     if what == "input":
         argument, number = operation.arguments
         return f"{inputs[argument]}[{number}]"

@@ -13,7 +13,7 @@ from backsight.engine.loops import scan
 from backsight.estimators.cs_mhe._arrival import LinearArrival, counted
 from backsight.estimators.cs_mhe._limits import NO_LIMIT, limited_sample
 from backsight.estimators.cs_mhe._tables import Tables
-from backsight.estimators.cs_mhe.refinement import Refinement, kernel_numbers, kernel_sizes
+from backsight.estimators.cs_mhe.refinement import Refinement, kernel_numbers, sizes_of
 from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.covariance import Term
 from backsight.estimators.parts.limits import Limits
@@ -107,7 +107,7 @@ class Solver:
     refinement : Reweighting or Exchanges, optional
         What follows the l1 norm.
     group : (atoms steps,) array, optional
-        See `atom_groups`; every atom by itself if not given.
+        See `groups_of`; every atom by itself if not given.
     """
 
     forced: Forced
@@ -148,7 +148,7 @@ class Solver:
         bounded = bool(limits or self.caps.min() < NO_LIMIT)
         known = nx, ny, t.modal, width, atoms, t.steps, self.N, nf, most, *options
         kinds = limits, int(bounded), int(not t.full), int(self.side.any())
-        return *known, *kinds, *kernel_sizes(self.refinement)
+        return *known, *kinds, *sizes_of(self.refinement)
 
     def solve(
         self,

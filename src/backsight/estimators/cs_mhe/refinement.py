@@ -94,7 +94,7 @@ class Exchanges(Description):
 Refinement = Reweighting | Exchanges
 
 
-def kernel_sizes(refinement: Refinement | None) -> tuple[int, int]:
+def sizes_of(refinement: Refinement | None) -> tuple[int, int]:
     """Passes with other weights, and most atoms of a window, as the kernel counts them."""
     match refinement:
         case Reweighting(passes=passes):
@@ -129,7 +129,7 @@ def faults_of(
         )
 
 
-def atom_groups(
+def groups_of(
     refinement: Refinement | None,
     forces: Sequence[str],
     dictionary: AbstractDictionary,

@@ -47,9 +47,9 @@ def extended_step(found: Forces) -> ca.Function:
     """
     s = found.system.s
     nx, ny, nu, m = s.model.nx, s.model.ny, found.nu, len(found.names)
-    look, gains = _look(found), _gains(found)
+    seen, gains = without_forces(found), _gains(found)
     over = over_sample(s.integrator, s.model, s.dt)
-    inputs = _inputs(found)
+    inputs = all_inputs(found)
 
     def ahead(joint: Term, A: Term, E: Term) -> Results:
         by = ca.horzcat(A, E if found.direct else 0 * E)
@@ -63,15 +63,15 @@ def extended_step(found: Forces) -> ca.Function:
 
     together = half("joint_input_both", s, both, {"T": (nx + m, nx), "V": (nx + m, nx + m)})
 
-    def seen(P: Term, C: Term) -> Results:
+    def shown(P: Term, C: Term) -> Results:
         return {"PCt": ca.densify(times_transposed(P, C))}
 
-    with_outputs = half("joint_input_seen", s, seen, {"C": (ny, nx), "PCt": (nx, ny)})
+    with_outputs = half("joint_input_seen", s, shown, {"C": (ny, nx), "PCt": (nx, ny)})
 
     x, P = ca.MX.sym("x", nx), ca.MX.sym("P", with_outputs.size1_in(0))
     E, started = ca.MX.sym("E", nx, m), ca.MX.sym("started")
     u, y, mask = ca.MX.sym("u", nu), ca.MX.sym("y", ny), ca.MX.sym("mask", ny)
-    C, F, missed = look(x, u, y)
+    C, F, missed = seen(x, u, y)
     PCt = with_outputs(P, C)
     known = named_results(gains, x, C, F, E, PCt, started, missed, mask)
     joint = together(P, known["T"], known["V"])
@@ -99,7 +99,7 @@ def extended_step(found: Forces) -> ca.Function:
     )
 
 
-def _inputs(found: Forces) -> ca.Function:
+def all_inputs(found: Forces) -> ca.Function:
     """``(u, d) -> v``: all inputs of the model, scaled."""
     s, nu = found.system.s, found.nu
     u, d = ca.SX.sym("u", nu), ca.SX.sym("d", len(found.names))
@@ -107,13 +107,13 @@ def _inputs(found: Forces) -> ca.Function:
     return ca.Function("all_inputs", [u, d], [v])
 
 
-def _look(found: Forces) -> ca.Function:
+def without_forces(found: Forces) -> ca.Function:
     """``(x, u, y) -> (C, F, e)``: outputs at the prior without forces, and their derivatives."""
     s, nu, m = found.system.s, found.nu, len(found.names)
 
     def formula(x: ca.SX, u: ca.SX, y: ca.SX) -> Results:
         d = ca.SX.sym("d", m)
-        expected = s.model.output(x, _inputs(found)(u, d))
+        expected = s.model.output(x, all_inputs(found)(u, d))
         slopes = [ca.jacobian(expected, x), ca.jacobian(expected, d), expected]
         C, F, y_prior = (ca.densify(ca.substitute(k, d, ca.SX.zeros(m))) for k in slopes)
         return {"C": C, "F": F, "missed": y / s.sy - y_prior}

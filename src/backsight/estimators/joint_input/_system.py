@@ -100,6 +100,21 @@ def forces_of(system: Linear, names: tuple[str, ...]) -> Forces:
     )
 
 
+def comparable(found: Forces) -> tuple[Array, Array]:
+    """Weights by which rows of outputs can be compared, and `Forces.H` with them.
+
+    Its columns have the length one.
+
+    A sensor with noise is scaled by it, one without by nothing: each by what the prior lets expect.
+    """
+    s, C = found.system.s, found.system.C
+    expected = np.sqrt(np.diag(s.R + C @ s.P0 @ C.T))
+    rows = 1 / np.where(expected > 0, expected, 1.0)
+    columns = 1 / np.linalg.norm(rows[:, None] * found.H, axis=0)
+    weights = np.asarray(np.outer(rows, columns), float)
+    return weights, weights * found.H
+
+
 def _check_rank(E: Array, F: Array, H: Array, names: tuple[str, ...]) -> None:
     ny, m = H.shape
     listed = f"{m} forces ({', '.join(names)})"

@@ -13,18 +13,20 @@ from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.around.virtual import CROSS
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread
+from backsight.estimators.joint_input._exact import exact_extended_step, exact_step, spread_of_prior
 from backsight.estimators.joint_input._extended import at_prior, extended_step
 from backsight.estimators.joint_input._reused import joint_limit, reusing_joint
 from backsight.estimators.joint_input._smoothing import joint_passes
 from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
+from backsight.estimators.kalman.exact_sensors import exact_sensors
 from backsight.estimators.kalman.square_root import refuse_too_wide
-from backsight.estimators.parts.covariance import Covariance, Term
+from backsight.estimators.parts.covariance import Term
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.memory import Memory
-from backsight.estimators.scaled import setting
+from backsight.estimators.scaled import Setting, setting
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.forces.unknown_forces import forces_as_inputs
 from backsight.models.lti import bent
@@ -73,7 +75,7 @@ class JointInput(AbstractEstimator):
     sigma_force : dict or number, optional
         Standard deviation per sample, as white noise, of the forces at samples whose measurements
         do not determine them [their unit]; by default 1e4 times what the noise of the sensors alone
-        would make of it.
+        would make of it, with sensors that have none, what it and the prior would.
     gain : {"converged", "exact"}
         Of linear models with more than a dozen states, as for `KalmanFilter`.
 
@@ -86,7 +88,8 @@ class JointInput(AbstractEstimator):
     Rows that were not measured are left out. If those that remain do not determine all forces, the
     forces of this sample get the mean zero and the standard deviation `sigma_force`; the
     covariances count that, and the status says *unobserved*. The same is said of the force before
-    the first sample, without a status.
+    the first sample, without a status. Sensors may have no noise (``sigma_y = 0``): see
+    `backsight.estimators.joint_input._exact`.
 
     References
     ----------
@@ -133,7 +136,8 @@ class JointInput(AbstractEstimator):
             return _extended(self.key, forces, cross=model.virtual is not None)
         forces = self._forces(model, dt)
         refuse_too_wide(forces.system.s, "JointInput")
-        ends = joint_limit(forces) if self.gain == "converged" else None
+        exact = self.gain == "exact" or exact_sensors(forces.system.s)
+        ends = None if exact else joint_limit(forces)
         if ends is not None:
             channels = _channels(forces, cross=model.virtual is not None)
             return reusing_joint(self.key, forces, ends, _data(forces), channels)
@@ -161,14 +165,17 @@ class JointInput(AbstractEstimator):
             raise TuningError("a nonlinear model needs inputs that are held: hold = 'zoh'")
         joined = self._joined(model)
         s = setting(
-            joined, dt, noise=self.noise, prior=self.prior, integrator=Integrator(hold=self.hold)
-        )
+            joined, dt, noise=self.noise, prior=self.prior, integrator=Integrator(hold=self.hold),
+            noiseless=True,
+        )  # fmt: skip
         found = forces_of(at_prior(s), self.forces)
         return dataclasses.replace(found, spread=self._spread(found, joined))
 
     def _forces(self, model: Model, dt: float) -> Forces:
         joined = self._joined(model)
-        system = linear(joined, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+        system = linear(
+            joined, dt, noise=self.noise, prior=self.prior, hold=self.hold, noiseless=True
+        )
         check_sampling(joined, dt)
         found = forces_of(system, self.forces)
         return dataclasses.replace(found, spread=self._spread(found, joined))
@@ -176,7 +183,8 @@ class JointInput(AbstractEstimator):
     def _spread(self, found: Forces, joined: Model) -> Array:
         """Covariance of forces that the measurements do not determine, scaled, (m, m)."""
         if self.sigma_force is None:
-            information = found.H.T @ np.linalg.solve(found.system.s.R, found.H)
+            R = _of_sensors(found.system.s, found.system.C)
+            information = found.H.T @ np.linalg.solve(R, found.H)
             return np.asarray(UNKNOWN**2 * np.linalg.inv(information), float)
         signals = joined.inputs[-len(self.forces) :]
         missing = np.full(len(signals), np.nan)
@@ -190,12 +198,26 @@ class JointInput(AbstractEstimator):
         return np.diag((sigma / found.unit) ** 2)
 
 
+def _of_sensors(s: Setting, C: Array) -> Array:
+    """Covariance of the sensors, scaled; where some are exact, variances with the prior's."""
+    if not exact_sensors(s):
+        return s.R
+    shown = np.diag(s.R + C @ s.P0 @ C.T)
+    if not (shown > 0).all():
+        raise TuningError(
+            "sensors have no noise and the prior says exactly what they will show: give "
+            "sigma_force, the standard deviation of a force that is not seen"
+        )
+    return np.diag(shown)
+
+
 def _recursion(name: str, found: Forces, *, cross: bool) -> Recursion:
     """The filter; with the channel `CROSS` if virtual outputs need it."""
-    s, kept = found.system.s, Covariance(found.system.s.model.nx)
-    m = Memory(x=s.x0, P=kept.kept(s.P0), started=0)
+    s = found.system.s
+    m = Memory(x=s.x0, P=spread_of_prior(s), started=0)
     data = _data(found)
-    now = named_results(step(found), m.x, m.P, m.started, *data)
+    go = exact_step(found) if exact_sensors(s) else step(found)
+    now = named_results(go, m.x, m.P, m.started, *data)
     after = {"x": now["x_next"], "P": now["P_next"], "started": 1}
     outputs, channels = _outputs(found, now, cross=cross), _channels(found, cross=cross)
     return m.recursion(name, data, next=after, outputs=outputs, channels=channels, dt=s.dt)
@@ -203,10 +225,11 @@ def _recursion(name: str, found: Forces, *, cross: bool) -> Recursion:
 
 def _extended(name: str, found: Forces, *, cross: bool) -> Recursion:
     """The recursion of a nonlinear model, see `_recursion`."""
-    s, kept = found.system.s, Covariance(found.system.s.model.nx)
-    m = Memory(x=s.x0, P=kept.kept(s.P0), E=np.zeros(found.E.shape), started=0)
+    s = found.system.s
+    m = Memory(x=s.x0, P=spread_of_prior(s), E=np.zeros(found.E.shape), started=0)
     data = _data(found)
-    now = named_results(extended_step(found), m.x, m.P, m.E, m.started, *data)
+    go = exact_extended_step(found) if exact_sensors(s) else extended_step(found)
+    now = named_results(go, m.x, m.P, m.E, m.started, *data)
     after = {"x": now["x_next"], "P": now["P_next"], "E": now["E_next"], "started": 1}
     outputs, channels = _outputs(found, now, cross=cross), _channels(found, cross=cross)
     return m.recursion(name, data, next=after, outputs=outputs, channels=channels, dt=s.dt)

@@ -118,9 +118,12 @@ def _judge(s: Setting, tolerance: float) -> ca.Function:
         weight = 2 * ca.norm_inf(multipliers)
         now = (ca.sumsqr(z) + ca.sumsqr(n)) / 2 + weight * ca.norm_1(violated)
         then = (ca.sumsqr(z_try) + ca.sumsqr(n_try)) / 2 + weight * ca.norm_1(violated_try)
-        good = ca.logic_or(begun < 1, then <= now + ROUNDING * (now + weight * size))
+        # The last step is shorter than what the cost resolves, as in `IEKF`.
+        more = ca.norm_2(z_next - z) > tolerance
+        better = then <= now + ROUNDING * (now + weight * size)
+        good = ca.logic_or(ca.logic_or(begun < 1, better), ca.logic_not(more))
         return {
-            "go": ca.norm_2(z_next - z) > tolerance if tolerance > 0 else go,
+            "go": more if tolerance > 0 else go,
             "z": ca.if_else(good, z_try, z),
             "n": ca.if_else(good, n_try, n),
             "z_last": ca.if_else(good, z, z_last),

@@ -10,11 +10,7 @@ from backsight.algebra.update import masked
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.dense import product_of
 from backsight.engine.loops import scan
-from backsight.estimators.kalman.exact_sensors import (
-    exact_sensors,
-    refuse_many_states,
-    telling,
-)
+from backsight.estimators.kalman.exact_sensors import exact_sensors, telling
 from backsight.estimators.kalman.prediction import sensitivity
 from backsight.estimators.kalman.square_root import noise_drowns, opened_factor
 from backsight.estimators.parts.covariance import Covariance, matrix_product, transposed
@@ -86,7 +82,6 @@ def _looks(
 ) -> Linearised:
     """How outputs are seen, and what is gathered on the way back."""
     if exact_sensors(s):
-        refuse_many_states(s)
         rows = seen_exactly(s, halves.innovation, at=at)
         return Linearised(root=opened_factor(s), ahead=ahead, seen=rows, gathers="equations")
     gathers = "root" if noise_drowns(s) else "information"

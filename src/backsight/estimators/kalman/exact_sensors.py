@@ -13,9 +13,6 @@ import dataclasses
 import casadi as ca
 
 from backsight.algebra.update import measured
-from backsight.engine.dense import UNROLL
-from backsight.errors import TuningError
-from backsight.estimators.parts.covariance import Covariance
 from backsight.estimators.parts.filtering import Halves
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, leaf, notation
@@ -33,16 +30,6 @@ rounding."""
 def exact_sensors(s: Setting) -> bool:
     """Whether a combination of the outputs is measured without noise."""
     return any(covariance_faults(s.R, what="R", singular=False))
-
-
-def refuse_many_states(s: Setting) -> None:
-    """Raise `TuningError` where straight-line code would be too long."""
-    if Covariance(s.model.nx).whole:
-        raise TuningError(
-            f"the model has {s.model.nx} states, and sensors have no noise (sigma_y = 0, a "
-            f"singular R): that can be smoothed with up to {UNROLL} states; give the sensors a "
-            "small sigma_y, or smooth by solve_window with an MHE"
-        )
 
 
 def with_exact_sensors(s: Setting, halves: Halves) -> Halves:

@@ -222,9 +222,12 @@ def _judge(s: Setting, tolerance: float) -> ca.Function:
         go: ca.SX, w: ca.SX, w_last: ca.SX, J: ca.SX, t: ca.SX,
         w_try: ca.SX, J_try: ca.SX, length: ca.SX,
     ) -> Results:  # fmt: skip
-        good = ca.logic_or(J >= UNKNOWN, J_try <= (1 + ROUNDING) * J)
+        # The last step is shorter than what the cost resolves: rounding must not decide.
+        more = length > tolerance
+        better = J_try <= (1 + ROUNDING) * J
+        good = ca.logic_or(ca.logic_or(J >= UNKNOWN, better), ca.logic_not(more))
         return {
-            "go": length > tolerance if tolerance > 0 else go,
+            "go": more if tolerance > 0 else go,
             "w": ca.if_else(good, w_try, w),
             "w_last": ca.if_else(good, w, w_last),
             "J": ca.if_else(good, J_try, J),

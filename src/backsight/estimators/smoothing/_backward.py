@@ -14,7 +14,7 @@ from backsight.estimators.parts.covariance import (
     transposed,
 )
 from backsight.estimators.parts.factors import on_top
-from backsight.estimators.parts.leaf import Results, Symmetric, half, leaf, notation
+from backsight.estimators.parts.leaf import Results, Symmetric, half
 from backsight.estimators.scaled import Setting
 from backsight.estimators.smoothing._equations import estimated, joined, through_noise
 from backsight.estimators.smoothing.information import carried_back, combined_with, noise_passed
@@ -159,31 +159,32 @@ def _back_by_equations(s: Setting, seen: Linearised) -> ca.Function:
     """
     nx, ny, q = s.model.nx, s.model.ny, seen.noises
     sizes = {
-        **notation(s), "A": (nx, nx), "N": (nx, nx), "zeta": nx, "G": (nx, q), "Ht": (nx, ny),
+        "A": (nx, nx), "N": (nx, nx), "zeta": nx, "F": (nx, nx), "G": (nx, q), "Ht": (nx, ny),
         "noise": (ny, ny), "L": (nx, nx), "Tt": (nx, nx),
     }  # fmt: skip
 
     def moved(
-        A: ca.SX, N: ca.SX, zeta: ca.SX, x_prior: ca.SX, x_post: ca.SX, L: ca.SX, Ht: ca.SX,
-        e: ca.SX, noise: ca.SX, F: ca.SX, G: ca.SX,
+        A: Term, N: Term, zeta: Term, x_prior: Term, x_post: Term, L: Term, Ht: Term, e: Term,
+        noise: Term, F: Term, G: Term,
     ) -> Results:  # fmt: skip
         # 1. What the samples ahead tell of the state after this one's measurement.
-        N, A = through_noise(A, N, G), A @ F
+        N, A = through_noise(A, N, G), matrix_product(A, F)
         # 2. The smoothed estimate.
         x, Tt = estimated(x_post, L, A, N, zeta)
         # 3. Together with this sample's measurement, as deviations from its prior.
-        zeta = zeta + A @ (x_post - x_prior)
-        A, N, zeta = joined(A, N, zeta, H=Ht.T, noise=noise, e=e)
+        zeta = zeta + matrix_product(A, x_post - x_prior)
+        A, N, zeta = joined(A, N, zeta, H=transposed(Ht), noise=noise, e=e)
         return {"A": A, "N": N, "zeta": zeta, "x": x, "Tt": Tt}
 
     if seen.constant is None:
-        return leaf("smoothed_sample", sizes, moved)
-    F, G = (ca.SX(ca.DM(k)) for k in seen.constant)
+        return half("smoothed_sample", s, moved, sizes)
+    F, G = map(ca.DM, seen.constant)
 
     def fixed(
-        A: ca.SX, N: ca.SX, zeta: ca.SX, x_prior: ca.SX, x_post: ca.SX, L: ca.SX, Ht: ca.SX,
-        e: ca.SX, noise: ca.SX,
+        A: Term, N: Term, zeta: Term, x_prior: Term, x_post: Term, L: Term, Ht: Term, e: Term,
+        noise: Term,
     ) -> Results:  # fmt: skip
-        return moved(A, N, zeta, x_prior, x_post, L, Ht, e, noise, F, G)
+        kind = type(A)
+        return moved(A, N, zeta, x_prior, x_post, L, Ht, e, noise, kind(F), kind(G))
 
-    return leaf("smoothed_sample", sizes, fixed)
+    return half("smoothed_sample", s, fixed, sizes)

@@ -21,12 +21,13 @@ typedef struct {
     real *L, *right;
     real *row, *goal; /* of the last atom that was tried; what is to be solved for */
     const real *X;
+    real *all; /* information about the factor of each, if everything else were known */
 } cs_window_active;
 
 static long cs_window_active_size(const cs_window_sizes *z)
 {
     const long all = z->nx + z->most, rows = z->nx * (1 + PLACES) + z->d;
-    return 2 * z->most + (z->most + 1) * rows + all * all + 3 * all;
+    return 3 * z->most + (z->most + 1) * rows + all * all + 3 * all;
 }
 
 static cs_window_active cs_window_room(const cs_window_sizes *z, real *w, int *iw)
@@ -46,7 +47,8 @@ static cs_window_active cs_window_room(const cs_window_sizes *z, real *w, int *i
     A.goal = A.row + all;
     A.a = A.goal + all;
     A.sign = A.a + z->most;
-    A.effect = A.sign + z->most;
+    A.all = A.sign + z->most;
+    A.effect = A.all + z->most;
     return A;
 }
 
@@ -113,8 +115,8 @@ static int cs_window_append(const cs_window_sizes *z, const cs_window_tables *ta
     cs_window_product(row + nx, -1, L + nx, A->stride, row, 1, s, nx);
     cs_window_forward(L, A->stride, row, nx, all);
     const real q = column < z->n ? prior->q[place] : prior->extra_q[place];
-    const real own =
-        q + cs_window_dot(values, effect + start, length) - cs_window_dot(row, row, nx);
+    A->all[s] = q + cs_window_dot(values, effect + start, length);
+    const real own = A->all[s] - cs_window_dot(row, row, nx);
     const real pivot = own - cs_window_dot(row + nx, row + nx, s);
     if (!(pivot > 4096 * real_epsilon * own)) return 0;
     const real inverse = 1 / real_sqrt(pivot);
@@ -140,6 +142,7 @@ static void cs_window_remove(const cs_window_tables *tab, cs_window_active *A, i
         A->which[i] = A->which[i + 1];
         A->a[i] = A->a[i + 1];
         A->sign[i] = A->sign[i + 1];
+        A->all[i] = A->all[i + 1];
     }
     for (int k = at * tab->rows; k < A->count * tab->rows; ++k)
         A->effect[k] = A->effect[k + tab->rows];

@@ -6,6 +6,7 @@
 
 enum { DONE, NOT_CONVERGED, DEPENDENT };
 
+
 /* The first state given the atoms, x0 = X' (xi of no atoms - sum of w a); w takes nx numbers. */
 static void cs_window_first(const cs_window_active *A, real *x0, real *w)
 {
@@ -179,6 +180,21 @@ static void cs_window_refit(const cs_window_sizes *z, const cs_window_tables *ta
     }
 }
 
+/* Out with the last active atom if what it adds is next to nothing, one in TOLD_APART, beside the sum
+   of others that comes closest to it: a deviation made of such a difference has lost as many digits,
+   and whether there is a difference must not be decided by rounding. */
+#define TOLD_APART ((real)1e6)
+static void cs_window_told_apart(cs_window_active *A)
+{
+    const int s = A->count - 1, last = A->nx + s;
+    const real inverse = A->L[last + last * A->stride];
+    real size = A->all[s];
+    for (int i = 0; i < last; ++i) A->goal[i] = A->row[i];
+    cs_window_backward(A->L, A->stride, A->goal, A->nx, last);
+    for (int i = 0; i < s; ++i) size += A->goal[A->nx + i] * A->goal[A->nx + i] * A->all[i];
+    if (size * inverse * inverse > TOLD_APART) A->count = s;
+}
+
 /* Append the atoms that could nearly as well have been chosen: given the data, those whose gradient
    reaches half its bound. What they share with the chosen ones is then not certain. */
 static void cs_window_alternatives(const cs_window_sizes *z, const cs_window_tables *tab,
@@ -188,8 +204,9 @@ static void cs_window_alternatives(const cs_window_sizes *z, const cs_window_tab
     for (int i = 0; i < z->n; ++i) {
         const real slope = 2 * (g[i] + prior->q[i] * prior->c[i]), side = prior->side[i];
         const real size = side == 0 ? real_fabs(slope) : side * slope;
-        if (!active[i] && size >= prior->lam[i] / 2)
-            cs_window_append(z, tab, prior, A, v, i, 0, slope > 0 ? 1 : -1);
+        if (active[i] || size < prior->lam[i] / 2) continue;
+        if (cs_window_append(z, tab, prior, A, v, i, 0, slope > 0 ? 1 : -1))
+            cs_window_told_apart(A);
     }
 }
 

@@ -61,6 +61,55 @@ static inline void matrix_add_product(int m, int n, int k, real sign, const real
     }
 }
 
+/* Lower triangle of C + sign A A', or of C + sign A' A if transposed; A A' has n rows and sums over k
+ * numbers.
+ */
+static inline void matrix_add_square(int n, int k, real sign, const real *A, int transposed, real *C)
+{
+    int i, j, l;
+#ifdef BACKSIGHT_BLAS
+    const real one = 1;
+    if (n == 0 || k == 0)
+        return;
+    if (blas.syrk) {
+        blas.syrk("L", transposed ? "T" : "N", &n, &k, &sign, A, transposed ? &k : &n, &one, C, &n);
+        return;
+    }
+#endif
+    for (j = 0; j < n; ++j) {
+        if (transposed) {
+            for (i = j; i < n; ++i) {
+                real sum = 0;
+                for (l = 0; l < k; ++l)
+                    sum += A[l + i * k] * A[l + j * k];
+                C[i + j * n] += sign * sum;
+            }
+            continue;
+        }
+        for (l = 0; l < k; ++l) {
+            const real b = sign * A[j + l * n];
+            for (i = j; i < n; ++i)
+                C[i + j * n] += b * A[i + l * n];
+        }
+    }
+}
+
+#define matrix_side 8
+
+/* Copy the lower triangle of a matrix to the upper one, in squares that stay in the cache. */
+static inline void matrix_mirror(int n, real *A)
+{
+    int i, j, p, q;
+    for (q = 0; q < n; q += matrix_side)
+        for (p = q; p < n; p += matrix_side) {
+            const int rows = n - p < matrix_side ? n - p : matrix_side;
+            const int columns = n - q < matrix_side ? n - q : matrix_side;
+            for (i = 0; i < rows; ++i)
+                for (j = 0; j < columns && q + j < p + i; ++j)
+                    A[q + j + (p + i) * n] = A[p + i + (q + j) * n];
+        }
+}
+
 /* Lower factor of a positive semidefinite matrix, in its place; zeros above. */
 static inline void matrix_factor(int n, const real *A, real *L)
 {

@@ -156,7 +156,15 @@ def certify(
         at={s.name: float(v) for s, v in zip(model.states, point, strict=True)},
         tolerance=tolerance,
         left_out=tuple(_left_out(estimator, model)),
+        rounding=_last_digit(best.x, best.P),
     )
+
+
+def _last_digit(x: Array, P: Array) -> float:
+    """Largest rounding of estimates (n, nx), in their standard deviations; 0 where these are."""
+    deviations = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
+    known = deviations > 0
+    return float((np.spacing(np.abs(x[known])) / deviations[known]).max(initial=0.0))
 
 
 def _point(

@@ -33,17 +33,24 @@ HOLDS = 1e-9
 NEVER = 1e300
 """Multiplier that nothing ends."""
 
+BEYOND = 0.5 * 1e4**2
+"""Rise of the cost, of a trajectory ten thousand deviations away, from which on limits that
+the passes do not get to hold count as contradicting each other."""
+
 
 def dual(chain: Chain) -> ca.Function:
     """``(delta, P, *stages, side, run) -> (side, conflict, passes, unfinished)``.
 
     With ``run = 0`` nothing is done and the sides are those given.
     Of the given active limits those that do not pull are dropped first. If limits contradict each
-    other, ``conflict`` is 1 for them and no limit is active.
+    other, ``conflict`` is 1 for them and no limit is active. The cost of the dual method is a lower
+    bound for every trajectory that meets the limits: where rounding hides that they contradict each
+    other, so that the method finds no end, it has risen beyond all measure.
     """
     n, m = chain.n, chain.N + 1
     given = chain.window()
-    _, dropping, count, tau = numbers = [ca.MX.sym(k) for k in ("go", "dropping", "count", "tau")]
+    names = ("go", "dropping", "count", "tau", "risen")
+    _, dropping, count, tau, risen = numbers = [ca.MX.sym(k) for k in names]
     side, enter, conflict = stacks = [ca.MX.sym(k, n, m) for k in ("side", "enter", "conflict")]
 
     state, reaction = _sweeps(chain, given, side, enter)
@@ -54,7 +61,7 @@ def dual(chain: Chain) -> ca.Function:
         _ratios(chain), m, carry=[ca.MX(0)] * 4 + [ca.MX(NEVER)], xs=rows, constants=[tau]
     )
     turns = ca.logic_and(dropping, wrong > 0)
-    decision = _decide()(*sums, turns)
+    *decision, rise = _decide()(*sums, turns, tau)
     length, _, drops, blocked = decision
     (_, worst), (side_next, enter_same, conflict_next, outside) = scan(
         _change(chain),
@@ -70,18 +77,39 @@ def dual(chain: Chain) -> ca.Function:
     body = ca.Function(
         "dual_pass",
         [*numbers, *stacks, *given],
-        [go_next, turns, count + 1, ca.if_else(drops, length, 0),
+        [go_next, turns, count + 1, ca.if_else(drops, length, 0), risen + rise,
          side_next, enter_next, conflict_next],
     )  # fmt: skip
     side0, run, zeros = ca.MX.sym("side", n, m), ca.MX.sym("run"), ca.MX.zeros(n, m)
     last = iterate(
         body,
         min(PASSES_PER_LIMIT * n * m + 8, MOST_PASSES),
-        carry=[run, ca.MX(1), ca.MX(0), ca.MX(0), side0, zeros, zeros],
+        carry=[run, ca.MX(1), *[ca.MX(0)] * 3, side0, zeros, zeros],
         constants=given,
     )
-    results = {"side": last[4], "conflict": last[6], "passes": last[2], "unfinished": last[0]}
+    sides, conflicts, unfinished = _ended(chain)(last[0], last[4], *last[5:])
+    results = {
+        "side": sides, "conflict": conflicts, "passes": last[2], "unfinished": unfinished,
+    }  # fmt: skip
     return naming("dual", [*given, side0, run], results)
+
+
+def _ended(chain: Chain) -> ca.Function:
+    """``(unfinished, risen, side, enter, conflict) -> (side, conflict, unfinished)``."""
+    n, m = chain.n, chain.N + 1
+    unfinished, risen = ca.SX.sym("unfinished"), ca.SX.sym("risen")
+    side, enter, conflict = (ca.SX.sym(k, n, m) for k in ("side", "enter", "conflict"))
+    never = ca.logic_and(unfinished, risen > BEYOND)
+    pulling = ca.fmin(ca.fabs(side) + ca.fabs(enter), 1)
+    return ca.Function(
+        "dual_ended",
+        [unfinished, risen, side, enter, conflict],
+        [
+            ca.if_else(never, 0, side),
+            ca.if_else(never, pulling, conflict),
+            ca.if_else(never, 0, unfinished),
+        ],
+    )
 
 
 def _sweeps(
@@ -147,9 +175,9 @@ def _ratios(chain: Chain) -> ca.Function:
 
 
 def _decide() -> ca.Function:
-    """``(sums, turns) -> (length, adds, drops, blocked)``."""
-    some, curvature, gap, spread, ratio, turns = (
-        ca.SX.sym(k) for k in ("some", "curvature", "gap", "spread", "ratio", "turns")
+    """``(sums, turns, tau) -> (length, adds, drops, blocked, rise)``; the cost rises by this."""
+    some, curvature, gap, spread, ratio, turns, tau = (
+        ca.SX.sym(k) for k in ("some", "curvature", "gap", "spread", "ratio", "turns", "tau")
     )
     room = curvature > FREE * spread
     full = ca.if_else(room, ca.fmax(gap, 0) / ca.if_else(room, curvature, 1), NEVER)
@@ -159,10 +187,11 @@ def _decide() -> ca.Function:
     drops = ca.logic_and(runs, ca.logic_and(ends, full > ratio))
     blocked = ca.logic_and(runs, ca.logic_not(ends))
     length = ca.if_else(ca.logic_or(adds, drops), ca.fmin(full, ratio), 0)
+    rise = (length - tau) * (gap - (length + tau) * curvature / 2)
     return ca.Function(
         "dual_decide",
-        [some, curvature, gap, spread, ratio, turns],
-        [length, adds, drops, blocked],
+        [some, curvature, gap, spread, ratio, turns, tau],
+        [length, adds, drops, blocked, ca.if_else(ca.logic_or(adds, drops), rise, 0)],
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from backsight.estimators.dictionaries import AbstractPulses
-from backsight.sparse.nonlinear.motion import ForcedMotion, WhiteData
+from backsight.sparse.nonlinear.motion import ForcedMotion, Readings
 from backsight.types import Array
 
 STEP = 0.02
@@ -72,7 +72,7 @@ class HitWindow:
     Parameters
     ----------
     motion : ForcedMotion
-    data : WhiteData
+    data : Readings
     mean : (nx,) array
         First state as it is expected, scaled.
     information : (nx, nx) array
@@ -83,7 +83,7 @@ class HitWindow:
     """
 
     motion: ForcedMotion
-    data: WhiteData
+    data: Readings
     mean: Array
     information: Array
     course: AbstractPulses

@@ -89,7 +89,7 @@ class ForcedMotion:
 
 
 @dataclasses.dataclass(frozen=True)
-class WhiteData:
+class Readings:
     """Scaled data.
 
     Parameters
@@ -105,10 +105,10 @@ class WhiteData:
     y: Array
     root: Array
 
-    def between(self, first: int, last: int) -> "WhiteData":
+    def between(self, first: int, last: int) -> "Readings":
         """Samples from the first on, without the last."""
         part = slice(first, last)
-        return WhiteData(self.u[part], self.y[part], self.root[part])
+        return Readings(self.u[part], self.y[part], self.root[part])
 
     @property
     def counts(self) -> Array:
@@ -116,7 +116,7 @@ class WhiteData:
         return np.einsum("kii->ki", self.root).astype(bool).sum(axis=1)
 
 
-def white_data(forced: Forced, data: tuple[Array, Array, Array]) -> WhiteData:
+def readings_of(forced: Forced, data: tuple[Array, Array, Array]) -> Readings:
     """Scale inputs, outputs and mask, and whiten the noise of every pattern of measurements."""
     (u, y, mask), s = data, forced.system.s
     root = np.zeros((len(y), *s.R.shape))
@@ -130,4 +130,4 @@ def white_data(forced: Forced, data: tuple[Array, Array, Array]) -> WhiteData:
             own = np.linalg.inv(np.linalg.cholesky(s.R[square])) if len(seen) else np.zeros((0, 0))
             known[key][square] = own * row[seen]
         root[k] = known[key]
-    return WhiteData(u / s.su[: forced.nu], np.where(mask > 0, y / s.sy, 0.0), root)
+    return Readings(u / s.su[: forced.nu], np.where(mask > 0, y / s.sy, 0.0), root)

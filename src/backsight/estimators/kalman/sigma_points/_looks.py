@@ -18,13 +18,11 @@ import numpy as np
 from backsight.algebra.factor import cholesky_semidefinite
 from backsight.algebra.sigma import Weights
 from backsight.algebra.update import masked
-from backsight.estimators.kalman.exact_sensors import (
-    exact_sensors,
-    refuse_many_states,
-    telling,
-)
+from backsight.engine.dense import UNROLL
+from backsight.errors import TuningError
+from backsight.estimators.kalman.exact_sensors import exact_sensors, telling
 from backsight.estimators.kalman.square_root import noise_drowns
-from backsight.estimators.parts.covariance import Term, transposed
+from backsight.estimators.parts.covariance import Covariance, Term, transposed
 from backsight.estimators.parts.factors import (
     deviation_factor,
     mean_and_deviations,
@@ -66,7 +64,7 @@ def unscented_looks(
     """
     nx, ny, count, exact = s.model.nx, s.model.ny, len(w.mean), exact_sensors(s)
     if exact:
-        refuse_many_states(s)
+        _refuse_many_states(s)
     sizes = {
         "X": (nx, count), "Y": (ny, count), "L": (nx, nx), "Ht": (nx, ny), "Fm": (nx, nx),
         "noise": (ny, ny), "factor": (nx, 2 * nx),
@@ -108,6 +106,17 @@ def unscented_looks(
         ahead=ca.Function("ahead", [x, spread, u, u_next], list(on)),
         seen=ca.Function("seen", [x, spread, x_post, u, y, mask], list(looked)),
     )
+
+
+def _refuse_many_states(s: Setting) -> None:
+    """Raise `TuningError` where slopes along what is known exactly would be divided by rounding."""
+    if Covariance(s.model.nx).whole:
+        raise TuningError(
+            f"the model has {s.model.nx} states, and sensors have no noise (sigma_y = 0, a "
+            "singular R): sigma points have no slope along what such a sensor has told, and with "
+            f"more than {UNROLL} states UKF cannot tell these directions from rounding; smooth "
+            "with EKF or IEKF, or give the sensors a small sigma_y"
+        )
 
 
 def regression(images: Term, w: Weights, noise: Term, L: Term) -> tuple[Term, Term]:

@@ -96,7 +96,7 @@ def _outputs(chain: Chain) -> ca.Function:
     told = ca.horzcat(transpose(G), z.e - applied(z.H, x))
     white = solve_triangular(L, solve_triangular(L, told), turned=True)
     K, nu = transpose(white[:, :nx]), white[:, nx]
-    # Joseph's form, see `backsight.estimators.parts.covariance.corrected_covariance`.
+    # Joseph's form (I - K H) P (I - K H)' + K K' as P - K G' - (G - K S) K' with G = P H'.
     left = plus_product(P, K, G, turned=(False, True), minus=True)
     rest = plus_product(G, K, S, minus=True)
     # The transition makes it symmetric to the last bit again.
