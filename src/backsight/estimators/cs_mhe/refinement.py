@@ -1,17 +1,20 @@
 """What a window may do once the l1 norm has chosen: shrink its weights, or count atoms."""
 
 import dataclasses
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, final
 
 import numpy as np
+import scipy
 
 from backsight.description import Count, Description, Positive
 from backsight.errors import TuningError
 from backsight.estimators.force_estimator import AbstractDictionary, force_groups
 from backsight.estimators.parts.limits import Limit, Limits
 from backsight.types import Array, ByName
+
+FALSE = 1e-3
+"""Share of windows of noise in which a force may be found."""
 
 Span = Literal["step", "window"]
 
@@ -67,15 +70,14 @@ class Exchanges(Description):
     Parameters
     ----------
     penalty : float, optional
-        :math:`\mu`, in squared standard deviations. If not given :math:`2 \ln n` for n atoms in a
-        window, the largest gain that noise is expected to offer.
+        :math:`\mu`, in squared standard deviations. If not given, so that noise alone makes a
+        force in one of a thousand windows at most: a stream has many of them.
     most : int
         Atoms that a window may have.
 
     References
     ----------
-    Foster, George, "The risk inflation criterion for multiple regression", 1994, Annals of
-    Statistics 22, doi:10.1214/aos/1176325766.
+    Miller, "Subset Selection in Regression", 2002, doi:10.1201/9781420035933, section 3.6.
 
     Examples
     --------
@@ -88,7 +90,9 @@ class Exchanges(Description):
 
     def price(self, atoms: int) -> float:
         """The penalty in a window of so many atoms."""
-        return 2 * math.log(atoms) if self.penalty is None else self.penalty
+        if self.penalty is not None:
+            return self.penalty
+        return 2 * float(scipy.special.erfcinv(FALSE / atoms)) ** 2  # of chi-square with one degree
 
 
 Refinement = Reweighting | Exchanges
