@@ -35,4 +35,5 @@ from backsight.run.sparse_forces import find_sparse_forces as find_sparse_forces
 from backsight.sparse import L1 as L1
 from backsight.sparse import Given as Given
 from backsight.sparse import Greedy as Greedy
+from backsight.sparse import GreedyGroups as GreedyGroups
 from backsight.sparse import Reweighted as Reweighted

@@ -2,10 +2,12 @@
 
 import abc
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from backsight.description import Description
+from backsight.errors import TuningError, nearest
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.parts.linear import Linear
 from backsight.estimators.uncertainty import Noise
@@ -141,3 +143,21 @@ class AbstractForceEstimator(AbstractEstimator):
     @abc.abstractmethod
     def weighted(self, lam: float) -> "AbstractForceEstimator":
         """The same with another weight, with every force shown and nothing carried on."""
+
+
+def force_groups(groups: Sequence[Sequence[str]], forces: Sequence[str]) -> list[int]:
+    """Number of the group of every force; those that are in none are alone.
+
+    Raises
+    ------
+    TuningError
+        If a name is none of the forces, or twice in groups.
+    """
+    names = [name for group in groups for name in group]
+    for name in names:
+        if name not in forces:
+            raise TuningError(f"groups: '{name}' is none of the forces: {nearest(name, forces)}")
+        if names.count(name) > 1:
+            raise TuningError(f"groups: '{name}' is named twice; a force is in one group")
+    first = {name: forces.index(group[0]) for group in groups for name in group}
+    return [first.get(name, i) for i, name in enumerate(forces)]

@@ -216,11 +216,12 @@ class Window:
         return 2 * (start + self._exchanged() + dots(self.nx + s)) + again + self._residuals()
 
     def _doubtful(self) -> KernelWork:
-        s, free = min(self.chosen, self.most), min(self.n, self.most)
+        s = min(self.chosen, self.most)
         looks = s * (self._remove(s) + self.n * self._gain(s) + self._append(s))
-        tried = sum((self._append(i) for i in range(self.most - free, self.most)), KernelWork(0))
-        worths = 2 * s * dots(self.nx + s)
-        return looks + worths + tried + (self.n - free) * self._append(self.most)
+        first = max(self.most - self.n, 0)
+        counts = [min(first + k, self.most) for k in range(self.n)]
+        tried = sum((self._told_apart(s) for s in counts), KernelWork(0))
+        return looks + 2 * s * dots(self.nx + s) + tried
 
     def _unbiased(self) -> KernelWork:
         moved = self._first() + self._explain(2 * self.nx) + KernelWork(2 * self.nx + self.columns)

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from backsight.estimators.dictionaries import AbstractPulses, MovingLoads
-from backsight.sparse.pulse_fit import PulseDrawing, PulseFit
+from backsight.sparse.pulses.pulse_fit import PulseDrawing, PulseFit
 from backsight.types import Array
 
 

@@ -12,7 +12,7 @@ from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.run._hit_table import hit_table
 from backsight.run.sparse_forces import prepared
-from backsight.sparse.pulse_fit import (
+from backsight.sparse.pulses.pulse_fit import (
     Course,
     Pulse,
     PulseDrawing,
@@ -21,7 +21,7 @@ from backsight.sparse.pulse_fit import (
     drawing,
     fitted,
 )
-from backsight.sparse.pulse_offers import AROUND, PulseOffer, pulse_offers
+from backsight.sparse.pulses.pulse_offers import AROUND, PulseOffer, pulse_offers
 from backsight.types import Array
 
 SURE = 4.0

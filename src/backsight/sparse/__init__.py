@@ -14,4 +14,5 @@ from backsight.sparse.selection import L1 as L1
 from backsight.sparse.selection import AbstractSelection as AbstractSelection
 from backsight.sparse.selection import Given as Given
 from backsight.sparse.selection import Greedy as Greedy
+from backsight.sparse.selection import GreedyGroups as GreedyGroups
 from backsight.sparse.selection import Reweighted as Reweighted

@@ -3,13 +3,15 @@
 import abc
 import dataclasses
 import math
-from typing import Annotated, final
+from typing import Annotated, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from backsight.description import Count, Description, Positive, Range
 from backsight.errors import DataError, TuningError
+from backsight.estimators.force_estimator import force_groups
+from backsight.sparse._best_groups import best_groups
 from backsight.sparse._best_subset import best_subset
 from backsight.sparse._force_search import ForceSearch
 from backsight.sparse._l1_path import l1_path
@@ -150,6 +152,60 @@ class Greedy(AbstractSelection):
 
     def _penalty(self, search: ForceSearch) -> float:
         return 2 * math.log(len(search.step)) if self.penalty is None else self.penalty
+
+
+@final
+@dataclasses.dataclass(frozen=True)
+class GreedyGroups(AbstractSelection):
+    r"""Groups of forces come together, and every force of a group costs the same.
+
+    As `Greedy`, but groups are added, exchanged and removed as a whole, as long as
+    :math:`\|y - H\alpha\|^2 + \mu \operatorname{rank} H` falls: forces along the axes of a node,
+    or all steps at one place, which somebody pushes for long. lam is not used.
+
+    Parameters
+    ----------
+    groups : tuple of tuples of str
+        Forces that come together; the others are alone.
+    span : {"step", "recording"}
+        A group is about one step, or about all of them.
+    penalty : float, optional
+        :math:`\mu`, as of `Greedy`.
+
+    References
+    ----------
+    Lozano, Swirszcz, Abe, "Grouped orthogonal matching pursuit for variable selection and
+    prediction", 2009, Advances in Neural Information Processing Systems 22.
+
+    Examples
+    --------
+    >>> bs.forces.GreedyGroups(groups=(("x", "y", "z"),)).span
+    'step'
+    """
+
+    groups: tuple[tuple[str, ...], ...] = ()
+    span: Literal["step", "recording"] = "step"
+    penalty: Positive | None = None
+
+    def select(self, search: ForceSearch) -> Fit:
+        """See `AbstractSelection.select`."""
+        if search.regression.side.any():
+            raise TuningError("GreedyGroups knows no signs: leave out nonnegative and nonpositive")
+        penalty = 2 * math.log(len(search.step)) if self.penalty is None else self.penalty
+        best = best_groups(search.regression, self._labels(search), penalty)
+        return _ended(search, best.which, best.values, again=True)
+
+    def _labels(self, search: ForceSearch) -> Indices:
+        """Number of the group of every column."""
+        names = search.filter.forced.names
+        groups = force_groups(self.groups, names)
+        touched = np.abs(search.shapes).max(axis=1) > 0
+        alone = touched.sum(axis=0) == 1
+        atoms = touched.shape[1]
+        own = len(names) + np.arange(atoms)  # of atoms that move several forces
+        of_atom = np.where(alone, np.array(groups)[touched.argmax(axis=0)], own)
+        step = search.step if self.span == "step" else np.zeros_like(search.step)
+        return step * (len(names) + atoms) + of_atom[search.atom]
 
 
 @final

@@ -119,7 +119,7 @@ def whole(thickness: float, lam: float) -> CompressiveSensingMHE:
 
 
 @functools.cache
-def _shapes(thickness: float) -> tuple[Array, Array]:
+def response_shapes(thickness: float) -> tuple[Array, Array]:
     """Columns of the forces, and rows of the sensors, in continuous time."""
     _, B, C, _ = state_space(forces_as_inputs(model(thickness), FORCES))
     return B, C
@@ -133,7 +133,7 @@ class ByFrequencies:
 
     def __call__(self, values: dict[str, float]) -> Model:
         """Build the model of frequencies ``f1, f2, f3`` [Hz]."""
-        B, C = _shapes(self.thickness)
+        B, C = response_shapes(self.thickness)
         modes = len(values)
         return modal(
             list(values.values()),

@@ -1,17 +1,20 @@
 """What a window may do once the l1 norm has chosen: shrink its weights, or count atoms."""
 
 import dataclasses
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, final
 
 import numpy as np
+import scipy
 
 from backsight.description import Count, Description, Positive
-from backsight.errors import TuningError, nearest
-from backsight.estimators.force_estimator import AbstractDictionary
+from backsight.errors import TuningError
+from backsight.estimators.force_estimator import AbstractDictionary, force_groups
 from backsight.estimators.parts.limits import Limit, Limits
 from backsight.types import Array, ByName
+
+FALSE = 1e-3
+"""Share of windows of noise in which a force may be found."""
 
 Span = Literal["step", "window"]
 
@@ -67,15 +70,14 @@ class Exchanges(Description):
     Parameters
     ----------
     penalty : float, optional
-        :math:`\mu`, in squared standard deviations. If not given :math:`2 \ln n` for n atoms in a
-        window, the largest gain that noise is expected to offer.
+        :math:`\mu`, in squared standard deviations. If not given, so that noise alone makes a
+        force in one of a thousand windows at most: a stream has many of them.
     most : int
         Atoms that a window may have.
 
     References
     ----------
-    Foster, George, "The risk inflation criterion for multiple regression", 1994, Annals of
-    Statistics 22, doi:10.1214/aos/1176325766.
+    Miller, "Subset Selection in Regression", 2002, doi:10.1201/9781420035933, section 3.6.
 
     Examples
     --------
@@ -88,7 +90,9 @@ class Exchanges(Description):
 
     def price(self, atoms: int) -> float:
         """The penalty in a window of so many atoms."""
-        return 2 * math.log(atoms) if self.penalty is None else self.penalty
+        if self.penalty is not None:
+            return self.penalty
+        return 2 * float(scipy.special.erfcinv(FALSE / atoms)) ** 2  # of chi-square with one degree
 
 
 Refinement = Reweighting | Exchanges
@@ -159,27 +163,17 @@ def groups_of(
             "leave one of them out"
         )
     belongs = dictionary.force_of(len(forces))
-    atoms = len(belongs)
-    first, span = np.arange(atoms), "step"
-    if isinstance(refinement, Reweighting):
-        span = refinement.span
-        groups = _named(refinement.groups, forces)
-        if span == "window":
-            groups += [{i} for i in range(len(forces)) if not any(i in g for g in groups)]
-        if groups and min(belongs) < 0:
+    atoms, first = len(belongs), np.arange(len(belongs))
+    if not isinstance(refinement, Reweighting):
+        return np.arange(float(atoms * steps))
+    if refinement.groups or refinement.span == "window":
+        if min(belongs) < 0:
             raise TuningError("groups of forces need a dictionary whose atoms are of one force")
-        for group in groups:
-            members = [a for a, force in enumerate(belongs) if force in group]
-            first[members] = members[0]
-    later = atoms if span == "step" else 0
+        group = np.array(force_groups(refinement.groups, forces))
+        named = {name for names in refinement.groups for name in names}
+        for a, force in enumerate(belongs):
+            if refinement.span == "window" or forces[force] in named:
+                same = [b for b, other in enumerate(belongs) if group[other] == group[force]]
+                first[a] = same[0]
+    later = atoms if refinement.span == "step" else 0
     return np.concatenate([first + later * j for j in range(steps)]).astype(float)
-
-
-def _named(groups: Sequence[Sequence[str]], forces: Sequence[str]) -> list[set[int]]:
-    names = [name for group in groups for name in group]
-    for name in names:
-        if name not in forces:
-            raise TuningError(f"groups: '{name}' is none of the forces: {nearest(name, forces)}")
-        if names.count(name) > 1:
-            raise TuningError(f"groups: '{name}' is named twice; a force is in one group")
-    return [{forces.index(name) for name in group} for group in groups if group]

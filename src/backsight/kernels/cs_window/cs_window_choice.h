@@ -190,7 +190,8 @@ static void cs_window_doubtful(cs_window_problem *k, int *doubt)
     }
     for (int i = 0; i < A->count; ++i) doubt[A->column[i]] = 0;
     for (int i = 0; i < z->n; ++i)
-        if (doubt[i]) cs_window_append(z, &k->tab, &k->prior, A, k->v, i, 0, 1);
+        if (doubt[i] && cs_window_append(z, &k->tab, &k->prior, A, k->v, i, 0, 1))
+            cs_window_told_apart(A);
 }
 
 #endif

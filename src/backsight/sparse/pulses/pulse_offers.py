@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from backsight.estimators.dictionaries import AbstractPulses, MovingLoads
-from backsight.sparse.pulse_fit import Pulse, PulseDrawing, Reach, grid, pulse_gains
+from backsight.sparse.pulses.pulse_fit import Pulse, PulseDrawing, Reach, grid, pulse_gains
 from backsight.sparse.regression import Indices
 from backsight.types import Array
 
