@@ -116,5 +116,8 @@ def test_the_profile_has_its_top_at_the_value():
     assert (found.x_std.sel(state="J") == 0).all()
     default = bs.check.profile(bs.EKF(NOISE, prior(1e-3)), motor(positive=True), data, "J")
     assert (default["value"] > 0).all()
+    assert default["value"].values[[0, -1]].prod() == pytest.approx(1e-3**2)
+    apart = bs.check.profile(e, motor(), data, "J", [1.0e-3, 1.1e-3])
+    assert apart.attrs["interval"] == [1.0e-3, np.inf]
     with pytest.raises(TuningError, match="none of the values"):
         bs.check.profile(e, motor(lower=0.0), data, "J", [-1.0])

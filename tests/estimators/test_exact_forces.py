@@ -15,47 +15,51 @@ TWO = ("F1", "F3")
 SPREAD = {"displacement": 1e-6, "acceleration": 1e-1}
 """Noise of a sensor that has some."""
 
+SAMPLES = (3, 5, 13)
+"""Those that are compared."""
 
-def conditioned(p, y, *, Q, R, P0, samples):
+
+def conditioned(p, y, *, Q, R, P0, samples, smoothed=False):
     """States and forces given the readings so far, by null spaces; forces are flat.
 
     The start, the process noise and that of the sensors are z of variance one, forces are d;
     readings are M z + G d = y. What the rows say without d fixes z, as far as it goes, and the rest
-    says what d is. Of every sample asked for: mean and covariance of (state, force that is found).
+    says what d is. Of every sample asked for: mean and covariance of (state, force that is found);
+    `smoothed` given all readings.
     """
     n, (ny, nx), m = len(y), p.C.shape, p.E.shape[1]
     factor = [np.linalg.eigh(S) for S in (P0, Q, R)]
     start, walk, noise = (V * np.sqrt(np.maximum(v, 0)) for v, V in factor)
     lag = 0 if p.F.any() else 1
-    found = []
     by_z, by_d = np.zeros((nx, (nx + ny) * n)), np.zeros((nx, m * n))
     by_z[:, :nx] = start
-    M, G, goal = [], [], []
+    rows, states = [], []
     for k in range(n):
         shown, forced = p.C @ by_z, p.C @ by_d
         shown[:, nx * n + ny * k : nx * n + ny * (k + 1)] = noise
         forced[:, m * k : m * (k + 1)] += p.F
         kept = np.isfinite(y[k])
-        M.append(shown[kept])
-        G.append(forced[kept])
-        goal.append(y[k][kept])
-        if k in samples:
-            rows, of_d, told = np.vstack(M), np.vstack(G), np.concatenate(goal)
-            known = slice(0, m * (k + 1 - lag))  # the force ahead has not shown yet
-            of_d = of_d[:, known]
-            without = scipy.linalg.null_space(of_d.T).T
-            inverse = np.linalg.pinv(without @ rows, rcond=1e-11)
-            z, free = inverse @ without @ told, np.eye(rows.shape[1]) - inverse @ without @ rows
-            back = np.linalg.pinv(of_d)
-            d, d_free = back @ (told - rows @ z), -back @ rows @ free
-            x = by_z @ z + by_d[:, known] @ d
-            last = slice(m * (k - lag), m * (k + 1 - lag))
-            left = np.vstack([by_z @ free + by_d[:, known] @ d_free, d_free[last]])
-            found.append((np.concatenate([x, d[last]]), left @ left.T))
+        rows.append((shown[kept], forced[kept], y[k][kept]))
+        states.append((by_z, by_d))
         by_z, by_d = p.A @ by_z, p.A @ by_d
         by_d[:, m * k : m * (k + 1)] += p.E
         if k + 1 < n:
             by_z[:, nx * (k + 1) : nx * (k + 2)] += walk
+    found = []
+    for k in samples:
+        until = n if smoothed else k + 1
+        M, G, told = (np.concatenate(parts) for parts in zip(*rows[:until], strict=True))
+        known = slice(0, m * (until - lag))  # the force ahead has not shown yet
+        G = G[:, known]
+        without = scipy.linalg.null_space(G.T).T
+        inverse = np.linalg.pinv(without @ M, rcond=1e-11)
+        z, free = inverse @ without @ told, np.eye(M.shape[1]) - inverse @ without @ M
+        back = np.linalg.pinv(G)
+        d, d_free = back @ (told - M @ z), -back @ M @ free
+        of_z, of_d = states[k][0], states[k][1][:, known]
+        last = slice(m * (k - lag), m * (k + 1 - lag))
+        left = np.vstack([of_z @ free + of_d @ d_free, d_free[last]])
+        found.append((np.concatenate([of_z @ z + of_d @ d, d[last]]), left @ left.T))
     return [np.array(part) for part in zip(*found, strict=True)]
 
 
@@ -73,10 +77,16 @@ def agrees(estimator, model, *, forces, R, P0, Q):
     recording = bs.from_arrays(
         y=y, inputs={}, outputs={s.name: s.unit for s in model.outputs}, dt=DT
     )
-    result = bs.estimate(estimator, model, recording, engine="vm", throw=False)
-    samples = (3, 5, n - 1)
-    mean, P = conditioned(p, y, Q=Q, R=R, P0=P0, samples=samples)
-    at = result.isel(time=list(samples))
+    for smoothed in (False, True):
+        find = bs.smooth if smoothed else bs.estimate
+        result = find(estimator, model, recording, engine="vm")
+        assert not result["status"].any()
+        compared(result, conditioned(p, y, Q=Q, R=R, P0=P0, samples=SAMPLES, smoothed=smoothed), P0)
+
+
+def compared(result, expected, P0):
+    (mean, P), nx = expected, len(P0)
+    at = result.isel(time=list(SAMPLES))
     spread = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     size = np.sqrt(np.diag(P0))
     np.testing.assert_allclose(at["x_hat"].values / size, mean[:, :nx] / size, atol=1e-9)
@@ -85,7 +95,6 @@ def agrees(estimator, model, *, forces, R, P0, Q):
         at["P"].values / np.outer(size, size), P[:, :nx, :nx] / np.outer(size, size), atol=1e-9
     )
     np.testing.assert_allclose(at["d_std"].values, spread[:, nx:], rtol=1e-6, atol=1e-7)
-    return result
 
 
 @pytest.mark.parametrize("kind", ["displacement", "acceleration"])
@@ -97,8 +106,7 @@ def test_forces_are_those_of_conditioning(kind, exact):
     P0 = np.diag([1e-8] * n + [1e-4] * n)
     Q = 1e-3 * P0
     estimator = bs.JointInput(bs.Noise(R=R, Q=Q), bs.Prior(P0=P0), forces=TWO)
-    result = agrees(estimator, model, forces=TWO, R=R, P0=P0, Q=Q)
-    assert not result["status"].any()
+    agrees(estimator, model, forces=TWO, R=R, P0=P0, Q=Q)
 
 
 def test_many_states_and_their_gaps():

@@ -20,6 +20,12 @@ WINDOWS = {
     "lmhe": lambda noise, prior: bs.LinearMHE(noise, prior, N=4, arrival_weight=1.0),
 }
 
+EXACT = (*FILTERS, bs.MHE, bs.JointInput, bs.LinearMHE, bs.RecursiveMHE)
+"""Methods that take them."""
+
+WALK = np.diag([1e-4, 4e-4])
+"""Process noise of both states."""
+
 OFTEN = ("noisy one first", "two of one thing")
 """Of the filter that shares the others' formulas."""
 FILTERED = [
@@ -173,6 +179,34 @@ def test_a_pendulum_with_an_exact_encoder_is_the_limit_of_small_noise():
         np.testing.assert_allclose(found[0]["x_std"], found[1]["x_std"], atol=1e-5)
 
 
+@pytest.mark.parametrize("sensors", ["one", "with a noisy one", "their difference"])
+def test_the_gain_of_a_window_is_what_its_newest_reading_does_to_it(sensors):
+    """By a window of the solver with nothing before it, whose last readings are moved by one."""
+    C, R = (np.array(given) for given in SENSORS[sensors])
+    y, noise, prior = drawn(C, R)[10:16], bs.Noise(R=R, Q=WALK), bs.Prior(P0=P0)
+    window = bs.MHE(noise, prior, N=3, arrival=bs.settings.NoArrival())
+    recursive = bs.RecursiveMHE(noise, prior, N=3)
+    names = {f"y{i}": "m" for i in range(len(C))}
+
+    def last(estimator, y):
+        recording = bs.from_arrays(y=y, dt=DT, inputs={}, outputs=names)
+        return bs.estimate(estimator, plant(C), recording, engine="vm")["x_hat"].values[-1]
+
+    found = []
+    for estimator in (window, recursive):
+        at = last(estimator, y)
+        found.append(
+            [last(estimator, y + np.outer([0, 0, 0, 0, 0, 1], e)) - at for e in np.eye(len(C))]
+        )
+    np.testing.assert_allclose(found[1], found[0], atol=1e-9)
+
+
+def test_readings_that_contradict_each_other_whatever_happens_are_refused():
+    still = bs.RecursiveMHE(bs.Noise(sigma_y=0.0), bs.Prior(P0=P0), N=4)
+    with pytest.raises(TuningError, match="follow from each other, whatever the process noise"):
+        still.compile(plant([[1.0, 0.0]]), DT)
+
+
 @pytest.mark.parametrize("key", sorted(ESTIMATORS))
 def test_every_estimator_takes_exact_sensors_or_says_who_does(key):
     problem = CASES[key].problem
@@ -180,7 +214,7 @@ def test_every_estimator_takes_exact_sensors_or_says_who_does(key):
     given, _ = estimator.assumed
     without = bs.Noise(sigma_y=0.0, sigma_w=given.sigma_w, Q=given.Q)
     exact = dataclasses.replace(estimator, noise=without)
-    if ESTIMATORS[key] in (*FILTERS, bs.MHE, bs.JointInput):
+    if ESTIMATORS[key] in EXACT:
         exact.compile(problem.model, 0.02)
     else:
         with pytest.raises(TuningError, match=r"'position' has no noise .* EKF, IEKF and UKF"):

@@ -6,7 +6,7 @@ import pytest
 
 import backsight as bs
 from backsight.algebra.expressions import expression
-from backsight.errors import EstimationError
+from backsight.errors import DataError, EstimationError
 
 
 def value_and_slope(text: str, x: float, y: float) -> tuple[float, np.ndarray]:
@@ -89,3 +89,26 @@ def test_an_estimate_that_diverged_otherwise_blames_no_equation():
     result = bs.estimate(e, model, recording, engine="vm", throw=False)
     assert result.status.values.any()
     assert "culprit" not in result.attrs
+
+
+def tank():
+    return bs.from_equations(
+        states={"level": "m"}, inputs={"u": ""}, outputs={"y": "m"}, parameters={"c": 0.5},
+        equations={"level": "u - c*sqrt(level)"}, output_equations={"y": "level"},
+    )  # fmt: skip
+
+
+def test_a_simulation_names_the_equation_with_the_parameters_of_the_sample():
+    with pytest.raises(DataError, match=r"t = 0.1 s: the equation of 'level' is not finite at lev"):
+        bs.simulate(tank(), [[0.0]] * 9, dt=0.05, x0={"level": 1e-3}, parameters={"c": 0.7})
+
+
+def test_points_around_the_estimate_are_looked_at_too():
+    """Sigma points of a level that is nearly zero are below zero."""
+    y = np.full((5, 1), 1e-3)
+    given = bs.data.from_arrays(
+        u=np.full((5, 1), 0.5 * 1e-3**0.5), y=y, dt=0.05, inputs={"u": ""}, outputs={"y": "m"}
+    )
+    ukf = bs.UKF(bs.Noise(sigma_y=1e-3), bs.Prior(sigma_x0=0.1))
+    with pytest.raises(EstimationError, match=r"equation of 'level' is not finite at level = −"):
+        bs.estimate(ukf, tank(), given, engine="vm")

@@ -66,6 +66,28 @@ def forward_semidefinite(L: ca.SX, b: ca.SX, *, least: ca.SX | float) -> ca.SX:
     return ca.vertcat(*x)
 
 
+def fixed_directions(A: ca.SX, b: ca.SX, *, least: float) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """What the equations A x = b (m, n) fix: V x = y with orthonormal rows of V, and how many not.
+
+    By modified Gram-Schmidt. A row of which no more than `least` is left beside those above it
+    follows from them; its row of V and its y are zero.
+    """
+    rows, goal = ca.SX(ca.densify(A)), ca.SX(ca.densify(b))
+    V, y, follows = [], [], ca.SX(0)
+    for i in range(rows.shape[0]):
+        length = ca.norm_2(rows[i, :])
+        tells = length > least
+        by = ca.if_else(tells, 1 / ca.if_else(tells, length, 1), 0)
+        V.append(by * rows[i, :])
+        y.append(by * goal[i])
+        follows += 1 - tells
+        for j in range(i + 1, rows.shape[0]):
+            along = ca.dot(rows[j, :], V[i])
+            rows[j, :] -= along * V[i]
+            goal[j] -= along * y[i]
+    return ca.densify(ca.vertcat(*V)), ca.vertcat(*y), follows
+
+
 def upper_triangular(A: ca.SX, B: ca.SX) -> ca.SX:
     """Q' B for the orthogonal Q' (m, m) that makes A (m, n) upper triangular, by Householder.
 

@@ -23,9 +23,10 @@ def tune(
     """Find noise, prior, parameters and settings from the recording alone.
 
     The table [tune] of the file says what is free; without it all noise
-    is. The new file is the old one, comments included, with other values.
-    The exit code is 0 if all was found, 1 if something could not be (the
-    lines with "!"), and 2 if something is at fault and nothing is written.
+    is, of sparse forces their weight. The new file is the old one,
+    comments included, with other values. The exit code is 0 if all was
+    found, 1 if something could not be (the lines with "!"), and 2 if
+    something is at fault and nothing is written.
     """
     with told():
         from backsight.problem import load, tune_problem

@@ -119,9 +119,9 @@ class Noise(Description):
             exact = [s.name for s, v in zip(model.outputs, np.diag(R), strict=True) if v == 0]
             of = f"'{exact[0]}'" if exact else "a combination of outputs"
             raise TuningError(
-                f"{of} has no noise (sigma_y = 0, a singular R): that is for MHE, LinearMHE with "
-                "an arrival_weight, JointInput, KalmanFilter with constant matrices, EKF, IEKF and "
-                "UKF, and what smooths these; give it a small sigma_y"
+                f"{of} has no noise (sigma_y = 0, a singular R): that is for MHE, LinearMHE, "
+                "RecursiveMHE with alpha = 0, JointInput, KalmanFilter with constant matrices, "
+                "EKF, IEKF and UKF, and what smooths these; give it a small sigma_y"
             )
         return R
 

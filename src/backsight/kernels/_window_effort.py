@@ -8,14 +8,14 @@ from functools import cached_property
 
 from backsight.kernels._work import (
     KernelWork,
-    backward,
-    dot,
-    factor,
-    forward,
-    posterior,
-    product,
-    ready,
-    unknown,
+    backward_solve,
+    dots,
+    factoring,
+    forward_solve,
+    posterior_work,
+    products,
+    readying,
+    unknown_work,
 )
 
 NONE, FILTERED = 0, 2
@@ -89,36 +89,38 @@ class Window:
     def _prepare(self, m: int, d: int, places: int) -> KernelWork:
         nx = self.nx
         rows = nx + d + places * nx
-        first = sum((KernelWork(2 * rows) + product(rows, i) for i in range(m)), KernelWork(0))
+        first = sum((KernelWork(2 * rows) + products(rows, i) for i in range(m)), KernelWork(0))
         known = nx + d  # of the states only what is of one of them
         ends = [rows if j < known else known + ((j - known) // nx + 1) * nx for j in range(rows)]
-        second = sum((product(end - j, m) for j, end in enumerate(ends)), KernelWork(0))
+        second = sum((products(end - j, m) for j, end in enumerate(ends)), KernelWork(0))
         covariances = KernelWork(places * nx * (2 * nx + d))
         noise = KernelWork(7 * m * (m + 1) // 2)
-        return noise + factor(m) + ready(m) + first + second + covariances
+        return noise + factoring(m) + readying(m) + first + second + covariances
 
     @cached_property
     def _look(self) -> KernelWork:
         nx, m = self.nx, self.m
-        found = KernelWork(m) + self._prepare(m, self.d, PLACES) + posterior(nx) + forward(m)
+        found = (
+            KernelWork(m) + self._prepare(m, self.d, PLACES) + posterior_work(nx) + forward_solve(m)
+        )
         if self.arrival == NONE:
-            found += unknown(nx)
+            found += unknown_work(nx)
         if self.bounded:
-            found += self.columns * (product(self.rows, self.length) + KernelWork(1))
-        return found + product(self.rows, m) + product(nx, nx)
+            found += self.columns * (products(self.rows, self.length) + KernelWork(1))
+        return found + products(self.rows, m) + products(nx, nx)
 
     def _append(self, s: int) -> KernelWork:
         nx, length = self.nx, self.length
-        effect = product(self.rows, length) + product(nx, nx) + s * dot(length)
-        row = product(s, nx) + forward(s)
-        pivot = 2 * dot(length) + 2 * dot(nx) + dot(s) + dot(nx + s) + KernelWork(13, 2, 1)
+        effect = products(self.rows, length) + products(nx, nx) + s * dots(length)
+        row = products(s, nx) + forward_solve(s)
+        pivot = 2 * dots(length) + 2 * dots(nx) + dots(s) + dots(nx + s) + KernelWork(13, 2, 1)
         return effect + row + pivot
 
     def _remove(self, s: int) -> KernelWork:
         return KernelWork(3 * s * s + 11 * s, s, s)
 
     def _minimise(self, s: int) -> KernelWork:
-        return backward(self.nx, self.nx + s)
+        return backward_solve(self.nx, self.nx + s)
 
     def _move(self, s: int) -> KernelWork:
         return KernelWork(10 * s, s)
@@ -128,13 +130,13 @@ class Window:
         return 2 * self._append(s) + leaves
 
     def _first(self) -> KernelWork:
-        return product(self.nx, self.most) + self.nx * dot(self.nx)
+        return products(self.nx, self.most) + self.nx * dots(self.nx)
 
     def _explain(self, rows: int) -> KernelWork:
-        return product(rows, self.nx) + product(rows, self.most)
+        return products(rows, self.nx) + products(rows, self.most)
 
     def _gradients(self) -> KernelWork:
-        return self.steps * product(self.atoms, self.length)
+        return self.steps * products(self.atoms, self.length)
 
     def _violated(self) -> KernelWork:
         return KernelWork(7 * self.n + 3)
@@ -158,16 +160,16 @@ class Window:
     def _residuals(self) -> KernelWork:
         m, d = self.m, self.d
         forces = KernelWork(self.n * (2 + 2 * self.length))
-        fit = product(m, self.nx) + d * KernelWork(1 + 2 * m)
-        found = self._first() + forces + fit + KernelWork(2 * m) + forward(m)
+        fit = products(m, self.nx) + d * KernelWork(1 + 2 * m)
+        found = self._first() + forces + fit + KernelWork(2 * m) + forward_solve(m)
         if self.bounded or self.varying:
-            found += m * (dot(m) + KernelWork(2))
+            found += m * (dots(m) + KernelWork(2))
         return found
 
     def _gap(self) -> KernelWork:
         nx, c = self.nx, self.columns * self.bounded
         near = KernelWork(4 * self.n)
-        least_squares = near + dot(self.m) + self._explain(nx) + dot(nx) + KernelWork(2)
+        least_squares = near + dots(self.m) + self._explain(nx) + dots(nx) + KernelWork(2)
         return least_squares + KernelWork(30 * self.n + 60 * c + 12, self.n + 1)
 
     def _within(self) -> KernelWork:
@@ -185,7 +187,7 @@ class Window:
         s = self.most  # only an atom that would pass zero needs another pass
         counts = range(s + 1) if self.sided else (s,)
         passes = (self._minimise(s) + KernelWork(8 * s, s) + self._remove(s) for s in counts)
-        pull = KernelWork(2 * self.most, self.most) + forward(self.most)
+        pull = KernelWork(2 * self.most, self.most) + forward_solve(self.most)
         return pull + sum(passes, KernelWork(0))
 
     def _reweighted(self) -> KernelWork:
@@ -198,8 +200,10 @@ class Window:
     def _exchanged(self) -> KernelWork:
         """A change may look at all atoms in place of every one that is chosen."""
         s = min(self.chosen, self.most)
-        each = self._remove(s) + self.n * self._gain(s) + 2 * self._append(s) + 3 * dot(self.nx + s)
-        worths = s * (forward(s) + dot(s) + KernelWork(s + 4, 1))
+        each = (
+            self._remove(s) + self.n * self._gain(s) + 2 * self._append(s) + 3 * dots(self.nx + s)
+        )
+        worths = s * (forward_solve(s) + dots(s) + KernelWork(s + 4, 1))
         first = worths + self.n * self._gain(s) + self._append(s) + self._minimise(s)
         checks = (s + 1) * (self._minimise(s) + KernelWork(2 * s))
         return (CHANGES * s + 1) * (first + s * each + checks)
@@ -209,13 +213,13 @@ class Window:
         s = min(self.chosen, self.most)
         start = s * (self._append(s) + self._minimise(s) + KernelWork(2 * s))
         again = s * self._append(s) + self._minimise(s) + KernelWork(2 * s + 3 * self.n)
-        return 2 * (start + self._exchanged() + dot(self.nx + s)) + again + self._residuals()
+        return 2 * (start + self._exchanged() + dots(self.nx + s)) + again + self._residuals()
 
     def _doubtful(self) -> KernelWork:
         s, free = min(self.chosen, self.most), min(self.n, self.most)
         looks = s * (self._remove(s) + self.n * self._gain(s) + self._append(s))
         tried = sum((self._append(i) for i in range(self.most - free, self.most)), KernelWork(0))
-        worths = 2 * s * dot(self.nx + s)
+        worths = 2 * s * dots(self.nx + s)
         return looks + worths + tried + (self.n - free) * self._append(self.most)
 
     def _unbiased(self) -> KernelWork:
@@ -232,29 +236,29 @@ class Window:
         return sum((self._told_apart(s) for s in counts), KernelWork(8 * self.n, self.n))
 
     def _spread(self) -> KernelWork:
-        return self.forces * (KernelWork(self.most) + forward(self.most) + dot(self.most))
+        return self.forces * (KernelWork(self.most) + forward_solve(self.most) + dots(self.most))
 
     def _covariances(self, rows: int) -> KernelWork:
         nx, s = self.nx, self.most
-        effects = sum((product(rows, i) for i in range(s)), KernelWork(0))
-        own = nx * product(rows, nx) + s * product(rows, nx) + effects + KernelWork(s * rows)
-        block = sum((product(nx - j, nx + s) for j in range(nx)), KernelWork(0))
+        effects = sum((products(rows, i) for i in range(s)), KernelWork(0))
+        own = nx * products(rows, nx) + s * products(rows, nx) + effects + KernelWork(s * rows)
+        block = sum((products(nx - j, nx + s) for j in range(nx)), KernelWork(0))
         return own + rows // nx * block
 
     def _filtered(self) -> KernelWork:
         nx, s, outputs = self.nx, self.most, self.ny - self.limits
         rows = 2 * nx + self.p
-        each = product(rows, self.length) + product(nx, nx)
-        solved = product(rows, outputs) + KernelWork(outputs) + s * each + product(rows, s)
-        states = 2 * product(nx, nx) + nx * dot(nx)
-        tables = self._prepare(outputs, self.p, 1) + forward(outputs) + posterior(nx)
+        each = products(rows, self.length) + products(nx, nx)
+        solved = products(rows, outputs) + KernelWork(outputs) + s * each + products(rows, s)
+        states = 2 * products(nx, nx) + nx * dots(nx)
+        tables = self._prepare(outputs, self.p, 1) + forward_solve(outputs) + posterior_work(nx)
         if self.bounded:
-            tables += self.columns * (product(rows, self.p) + KernelWork(2))
+            tables += self.columns * (products(rows, self.p) + KernelWork(2))
         return tables + solved + states + self._covariances(nx)
 
     def _variances(self) -> KernelWork:
         s = self.most
-        inverse = sum((product(i, i) + KernelWork(4 * (i + 1)) for i in range(s)), KernelWork(0))
+        inverse = sum((products(i, i) + KernelWork(4 * (i + 1)) for i in range(s)), KernelWork(0))
         return inverse + KernelWork(s + s * (2 * s + 2))
 
     def _forces(self) -> KernelWork:

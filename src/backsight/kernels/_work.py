@@ -37,37 +37,37 @@ class KernelWork:
         )
 
 
-def product(rows: int, n: int) -> KernelWork:
+def products(rows: int, n: int) -> KernelWork:
     return KernelWork(n * (2 * rows + 1))
 
 
-def dot(n: int) -> KernelWork:
+def dots(n: int) -> KernelWork:
     return KernelWork(2 * n + 1)
 
 
-def factor(n: int) -> KernelWork:
+def factoring(n: int) -> KernelWork:
     return KernelWork(sum(2 + j + 2 * (n - j) * j + n - j for j in range(n)), n, n)
 
 
-def ready(n: int) -> KernelWork:
+def readying(n: int) -> KernelWork:
     return KernelWork(n, n)
 
 
-def forward(n: int) -> KernelWork:
+def forward_solve(n: int) -> KernelWork:
     return KernelWork(n * n + n + 1)
 
 
-def backward(first: int, n: int) -> KernelWork:
+def backward_solve(first: int, n: int) -> KernelWork:
     return KernelWork(n * n - first * first + n + first + 2)
 
 
-def posterior(n: int) -> KernelWork:
+def posterior_work(n: int) -> KernelWork:
     """`cs_window_posterior`."""
-    right = sum((product(n, n - j) for j in range(n)), KernelWork(0))
-    both = sum(((i + 1) * (dot(n - i) + KernelWork(1)) for i in range(n)), KernelWork(0))
-    return 2 * factor(n) + right + both + ready(n) + n * forward(n)
+    right = sum((products(n, n - j) for j in range(n)), KernelWork(0))
+    both = sum(((i + 1) * (dots(n - i) + KernelWork(1)) for i in range(n)), KernelWork(0))
+    return 2 * factoring(n) + right + both + readying(n) + n * forward_solve(n)
 
 
-def unknown(n: int) -> KernelWork:
+def unknown_work(n: int) -> KernelWork:
     """`cs_window_unknown`."""
-    return factor(n) + KernelWork(3 * n) + ready(n) + n * forward(n)
+    return factoring(n) + KernelWork(3 * n) + readying(n) + n * forward_solve(n)

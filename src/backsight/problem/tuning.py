@@ -10,6 +10,7 @@ import xarray as xr
 from backsight.errors import OutputError, ProblemError
 from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.output import write_whole
 from backsight.problem._writing import written
 from backsight.problem.problem import Problem
@@ -174,7 +175,12 @@ def _free(entry: FreeTable, method: AbstractEstimator) -> Free | Choice:
 
 
 def _usual(estimator: AbstractEstimator) -> list[Free | Choice]:
-    """All noise, if the file does not say what is free."""
+    """All noise, if the file does not say what is free; of sparse forces the weight.
+
+    Without forces a filter would take what they do for noise.
+    """
+    if isinstance(estimator, AbstractForceEstimator):
+        return [Free("lam")]
     noise = estimator.assumed[0]
     names = ["sigma_y" if noise.R is None else "R"]
     names += [n for n in ("sigma_w", "Q", "Qc") if getattr(noise, n) is not None]
@@ -195,4 +201,6 @@ def _by(
         return estimator, estimator.title
     with at("tune"):
         stand_in = yardstick(estimator, problem.model)
-    return stand_in, f"{stand_in.title}, with noise and prior of {estimator.title}"
+    blind = isinstance(estimator, AbstractForceEstimator)
+    without = ", which takes what forces do for noise" if blind else ""
+    return stand_in, f"{stand_in.title}, with noise and prior of {estimator.title}{without}"

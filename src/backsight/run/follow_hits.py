@@ -12,7 +12,7 @@ from backsight.estimators.dictionaries import AbstractPulses
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.run.estimation import match
-from backsight.sparse.nonlinear import FoundHit, Motion, Offered, Watch, follower, readings
+from backsight.sparse.nonlinear import ForcedMotion, FoundHit, Offered, Watch, follower, readings_of
 
 LADDER = 2.0
 """Factor from one size that is tried to the next."""
@@ -132,7 +132,7 @@ def follow_hits(
         alarm=alarm,
         gain=gain,
     )
-    found = follower(Motion.of(forced), readings(forced, data), watch)
+    found = follower(ForcedMotion.of(forced), readings_of(forced, data), watch)
     begin, dt = float(recording["time"].values[0]), float(recording.attrs["dt"])
     return _table(found, course, estimator.forces, beside, begin=begin, dt=dt)
 

@@ -54,6 +54,9 @@ class Alignment(Printed):
         Delay of y with fractions of a sample and its standard deviation, where it can be told.
     channels : tuple of (str, Alignment)
         What was found with each output moved by itself, if there are several.
+    explained : bool
+        Whether the recording is explained without a shift: by parameters from another start, or by
+        another estimator.
     """
 
     shifts: tuple[int, ...]
@@ -64,6 +67,7 @@ class Alignment(Printed):
     ratios: tuple[Ratio, ...]
     fine: tuple[float, float] | None = None
     channels: tuple[tuple[str, "Alignment"], ...] = ()
+    explained: bool = False
 
     @property
     def best(self) -> int:
@@ -80,7 +84,7 @@ class Alignment(Printed):
     @property
     def single(self) -> bool:
         """Whether moving one output explains more than moving all of them."""
-        gains = [max(a.likelihood) for _, a in self.channels if a.late]
+        gains = [max(a.likelihood) for _, a in self.channels if a.late and not self.explained]
         return bool(gains) and max(gains) > (max(self.likelihood) if self.late else 0.0)
 
     @property
@@ -112,7 +116,7 @@ class Alignment(Printed):
     @property
     def late(self) -> bool:
         """Whether another shift is better for certain, even if it may be that of the search."""
-        return bool(self.shifts) and self._certain(self.best)
+        return bool(self.shifts) and self._certain(self.best) and not self.explained
 
     def remedies(self, dt: float) -> list[str]:
         """What to put into a problem file, a line each, where a delay is certain; `dt` is in s."""
@@ -157,6 +161,11 @@ class Alignment(Printed):
             return "Alignment of y and u: not judged, the model has no input or the run diverged."
         if self.delay:
             return self._misaligned()
+        if self.explained:
+            return (
+                "Alignment of y and u: cannot be told; without a shift other parameters explain "
+                "it, or those found have no meaning: narrow the prior, or use positive = true."
+            )
         if self._certain(self.best):
             return (
                 f"Alignment of y and u: the prediction is best with y shifted by {-self.best:+d} "

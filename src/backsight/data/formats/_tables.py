@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 import json
 import zipfile
 from collections.abc import Sequence
@@ -18,6 +19,9 @@ from backsight.data.formats.libraries import library
 from backsight.data.texts.reading import list_content, read_content
 from backsight.data.times.clock import seconds
 from backsight.errors import DataError
+
+TOP, FEWEST = 200, 3
+"""Rows of a sheet that are looked at, and rows with numbers that make it a table."""
 
 
 def frames_in(folder: Path) -> list[Path]:
@@ -127,8 +131,8 @@ def _dtype(kind: Any) -> np.dtype | None:
 def read_xlsx(path: Path, request: Request) -> Contents:
     """Read columns of a spreadsheet, as of a text: names, units, preamble and footer are found.
 
-    The first sheet is read, or that of ``sheet/column``. Values are those that were last computed;
-    formulas are not run.
+    The first sheet with numbers is read, or that of ``sheet/column``. Values are those that were
+    last computed; formulas are not run.
     """
     title, content, others = _sheet(path, request.wanted)
     bare = {name: name.removeprefix(f"{title}/") for name in request.wanted}
@@ -149,12 +153,12 @@ def read_xlsx(path: Path, request: Request) -> Contents:
     return Contents(
         {name: found.columns[own] for name, own in bare.items()},
         {name: found.units[own] for name, own in bare.items() if own in found.units},
-        found.understood,
+        "; ".join(filter(None, (f"sheet '{title}'" if others else "", found.understood))),
     )
 
 
 def list_xlsx(path: Path, request: Request) -> list[Listed]:
-    """List the columns of the first sheet."""
+    """List the columns of the first sheet with numbers."""
     text = dataclasses.replace(request.text, delimiter="\t")
     return list_content(_sheet(path, ())[1], dataclasses.replace(request, text=text))
 
@@ -172,12 +176,21 @@ def _sheet(path: Path, wanted: Sequence[str]) -> tuple[str, bytes, list[str]]:
         sheets = {name.rpartition("/")[0] for name in wanted} & set(titles)
         if len(sheets) > 1:
             raise DataError(f"the columns are on several sheets: {', '.join(sorted(sheets))}")
-        title = sheets.pop() if sheets else titles[0]
+        tables = (name for name in titles if _has_numbers(book[name]))
+        title = sheets.pop() if sheets else next(tables, titles[0])
         rows = [list(row) for row in book[title].iter_rows(values_only=True)]
     if any(None in row for row in rows):
         _check_computed(path, title, rows)
     content = "\n".join("\t".join(map(_cell, row)) for row in rows).encode()
     return title, content, [name for name in titles if name != title]
+
+
+def _has_numbers(sheet: Any) -> bool:
+    """Whether a sheet has rows of numbers near its top: it is no cover."""
+    rows = itertools.islice(sheet.iter_rows(values_only=True), TOP)
+    kinds = (int, float)
+    counts = [any(isinstance(v, kinds) and not isinstance(v, bool) for v in row) for row in rows]
+    return sum(counts) >= FEWEST
 
 
 def _check_computed(path: Path, title: str, rows: Sequence[Sequence[Any]]) -> None:

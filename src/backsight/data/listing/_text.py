@@ -29,7 +29,10 @@ def table_of(found: "FileColumns", width: int) -> str:
         lines.append(_line(row, lengths))
         for remark in column.remarks:
             lines += _wrapped(remark, width, "    ")
-    others = [c for c in found.values() if c.kind != "numbers" and c.name != found.clock]
+    halves = (found.clock or "").split(" + ")
+    others = [
+        c for c in found.values() if c.kind != "numbers" and c.name not in (found.clock, *halves)
+    ]
     if others:
         lines += ["", "No signals:"] if signals else ["No signals:"]
         for column in others:
@@ -55,6 +58,8 @@ def _on_the_clock(found: "FileColumns") -> str:
         name = f"'{found.clock}' rises evenly and may be time"
     factor = "" if found.factor == 1.0 else f" (factor {found.factor:g})"
     form = f' (time_format "{found.time_format}")' if found.time_format else ""
+    if not found.dt > 0:
+        return f"{name}{factor}{form}, which does not rise from row to row"
     return f"{name}{factor}{form}, every {found.dt:.9g} s ({1 / found.dt:.6g} Hz)"
 
 

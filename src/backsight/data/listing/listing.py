@@ -1,6 +1,7 @@
 """List the columns of a file before it is read as a recording."""
 
 import dataclasses
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -75,7 +76,8 @@ def list_columns(
     request = Request((), axis=axis, text=text)
     listed = list_contents(path, request, format)
     numbers = [c.name for c in listed if c.kind == "numbers"]
-    dated = next((c.name for c in listed if c.kind == "dates"), None)
+    dates = [c.name for c in listed if c.kind == "dates"]
+    dated = _joined(path, request, format, dates) or next(iter(dates), None)
     parts, faults = _read(path, request, format, numbers, dated)
     codes = [code for code in missing if not isinstance(code, str)]
     columns = {
@@ -108,6 +110,21 @@ def list_columns(
         understood="; ".join(dict.fromkeys(p.understood for p in parts if p.understood)),
         remarks=() if clock is None else clock.remarks,
     )
+
+
+def _joined(path: Path, request: Request, form: str | None, dates: Sequence[str]) -> str | None:
+    """A clock of two columns, date and time of the day, in either order; None if they are none."""
+    for one, other in itertools.permutations(dates[:2], 2):
+        both = f"{one} + {other}"
+        asked = dataclasses.replace(request, wanted=(both,), clock=both)
+        try:
+            found = read_contents(path, asked, form)
+            time, _ = seconds(found.columns[both], time_format=None, where=str(path))
+        except (DataError, KeyError):
+            continue
+        if len(time) > 2 and np.median(np.diff(time)) > 0:
+            return both
+    return None
 
 
 def _read(

@@ -27,7 +27,7 @@ def read_text(path: Path, request: Request) -> Contents:
     units; if there is none, the last comment (``#``) before it does, as NumPy writes it; if that
     has another number of cells, the columns are called "0", "1", ... Cells are separated by
     semicolons, tabs, bars, commas or blanks, numbers have a decimal point or comma, and an empty
-    cell is NaN.
+    cell is NaN. A clock ``Date + Time`` is a date and a time of the day in two columns.
 
     Parameters
     ----------
@@ -48,20 +48,37 @@ def read_text(path: Path, request: Request) -> Contents:
 def read_content(content: bytes, request: Request) -> Contents:
     r"""Read columns of a text, given in UTF-8 with ``\n``; see `read_text`."""
     layout = layout_of(content, request.text, request.wanted)
-    absent = [no_column(n, layout.names) for n in request.wanted if layout.position(n) is None]
+    clock = request.clock or ""
+    halves = _halves(layout, clock)
+    whole = [n for n in request.wanted if not halves or n != clock]
+    wanted = tuple(dict.fromkeys([*whole, *halves]))
+    absent = [no_column(n, layout.names) for n in wanted if layout.position(n) is None]
     if absent:
         raise DataError("; ".join(absent))
-    for name in request.wanted:
+    for name in wanted:
         if layout.names.count(name) > 1:
             raise DataError(f"{layout.names.count(name)} columns are called '{name}'; rename them")
-    kinds = {name: _kind(content, layout, request, name) for name in request.wanted}
+    kinds = {n: str if n in halves else _kind(content, layout, request, n) for n in wanted}
     columns = {name: Cells(_place(layout, name), kind) for name, kind in kinds.items()}
     table = parsed_fast(content, layout, columns)
     if table is None:
         # A fast parser also stumbles over harmless cells, and cannot say where.
         table = _careful(content, layout, kinds, request.clock)
-    units = {name: layout.units[_place(layout, name)] for name in request.wanted}
+    units = {name: layout.units[_place(layout, name)] for name in wanted if name not in halves}
+    if halves:
+        day, hour = (table.pop(name) for name in halves)
+        pairs = zip(day, hour, strict=True)
+        joined = [f"{str(d).partition('T')[0].strip()} {str(h).strip()}".strip() for d, h in pairs]
+        table[clock] = np.array(joined, object)
     return Contents(table, {n: unit for n, unit in units.items() if unit}, layout.understood)
+
+
+def _halves(layout: Layout, clock: str) -> list[str]:
+    """Columns of a clock ``Date + Time``: the date and the time of the day; none of another."""
+    if not clock or layout.position(clock) is not None:
+        return []
+    found = [part.strip() for part in clock.split(" + ")]
+    return found if len(found) == 2 and all(layout.position(n) is not None for n in found) else []
 
 
 def list_text(path: Path, request: Request) -> list[Listed]:

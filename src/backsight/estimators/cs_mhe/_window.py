@@ -13,7 +13,7 @@ from backsight.engine.loops import scan
 from backsight.estimators.cs_mhe._arrival import LinearArrival, counted
 from backsight.estimators.cs_mhe._limits import NO_LIMIT, limited_sample
 from backsight.estimators.cs_mhe._tables import Tables
-from backsight.estimators.cs_mhe.refinement import Refinement, numbers_of, sizes_of
+from backsight.estimators.cs_mhe.refinement import Refinement, kernel_numbers, sizes_of
 from backsight.estimators.force_estimator import Forced
 from backsight.estimators.parts.covariance import Term
 from backsight.estimators.parts.limits import Limits
@@ -107,7 +107,7 @@ class Solver:
     refinement : Reweighting or Exchanges, optional
         What follows the l1 norm.
     group : (atoms steps,) array, optional
-        See `grouped`; every atom by itself if not given.
+        See `groups_of`; every atom by itself if not given.
     """
 
     forced: Forced
@@ -179,7 +179,7 @@ class Solver:
         full = self.tables.full or [np.zeros((1, 1))] * 4
         side = np.tile(self.side, self.tables.steps)
         group = np.arange(len(side)) if self.group is None else self.group
-        options += numbers_of(self.refinement, len(side))
+        options += kernel_numbers(self.refinement, len(side))
         constants = [*full, *self.tables.atoms, side, self.caps.T, group, np.array(options)]
         given = [ca.MX(ca.DM(a)) for a in constants]
         told = [*problem] or [ca.MX(ca.DM(a)) for a in self.tables.problem]

@@ -40,7 +40,7 @@ from backsight.estimators.cs_mhe._tables import (
 )
 from backsight.estimators.cs_mhe._window import KERNEL, Solver
 from backsight.estimators.cs_mhe.carryover import Carryover
-from backsight.estimators.cs_mhe.refinement import Refinement, faults_of, grouped
+from backsight.estimators.cs_mhe.refinement import Refinement, faults_of, groups_of
 from backsight.estimators.dictionaries import Dictionary, Impulses
 from backsight.estimators.force_estimator import AbstractForceEstimator, Forced
 from backsight.estimators.kalman.square_root import refuse_too_wide
@@ -251,8 +251,8 @@ class CompressiveSensingMHE(AbstractForceEstimator):
     def _joined(self, model: Model) -> Model:
         """The model with its unknown forces as the last inputs."""
         joined = with_forces_as_inputs(model, self.forces)
-        if (rule := self.outliers) is not None:
-            raise TuningError(self._refusal(rule))
+        if (rule := self.outliers) is not None and (problem := self.unfit_for(rule)):
+            raise TuningError(problem)
         if self.noise.beyond_additive:
             raise TuningError(f"{self.title} takes additive noise of constant size only")
         return joined
@@ -287,7 +287,7 @@ class CompressiveSensingMHE(AbstractForceEstimator):
             caps=caps(self.largest, forced.signals, self.dictionary, self.carryover),
             at_most=(self.max_steps, self.max_active),
             refinement=self.refinement,
-            group=grouped(self.refinement, self.forces, self.dictionary, found.steps, limits),
+            group=groups_of(self.refinement, self.forces, self.dictionary, found.steps, limits),
         )
 
     def weighted(self, lam: float) -> "CompressiveSensingMHE":

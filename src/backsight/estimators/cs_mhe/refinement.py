@@ -105,7 +105,7 @@ def sizes_of(refinement: Refinement | None) -> tuple[int, int]:
             return 0, 0
 
 
-def numbers_of(refinement: Refinement | None, atoms: int) -> list[float]:
+def kernel_numbers(refinement: Refinement | None, atoms: int) -> list[float]:
     """Floor of the weights, and what an atom costs, for the kernel."""
     match refinement:
         case Reweighting(floor=floor):
@@ -129,7 +129,7 @@ def faults_of(
         )
 
 
-def grouped(
+def groups_of(
     refinement: Refinement | None,
     forces: Sequence[str],
     dictionary: AbstractDictionary,

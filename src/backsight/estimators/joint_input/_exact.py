@@ -25,14 +25,18 @@ import casadi as ca
 import numpy as np
 
 from backsight.algebra.factor import cholesky_semidefinite
-from backsight.algebra.triangular import backward_semidefinite, upper_triangular
+from backsight.algebra.triangular import (
+    backward_semidefinite,
+    fixed_directions,
+    upper_triangular,
+)
 from backsight.algebra.update import masked, measured, noise_of
 from backsight.discrete.steps import over_sample
 from backsight.engine.dense import few_entries
 from backsight.estimators.joint_input._extended import all_inputs, without_forces
 from backsight.estimators.joint_input._step import lost_forces, tail
 from backsight.estimators.joint_input._system import Forces, comparable
-from backsight.estimators.kalman.exact_sensors import ROUNDING
+from backsight.estimators.kalman.exact_sensors import ROUNDING, exact_sensors
 from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
@@ -40,11 +44,19 @@ from backsight.estimators.parts.covariance import (
     times_transposed,
     transposed,
 )
-from backsight.estimators.parts.factors import Factor, compress_rows, on_top
+from backsight.estimators.parts.factors import Factor, compress_rows, on_top, with_fixed
 from backsight.estimators.parts.flags import Flags
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
 from backsight.estimators.parts.linear import root
 from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.scaled import Setting
+from backsight.types import Array
+
+
+def spread_of_prior(s: Setting) -> Array:
+    """The covariance of the prior as the filter keeps it: a factor if sensors have no noise."""
+    kept = Covariance(s.model.nx)
+    return Factor(kept).spread(s.P0) if exact_sensors(s) else kept.kept(s.P0)
 
 
 def exact_step(found: Forces) -> ca.Function:
@@ -165,11 +177,7 @@ def _corrected(found: Forces) -> ca.Function:
         # 3. State and force by the noises, of which some are fixed.
         of_x = ca.horzcat(L, type(L).zeros(nx, ny + m)) + matrix_product(moved, D)
         both, mean = on_top([ca.densify(of_x), D]), ca.vertcat(x + matrix_product(moved, d), d)
-        for i in range(ny):
-            direction = V[i, :].T
-            along = matrix_product(both, direction)
-            mean += along * told["fixed"][i]
-            both -= times_transposed(along, direction)
+        both, mean = with_fixed(both, mean, V, told["fixed"])
         x_post, flags = settle(mean[:nx], told["lost"] * acted, told["redundant"])
         return {
             "x_post": x_post,
@@ -218,27 +226,15 @@ def _rows(found: Forces) -> ca.Function:
         turned = upper_triangular(of_d, ca.horzcat(of_d, of_noise, right))
         positive = ca.diag(ca.if_else(ca.diag(turned[:m, :m]) < 0, -1, 1)) @ turned[:m, :]
         told = backward_semidefinite(positive[:, :m].T, positive[:, m:])
-        # 2. What the others fix, by modified Gram-Schmidt.
-        rest, goal = turned[m:, m:-1], ca.SX(ca.densify(turned[m:, -1]))
-        rest, V, fixed, redundant = ca.SX(ca.densify(rest)), [], [], ca.SX(0)
-        for i in range(ny):
-            length = ca.norm_2(rest[i, :])
-            tells = length > ROUNDING
-            by = ca.if_else(tells, 1 / ca.if_else(tells, length, 1), 0)
-            V.append(by * rest[i, :])
-            fixed.append(by * goal[i])
-            redundant = ca.if_else(tells, redundant, 1)
-            for j in range(i + 1, ny):
-                along = ca.dot(rest[j, :], V[i])
-                rest[j, :] -= along * V[i]
-                goal[j] -= along * fixed[i]
+        # 2. What the others fix.
+        V, fixed, follows = fixed_directions(turned[m:, m:-1], turned[m:, -1], least=ROUNDING)
         return {
             "d_0": told[:, -1],
             "D": ca.densify(-told[:, :-1]),
-            "V": ca.densify(ca.vertcat(*V)),
-            "fixed": ca.vertcat(*fixed),
+            "V": V,
+            "fixed": fixed,
             "lost": lost,
-            "redundant": redundant,
+            "redundant": follows > 0,
             "e": seen * missed,
             "noise": ca.densify(noise_of(ca.SX(s.R), mask)),
         }

@@ -29,9 +29,12 @@ from backsight.algebra.update import masked, measured
 from backsight.engine.recursion import Channel, ForwardBackward
 from backsight.estimators.around.virtual import CROSS
 from backsight.estimators.base import Spread
+from backsight.estimators.joint_input._exact import exact_step, spread_of_prior
+from backsight.estimators.joint_input._exact_smoothing import back_exactly, nothing_told
 from backsight.estimators.joint_input._step import lost_forces, step
 from backsight.estimators.joint_input._system import Forces
-from backsight.estimators.parts.covariance import Covariance, Term, matrix_product, transposed
+from backsight.estimators.kalman.exact_sensors import exact_sensors
+from backsight.estimators.parts.covariance import Term, matrix_product, transposed
 from backsight.estimators.parts.factors import cholesky, on_top
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import Results, half, leaf, named_results, notation
@@ -46,6 +49,7 @@ from backsight.estimators.smoothing import (
     smoothed_channels,
     weakened,
 )
+from backsight.types import Array
 
 
 def joint_passes(name: str, found: Forces, *, covariance: Spread, cross: bool) -> ForwardBackward:
@@ -56,14 +60,16 @@ def joint_passes(name: str, found: Forces, *, covariance: Spread, cross: bool) -
     s, m = found.system.s, len(found.names)
     nx, ny, nu = s.model.nx, s.model.ny, found.nu
     data = {k: ca.MX.sym(k, n) for k, n in (("u", nu), ("y", ny), ("mask", ny))}
-    memory = Memory(x=s.x0, P=Covariance(nx).kept(s.P0), started=0)
-    now = named_results(step(found), memory.x, memory.P, memory.started, *data.values())
+    exact = exact_sensors(s)
+    memory = Memory(x=s.x0, P=spread_of_prior(s), started=0)
+    go = exact_step(found) if exact else step(found)
+    now = named_results(go, memory.x, memory.P, memory.started, *data.values())
     filtered = physical(
         s, x=now["x_post"], P=now["triangle"], u=now["v"], e=now["e"], S=now["spread"],
         flags=now["flags"],
     )  # fmt: skip
     handed = {"x_prior": now["prior"], "x_post": now["x_post"], "d": now["d_scaled"]}
-    handed["joint"] = ca.vec(now["joint"])
+    handed["joint"] = ca.vec(now["J"] if exact else now["joint"])  # a factor already, or none
     results = filter_channels(covariance)
     forward = memory.recursion(
         f"{name}_forward",
@@ -74,15 +80,18 @@ def joint_passes(name: str, found: Forces, *, covariance: Spread, cross: bool) -
         dt=s.dt,
     )
 
-    back = Memory(U=np.zeros((nx, nx)), zeta=np.zeros(nx), lost=1)
+    start = nothing_told(found) if exact else _nothing_told(found)
+    back = Memory(**start)
     estimates = {k: ca.MX.sym(k, v.numel()) for k, v in handed.items()}
     u_next = ca.MX.sym("u_next", nu)
     joint = ca.reshape(estimates["joint"], nx + m, nx + m)
     smoothed = named_results(
-        _back(found),
-        back.U, back.zeta, back.lost, estimates["x_prior"], estimates["x_post"], estimates["d"],
-        _root(found)(joint), *data.values(),
-    )  # fmt: skip
+        back_exactly(found) if exact else _back(found),
+        *(getattr(back, k) for k in start),
+        *(estimates[k] for k in ("x_prior", "x_post", "d")),
+        joint if exact else _root(found)(joint),
+        *data.values(),
+    )
     both, Tt = smoothed["both"], smoothed["Tt"]
     d = both[nx:] * ca.DM(found.unit)
     inputs = ca.vertcat(data["u"] / s.su[:nu], d / s.su[nu:])
@@ -98,12 +107,18 @@ def joint_passes(name: str, found: Forces, *, covariance: Spread, cross: bool) -
     backward = back.recursion(
         f"{name}_backward",
         [*estimates.values(), data["u"], u_next, data["y"], data["mask"]],
-        next={k: smoothed[k] for k in ("U", "zeta", "lost")},
+        next={k: smoothed[k] for k in start},
         outputs={c.name: v for c, v in zip(channels, values, strict=True)},
         channels=channels,
         dt=s.dt,
     )
     return ForwardBackward(forward, backward)
+
+
+def _nothing_told(found: Forces) -> dict[str, Array]:
+    """What the way back begins with."""
+    nx = found.system.s.model.nx
+    return {"U": np.zeros((nx, nx)), "zeta": np.zeros(nx), "lost": np.ones(1)}
 
 
 def _back(found: Forces) -> ca.Function:

@@ -13,7 +13,7 @@ from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import ModelError, TuningError
 from backsight.estimators.around.virtual import CROSS
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator, Spread
-from backsight.estimators.joint_input._exact import exact_extended_step, exact_step
+from backsight.estimators.joint_input._exact import exact_extended_step, exact_step, spread_of_prior
 from backsight.estimators.joint_input._extended import at_prior, extended_step
 from backsight.estimators.joint_input._reused import joint_limit, reusing_joint
 from backsight.estimators.joint_input._smoothing import joint_passes
@@ -21,8 +21,7 @@ from backsight.estimators.joint_input._step import step
 from backsight.estimators.joint_input._system import Forces, forces_of
 from backsight.estimators.kalman.exact_sensors import exact_sensors
 from backsight.estimators.kalman.square_root import refuse_too_wide
-from backsight.estimators.parts.covariance import Covariance, Term
-from backsight.estimators.parts.factors import Factor
+from backsight.estimators.parts.covariance import Term
 from backsight.estimators.parts.filtering import physical
 from backsight.estimators.parts.leaf import named_results
 from backsight.estimators.parts.linear import linear
@@ -152,11 +151,6 @@ class JointInput(AbstractEstimator):
                 "EKF with a force that has dynamics (bs.forces)"
             )
         found, cross = self._forces(model, dt), model.virtual is not None
-        if exact_sensors(found.system.s):
-            raise TuningError(
-                "sensors have no noise (sigma_y = 0, a singular R): give them a small sigma_y to "
-                f"smooth with the {self.title}; its estimates without smoothing are exact"
-            )
         return joint_passes(self.key, found, covariance=covariance, cross=cross)
 
     def _joined(self, model: Model) -> Model:
@@ -217,16 +211,10 @@ def _of_sensors(s: Setting, C: Array) -> Array:
     return np.diag(shown)
 
 
-def _kept(s: Setting) -> Array:
-    """The covariance of the prior, or its factor if sensors have no noise."""
-    kept = Covariance(s.model.nx)
-    return Factor(kept).spread(s.P0) if exact_sensors(s) else kept.kept(s.P0)
-
-
 def _recursion(name: str, found: Forces, *, cross: bool) -> Recursion:
     """The filter; with the channel `CROSS` if virtual outputs need it."""
     s = found.system.s
-    m = Memory(x=s.x0, P=_kept(s), started=0)
+    m = Memory(x=s.x0, P=spread_of_prior(s), started=0)
     data = _data(found)
     go = exact_step(found) if exact_sensors(s) else step(found)
     now = named_results(go, m.x, m.P, m.started, *data)
@@ -238,7 +226,7 @@ def _recursion(name: str, found: Forces, *, cross: bool) -> Recursion:
 def _extended(name: str, found: Forces, *, cross: bool) -> Recursion:
     """The recursion of a nonlinear model, see `_recursion`."""
     s = found.system.s
-    m = Memory(x=s.x0, P=_kept(s), E=np.zeros(found.E.shape), started=0)
+    m = Memory(x=s.x0, P=spread_of_prior(s), E=np.zeros(found.E.shape), started=0)
     data = _data(found)
     go = exact_extended_step(found) if exact_sensors(s) else extended_step(found)
     now = named_results(go, m.x, m.P, m.E, m.started, *data)

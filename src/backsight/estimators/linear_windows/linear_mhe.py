@@ -13,9 +13,10 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
 from backsight.estimators.kalman import ekf
-from backsight.estimators.kalman.exact_sensors import correcting_exactly
+from backsight.estimators.kalman.exact_sensors import correcting_exactly, exact_sensors
 from backsight.estimators.kalman.kf import predict_linear
 from backsight.estimators.kalman.square_root import refuse_too_wide
+from backsight.estimators.linear_windows._exact_window import exactly_solved
 from backsight.estimators.linear_windows._least_squares import Window, least_squares, start_of
 from backsight.estimators.linear_windows._limited import limited
 from backsight.estimators.linear_windows.stacked import Gains, gains, in_units
@@ -140,7 +141,8 @@ class LinearMHE(AbstractEstimator):
         if self.arrival_weight == 0 and isinstance(system, Linear):
             require_observable(model, samples=N + 1)
         limits = limits_of(s, s.Q, self.limits, {})
-        n = len(limits.names)
+        by_equations = self.arrival_weight == 0 and exact_sensors(s)
+        n = 0 if by_equations else len(limits.names)
         data = data_inputs(s)
         u, y, mask = s.enter()(*data)
         kept = Covariance(s.model.nx)
@@ -176,7 +178,9 @@ class LinearMHE(AbstractEstimator):
                 f"{', '.join(limits.names)}: limits go with constant coefficients, but those of "
                 f"model '{model.name}' change with its inputs; use MHE"
             )
-        if n and isinstance(system, Linear):
+        if by_equations:
+            found = exactly_solved(system, limits, N, start, window)
+        elif n and isinstance(system, Linear):
             tried = ca.horzcat(m.side[:, 1:], ca.MX.zeros(n))
             found = _with_limits(system, limits, self, start, window, tried)
             channels += (Channel("infeasible", ("limit",), labels=limits.names),)
@@ -208,12 +212,7 @@ class LinearMHE(AbstractEstimator):
 
     def _system(self, model: Model, dt: float) -> Linear | Varying:
         return in_time(
-            model,
-            dt,
-            noise=self.noise,
-            prior=self.prior,
-            hold=self.hold,
-            noiseless=self.arrival_weight > 0,
+            model, dt, noise=self.noise, prior=self.prior, hold=self.hold, noiseless=True
         )
 
 

@@ -13,9 +13,10 @@ from backsight.discrete.runge_kutta import Hold
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.kalman.exact_sensors import exact_sensors
 from backsight.estimators.kalman.kf import fixed_gain_halves
 from backsight.estimators.linear_windows._sliding import Sliding, sliding_window
-from backsight.estimators.linear_windows.stacked import gains, newest_gain
+from backsight.estimators.linear_windows.stacked import gains, newest_exact_gain, newest_gain
 from backsight.estimators.outliers import AbstractOutlierRule
 from backsight.estimators.parts.filtering import assemble
 from backsight.estimators.parts.linear import Linear, linear, require_observable
@@ -66,7 +67,8 @@ class RecursiveMHE(AbstractEstimator):
     Other missing samples leave the estimate as the model predicts it; with alpha > 0 it is then
     not the least-squares estimate until it is initialised again, so that rules for outliers need
     alpha = 0. The covariance is that of the
-    estimate which the recursion makes, rounding errors apart.
+    estimate which the recursion makes, rounding errors apart. With alpha = 0 sensors may have no
+    noise, if the process noise lets all readings of a window differ.
 
     References
     ----------
@@ -144,9 +146,8 @@ class RecursiveMHE(AbstractEstimator):
 
     def eigenvalues(self, model: Model, dt: float) -> NDArray[np.complex128]:
         """Eigenvalues of the estimation error from one measured sample to the next, (nx,)."""
-        system = self._system(model, dt)
-        gain = newest_gain(system, self.N, every=self.every)
-        return _eigenvalues(system, gain, self.N, self.every, self.alpha)
+        system = self._system(model, dt, noiseless=self.alpha == 0)
+        return _eigenvalues(system, self._gain(system), self.N, self.every, self.alpha)
 
     def build(self, model: Model, dt: float) -> Recursion:
         """See `AbstractEstimator.build`.
@@ -156,8 +157,8 @@ class RecursiveMHE(AbstractEstimator):
         UserWarning
             If the recursion is unstable and never starts again.
         """
-        system = self._system(model, dt)
-        gain = newest_gain(system, self.N, every=self.every)
+        system = self._system(model, dt, noiseless=self.alpha == 0)
+        gain = self._gain(system)
         found = _eigenvalues(system, gain, self.N, self.every, self.alpha)
         if np.abs(found).max() >= 1 and not self.reinitialise:
             listed = ", ".join(f"{v:.4g}" for v in found)
@@ -180,8 +181,20 @@ class RecursiveMHE(AbstractEstimator):
         )
         return sliding_window(self.key, window)
 
-    def _system(self, model: Model, dt: float) -> Linear:
-        system = linear(model, dt, noise=self.noise, prior=self.prior, hold=self.hold)
+    def _gain(self, system: Linear) -> Array:
+        """What the newest sample does to the estimate, (nx, ny)."""
+        gain_of = newest_exact_gain if exact_sensors(system.s) else newest_gain
+        return gain_of(system, self.N, every=self.every)
+
+    def _system(self, model: Model, dt: float, *, noiseless: bool = False) -> Linear:
+        system = linear(
+            model,
+            dt,
+            noise=self.noise,
+            prior=self.prior,
+            hold=self.hold,
+            noiseless=noiseless,
+        )
         require_observable(model, samples=self.N // self.every + 1)
         return system
 

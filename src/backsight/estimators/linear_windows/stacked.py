@@ -145,6 +145,42 @@ def newest_gain(system: Linear, N: int, *, every: int = 1) -> Array:
     return np.asarray(gain, float)
 
 
+def newest_exact_gain(system: Linear, N: int, *, every: int = 1) -> Array:
+    r"""`newest_gain` where sensors have no noise: the least variance among unbiased estimates.
+
+    With the first state x unknown and all noises :math:`\varepsilon \sim N(0, I)` the readings are
+    :math:`Y = X x + K \varepsilon`. Rows W with W X = 0 have no x: they fix the noises,
+    :math:`\hat\varepsilon = (W K)^+ W Y`, and the others say what x is,
+    :math:`\hat x = X^+ (Y - K \hat\varepsilon)`. Source: Paige, "Computer solution and perturbation
+    analysis of generalized linear least squares problems", Mathematics of Computation 33 (1979),
+    doi:10.1090/S0025-5718-1979-0514820-3.
+
+    Raises
+    ------
+    TuningError
+        If the window does not determine its states, or readings follow from each other exactly.
+    """
+    (ny, nx), s = system.C.shape, stacked(system, N)
+    measured = ((N - np.arange(N + 1)) % every == 0).repeat(ny)
+    X, drive = s.Phi[measured, :nx], s.Phi[measured, nx:]
+    check_rank(X, N)
+    noise = scipy.linalg.block_diag(*[root(system.s.R)] * (N + 1))[measured]
+    K = np.hstack([drive, noise])
+    W = scipy.linalg.null_space(X.T).T
+    singular = np.linalg.svd(W @ K, compute_uv=False)
+    if len(singular) < len(W) or not (singular > TOLERANCE * singular.max(initial=0.0)).all():
+        raise TuningError(
+            f"in a window of N = {N} readings without noise follow from each other, whatever the "
+            "process noise does, so that they would contradict each other: shorten the window, "
+            "give more states process noise, or the sensors a small sigma_y"
+        )
+    told = np.linalg.pinv(W @ K) @ W
+    first = np.linalg.pinv(X) @ (np.eye(len(X)) - K @ told)
+    T = s.T[-nx:]
+    M = T[:, :nx] @ first + T[:, nx:] @ told[: drive.shape[1]]
+    return np.asarray(M[:, -ny:], float)
+
+
 def _compressed(triangle: Array, rows: Array) -> Array:
     """Triangular factor of equations and those that are added."""
     return np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"), float)

@@ -21,7 +21,13 @@ from backsight.algebra.symmetric import vech
 from backsight.engine import dense
 from backsight.engine.dense import VECTOR
 from backsight.engine.loops import scan
-from backsight.estimators.parts.covariance import Covariance, Term, packed, times_transposed
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    Term,
+    matrix_product,
+    packed,
+    times_transposed,
+)
 from backsight.types import Array
 
 
@@ -114,6 +120,16 @@ def compress_rows(A: Term) -> Term:
     if not isinstance(A, ca.MX):
         return triangular.compress(A)
     return dense.compressed(ca.densify(A))
+
+
+def with_fixed(L: Term, x: Term, V: Term, y: Term) -> tuple[Term, Term]:
+    """(L, x) of x + L epsilon where V epsilon = y; rows of V are orthonormal, or zero."""
+    for i in range(V.shape[0]):
+        direction = V[i, :].T
+        along = matrix_product(L, direction)
+        x = x + along * y[i]
+        L = L - times_transposed(along, direction)
+    return L, x
 
 
 def downdate_factor(L: Term, v: Term) -> tuple[Term, Term]:

@@ -19,6 +19,8 @@ generalized linear least squares problems", Mathematics of Computation 33 (1979)
 doi:10.1090/S0025-5718-1979-0514820-3.
 """
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 
@@ -26,7 +28,7 @@ from backsight.algebra import triangular
 from backsight.engine import dense
 from backsight.engine.dense import scaled_rows
 from backsight.estimators.parts.covariance import Term, matrix_product, transposed
-from backsight.estimators.parts.factors import compress_rows, on_top, solve_lower
+from backsight.estimators.parts.factors import compress_rows, on_top, solve_lower, with_fixed
 
 NOTHING = 1e-13
 """Noise below this share of an equation is rounding: the equation is one that is known already."""
@@ -48,11 +50,11 @@ def estimated(x: Term, L: Term, A: Term, N: Term, zeta: Term) -> tuple[Term, Ter
 
     leaves those that the equations fix, C y = zeta, and those that they leave open.
     """
-    n = L.shape[0]
-    rows = [ca.horzcat(matrix_product(A, L), N), ca.horzcat(L, type(L).zeros(n, n))]
-    both = compress_rows(ca.densify(on_top([ca.densify(k) for k in rows])))
-    fixed = _known(both[:n, :n], zeta, NOTHING * (1 + ca.norm_inf(x)))
-    return x + matrix_product(both[n:, :n], fixed), transposed(both[n:, n:])
+    n, k = L.shape[0], A.shape[0]
+    rows = [ca.horzcat(matrix_product(A, L), N), ca.horzcat(L, type(L).zeros(n, k))]
+    both = compress_rows(ca.densify(on_top([ca.densify(row) for row in rows])))
+    fixed = known_by(both[:k, :k], zeta, NOTHING * (1 + ca.norm_inf(x)))
+    return x + matrix_product(both[k:, :k], fixed), transposed(both[k:, k:])
 
 
 def joined(
@@ -61,19 +63,69 @@ def joined(
     """(A, N, zeta) together with readings H (state - x) = e + noise epsilon of their own noise."""
     n, ny, zeros = A.shape[1], H.shape[0], type(A).zeros
     # 1. One size for all rows, so that a number says what is rounding.
-    H, noise, e = _of_size_one(H, noise, e)
-    # 2. The state out of as many rows as there are readings, by a transformation of the rows.
-    before, now = ca.horzcat(A, N, zeros(n, ny), zeta), ca.horzcat(H, zeros(ny, n), noise, e)
-    rest = _turned(on_top([ca.densify(before), ca.densify(now)]), n)
-    kept, told = rest[:n, :], rest[n : n + ny, :]
-    # 3. These rows tell of the noise only, and of that of the others what both have in common.
-    split = compress_rows(on_top([ca.densify(told[:, n:-1]), ca.densify(kept[:, n:-1])]))
-    known = _known(split[:ny, :ny], told[:, -1], NOTHING)
-    zeta = kept[:, -1] - matrix_product(split[ny:, :ny], known)
-    return _of_size_one(kept[:, :n], split[ny:, ny:], zeta)
+    H, noise, e = of_size_one(H, noise, e)
+    rows = [ca.horzcat(A, N, zeros(n, ny), zeta), ca.horzcat(H, zeros(ny, n), noise, e)]
+    return _apart(rows, n, readings=ny, unknown=0)
 
 
-def _turned(rows: Term, n: int) -> Term:
+@dataclasses.dataclass(frozen=True)
+class FlatForce:
+    """A force d in the equations A (state - x) + E d = zeta + N epsilon, and in readings.
+
+    Parameters
+    ----------
+    E, F : (nx, m), (ny, m)
+        Its columns in both.
+    prior : (m, m)
+        The equations ``prior d = epsilon`` of one that nothing else tells, else zero.
+    """
+
+    E: Term
+    F: Term
+    prior: Term
+
+
+def joined_with_force(
+    A: Term, N: Term, zeta: Term, *, H: Term, noise: Term, e: Term, d: FlatForce
+) -> tuple[Term, Term, Term]:
+    """`joined` with readings H (state - x) + F d = e + noise epsilon; whatever d is."""
+    n, ny, m, zeros = A.shape[1], H.shape[0], d.prior.shape[0], type(A).zeros
+    F_H, noise, e = of_size_one(ca.horzcat(d.F, H), noise, e)
+    rows = [
+        ca.horzcat(d.E, A, N, zeros(n, ny + m), zeta),
+        ca.horzcat(F_H, zeros(ny, n), noise, zeros(ny, m), e),
+        ca.horzcat(d.prior, zeros(m, n + n + ny), type(A)(ca.DM.eye(m)), zeros(m, 1)),
+    ]
+    return _apart(rows, n, readings=ny, unknown=m)
+
+
+def without_force(A: Term, N: Term, zeta: Term, *, E: Term, prior: Term) -> tuple[Term, Term, Term]:
+    """What A (state - x) + E d = zeta + N epsilon tells of the state whatever d is."""
+    n, m, zeros = A.shape[1], E.shape[1], type(A).zeros
+    rows = [
+        ca.horzcat(E, A, N, zeros(n, m), zeta),
+        ca.horzcat(prior, zeros(m, n + n), type(A)(ca.DM.eye(m)), zeros(m, 1)),
+    ]
+    return _apart(rows, n, readings=0, unknown=m)
+
+
+def _apart(rows: list[Term], n: int, *, readings: int, unknown: int) -> tuple[Term, Term, Term]:
+    """(A, N, zeta) of the state, which has n columns behind those that are `unknown`."""
+    rest = turned(on_top([ca.densify(row) for row in rows]), unknown + n)
+    kept = rest[unknown : unknown + n, unknown:]
+    told = rest[unknown + n : unknown + n + readings, unknown:]
+    # 2. The rows that are left tell of the noise only, of that of the others, too.
+    noise, zeta = kept[:, n:-1], kept[:, -1]
+    if readings:
+        size = ca.SX.sym("told", *told[:, n:].shape)
+        V, y, _ = triangular.fixed_directions(size[:, :-1], size[:, -1], least=NOTHING)
+        fixed = ca.Function("fixed_noise", [size], [V, ca.densify(y)])
+        noise, moved = with_fixed(ca.densify(noise), 0 * zeta, *fixed(ca.densify(told[:, n:])))
+        zeta = zeta - moved
+    return of_size_one(kept[:, :n], compress_rows(ca.densify(noise)), zeta)
+
+
+def turned(rows: Term, n: int) -> Term:
     """The same rows after an orthogonal transformation that makes n columns upper triangular."""
     if not isinstance(rows, ca.MX):
         return triangular.upper_triangular(rows[:, :n], rows)
@@ -82,7 +134,7 @@ def _turned(rows: Term, n: int) -> Term:
     return dense.transpose(factor)[: rows.shape[0], :]
 
 
-def _known(L: Term, b: Term, least: Term | float) -> Term:
+def known_by(L: Term, b: Term, least: Term | float) -> Term:
     """`triangular.forward_semidefinite`, for many states, too."""
     if not isinstance(L, ca.MX):
         return triangular.forward_semidefinite(L, b, least=least)
@@ -93,7 +145,7 @@ def _known(L: Term, b: Term, least: Term | float) -> Term:
     return solve_lower(scaled_rows(ca.densify(L), keep) + dense.diagonal(1 - keep), right)
 
 
-def _of_size_one(A: Term, N: Term, zeta: Term) -> tuple[Term, Term, Term]:
+def of_size_one(A: Term, N: Term, zeta: Term) -> tuple[Term, Term, Term]:
     """The same equations, each divided by the size of its row [A, N]."""
     rows = ca.densify(ca.horzcat(A, N))
     if isinstance(rows, ca.MX):

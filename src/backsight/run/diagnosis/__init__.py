@@ -1,7 +1,6 @@
 """Questions about a recording and an estimator that need further runs."""
 
 from backsight.run.diagnosis._certify import certify as certify
-from backsight.run.diagnosis._delays import check_alignment as check_alignment
 from backsight.run.diagnosis._readings import clipped_readings as clipped_readings
 from backsight.run.diagnosis._readings import coarse_readings as coarse_readings
 from backsight.run.diagnosis._readings import rounded_readings as rounded_readings
@@ -10,6 +9,7 @@ from backsight.run.diagnosis._readings import turned_readings as turned_readings
 from backsight.run.diagnosis.audit import aligned as aligned
 from backsight.run.diagnosis.audit import audited as audited
 from backsight.run.diagnosis.audit import expected as expected
+from backsight.run.diagnosis.delays import check_alignment as check_alignment
 from backsight.run.diagnosis.parameters.identifiability import (
     check_identifiability as check_identifiability,
 )

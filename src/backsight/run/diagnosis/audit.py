@@ -13,12 +13,12 @@ from backsight.errors import BacksightError, ModelError, TuningError
 from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run.diagnosis._delays import check_alignment
 from backsight.run.diagnosis._factors_of_results import MOST_STATES, factors_of, with_factors
 from backsight.run.diagnosis._judges import Judges
 from backsight.run.diagnosis._lone_readings import lone_readings, misled_constants
 from backsight.run.diagnosis._readings import clipped_readings, coarse_readings, turned_readings
 from backsight.run.diagnosis._walks import Walks
+from backsight.run.diagnosis.delays import check_alignment
 from backsight.run.diagnosis.parameters.flat import behind_kinks
 from backsight.run.diagnosis.parameters.identifiability import check_identifiability
 from backsight.run.diagnosis.parameters.sense import surprises
@@ -36,6 +36,8 @@ def audited(
     looked at: it would take longer than the estimation itself.
     """
     found = aligned(estimators, model, recording)
+    if found is not None and any(map(_consistent, results.values())):
+        found = dataclasses.replace(found, explained=found.explained or found.late)
     about: dict[str, str | int] = {} if found is None else {ALIGNMENT: str(found)}
     if found is not None and found.aligned is not None:
         about[ALIGNED] = int(found.aligned)
@@ -48,6 +50,11 @@ def audited(
         )
         for name, result in results.items()
     }
+
+
+def _consistent(result: xr.Dataset) -> bool:
+    """Whether a result is what it should be with the recording as it is."""
+    return not failed(result) and check_consistency(result).consistent
 
 
 def doubts_found(

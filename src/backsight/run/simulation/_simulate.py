@@ -1,5 +1,6 @@
 """Make a recording from a model, with its truth: jumps, disturbances and noise included."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Annotated
 
@@ -17,6 +18,7 @@ from backsight.engine.recursion import Channel, Recursion
 from backsight.errors import DataError, TuningError
 from backsight.models.model import Model
 from backsight.models.signals import vector
+from backsight.models.singular import culprit
 from backsight.run.simulation._measured import measured_recording
 from backsight.run.simulation._scenario import (
     Disturbance,
@@ -131,7 +133,8 @@ def simulate(
         raise DataError(f"sigma_y is {sigma}; it must not be negative")
 
     X, Y, Z = _integrate(model, fine, x, U=U, theta=theta, pushes=pushes, dt=dt)
-    _check_finite(X, Y, dt)
+    of_samples = theta.at(np.arange(n) * fine.steps)
+    _check_finite(model, X, Y, U, of_samples, dt)
 
     return measured_recording(
         model,
@@ -140,7 +143,7 @@ def simulate(
         x=X,
         y=Y,
         z=Z,
-        parameters=theta.at(np.arange(n) * fine.steps),
+        parameters=of_samples,
         sigma=sigma,
         seed=seed,
     )
@@ -227,10 +230,25 @@ def _finite(values: Array, what: str) -> Array:
     return values
 
 
-def _check_finite(X: Array, Y: Array, dt: float) -> None:
+def _check_finite(model: Model, X: Array, Y: Array, U: Array, theta: Array, dt: float) -> None:
+    """Raise `DataError` with the equation that is not finite, or the first sample that is not.
+
+    Parameters (n, np) are those of every sample.
+    """
     bad = ~(np.isfinite(X).all(axis=1) & np.isfinite(Y).all(axis=1))
-    if bad.any():
-        raise DataError(
-            f"the simulation is no longer finite at t = {np.argmax(bad) * dt:g} s; "
-            "use more sub-steps or check parameters and inputs"
-        )
+    if not bad.any():
+        return
+    k = int(np.argmax(bad))
+    pairs = zip(model.parameters, theta[k], strict=True)
+    now = tuple(
+        dataclasses.replace(s, value=float(v), lower=-np.inf, upper=np.inf) for s, v in pairs
+    )
+    there = dataclasses.replace(model, parameters=now)
+    points = [(X[k], U[k])]
+    if k:
+        x, u = X[k - 1], U[k - 1]
+        rates = np.asarray(ca.evalf(there.rhs(ca.SX(x), ca.SX(u)))).ravel()
+        points += [(x, u), (x + dt * rates if model.continuous else rates, u)]
+    said = (culprit(there, *point) for point in points if np.isfinite(point[0]).all())
+    why = next(filter(None, said), "use more sub-steps or check parameters and inputs")
+    raise DataError(f"the simulation is no longer finite at t = {k * dt:g} s: {why}")

@@ -3,6 +3,6 @@
 from backsight.sparse.nonlinear.follower import FoundHit as FoundHit
 from backsight.sparse.nonlinear.follower import Watch as Watch
 from backsight.sparse.nonlinear.follower import follower as follower
-from backsight.sparse.nonlinear.motion import Motion as Motion
-from backsight.sparse.nonlinear.motion import readings as readings
+from backsight.sparse.nonlinear.motion import ForcedMotion as ForcedMotion
+from backsight.sparse.nonlinear.motion import readings_of as readings_of
 from backsight.sparse.nonlinear.search import Offered as Offered

@@ -12,9 +12,9 @@ from typing import final
 import numpy as np
 
 from backsight.estimators.dictionaries import AbstractPulses
-from backsight.sparse.nonlinear.motion import Motion, Readings
+from backsight.sparse.nonlinear._window import HitWindow, WindowFit
+from backsight.sparse.nonlinear.motion import ForcedMotion, Readings
 from backsight.sparse.nonlinear.search import Offered, found_hits
-from backsight.sparse.nonlinear.window import HitWindow, WindowFit
 from backsight.types import Array
 
 REACH = 4.0
@@ -78,7 +78,7 @@ class Watch:
     gain: float
 
 
-def follower(motion: Motion, data: Readings, watch: Watch) -> list[FoundHit]:
+def follower(motion: ForcedMotion, data: Readings, watch: Watch) -> list[FoundHit]:
     """Follow a recording; the hits in it, in the order of time."""
     work = _Follower(motion, data, watch)
     work.run()
@@ -89,7 +89,7 @@ def follower(motion: Motion, data: Readings, watch: Watch) -> list[FoundHit]:
 class _Follower:
     """Where the filter is, what it remembers, and what was found."""
 
-    def __init__(self, motion: Motion, data: Readings, watch: Watch) -> None:
+    def __init__(self, motion: ForcedMotion, data: Readings, watch: Watch) -> None:
         self.motion, self.data, self.watch = motion, data, watch
         self.hits: list[FoundHit] = []
         s = motion.forced.system.s

@@ -29,7 +29,7 @@ class Slopes:
 
 
 @dataclasses.dataclass(frozen=True)
-class Motion:
+class ForcedMotion:
     """A model, sample by sample.
 
     Parameters
@@ -47,7 +47,7 @@ class Motion:
     slopes: ca.Function
 
     @staticmethod
-    def of(forced: Forced) -> "Motion":
+    def of(forced: Forced) -> "ForcedMotion":
         """Trace a model with its unknown forces as last inputs."""
         s = forced.system.s
         x, u = ca.SX.sym("x", s.model.nx), ca.SX.sym("u", s.model.nu)
@@ -59,7 +59,7 @@ class Motion:
         by = over_sample(s.integrator, s.model, s.dt)
         a, b = ca.MX.sym("x", s.model.nx), ca.MX.sym("u", s.model.nu)
         looks = ca.Function("looks", [x, u], [ca.densify(ca.jacobian(y, z)) for z in (x, u)])
-        return Motion(
+        return ForcedMotion(
             forced,
             ca.Function("ahead", [x, u], [ca.densify(end)]),
             ca.Function("seen", [x, u], [ca.densify(y)]),
@@ -116,7 +116,7 @@ class Readings:
         return np.einsum("kii->ki", self.root).astype(bool).sum(axis=1)
 
 
-def readings(forced: Forced, data: tuple[Array, Array, Array]) -> Readings:
+def readings_of(forced: Forced, data: tuple[Array, Array, Array]) -> Readings:
     """Scale inputs, outputs and mask, and whiten the noise of every pattern of measurements."""
     (u, y, mask), s = data, forced.system.s
     root = np.zeros((len(y), *s.R.shape))

@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 
-from backsight.sparse.nonlinear.window import HitPulse, HitWindow, WindowFit
+from backsight.sparse.nonlinear._window import HitPulse, HitWindow, WindowFit
 from backsight.types import Array
 
 PER_WIDTH = 3

@@ -1,6 +1,7 @@
 """The search for the best place: scoring steps in a trust region, from several starts."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -15,6 +16,10 @@ one from which the search goes on, or that a run of its own for every derivative
 
 EXCERPT = 10_000
 """Samples from which the first places are found; the whole recordings only refine them."""
+
+AGAIN = 25
+"""Evaluations after which a search from a random place is given up: with values far from right a
+nonlinear filter may lose its way, and then creeps."""
 
 FAR = 1.6
 """Size of the random moves from which the search starts again, a factor of five."""
@@ -85,12 +90,16 @@ class _FoundError(Exception):
     """The step is short enough: scipy has no criterion in standard deviations."""
 
 
-def descend(objective: Objective, start: Array, search: Search, *, near: float) -> Optimum:
+def descend(
+    objective: Objective, start: Array, search: Search, *, near: float, most: float = math.inf
+) -> Optimum:
     """Fisher scoring from one start, in a trust region (Moré and Sorensen, `scipy`).
 
     It ends when the next step is shorter than `near`, or one as short has brought nothing: of a
-    delay the criterion has an edge at every whole sample. Or the passes are used up.
+    delay the criterion has an edge at every whole sample. Or the passes are used up, or so many
+    evaluations.
     """
+    begun = len(search.history)
     best: list[tuple[float, Array, Evaluation]] = []
     converged = False
 
@@ -98,7 +107,8 @@ def descend(objective: Objective, start: Array, search: Search, *, near: float) 
         nonlocal converged
         place = np.array(given, float)
         new = not search.has(objective, place)
-        if best and search.exhausted and new:
+        used_up = search.exhausted or len(search.history) - begun >= most
+        if best and used_up and new:
             raise _FoundError
         found = search.evaluate(objective, place)
         if not best or found.cost < best[0][0]:
@@ -160,7 +170,7 @@ def search_all(
         if search.exhausted:
             break
         start = first.place + size * rng.choice([-1.0, 1.0], p)
-        ends.append(descend(excerpt, start, search, near=ROUGHLY))
+        ends.append(descend(excerpt, start, search, near=ROUGHLY, most=AGAIN))
     ends.sort(key=lambda end: end.evaluation.cost)
     found = [end.evaluation.cost for end in ends if end.converged]
     worse = [cost - min(found) for cost in found]

@@ -1,6 +1,7 @@
 """How well a recording is explained for each of several values of a parameter."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,10 @@ from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.uncertainty import Prior
 from backsight.models.model import Model
 from backsight.run.estimation import estimate
+from backsight.types import Array
+
+BELOW = 1.92
+"""Of a log-likelihood below its top at the ends of a 95 % interval (chi-squared, one value)."""
 
 
 @checked()
@@ -41,15 +46,16 @@ def profile(
         The state.
     values : (n,) array, optional
         By default 21 values over three standard deviations of the prior to either side, those
-        inside the bounds (of positive states above zero).
+        inside the bounds; of positive states those of the logarithm.
 
     Returns
     -------
     xarray.Dataset
         ``log_likelihood (value)``, the sum over the recording; the other states at its end and
         their standard deviations, ``x_hat, x_std (value, state)``; NaN where the filter diverged.
-        The attribute ``best`` is the value with the largest likelihood, ``interval`` the ends of
-        the values within 1.92 of it: a 95 % interval by the likelihood ratio.
+        The attribute ``best`` is the value with the largest likelihood, ``interval`` the
+        next values to both sides at which the curve is 1.92 below it: they hold a 95 % interval by
+        the likelihood ratio, and are infinite to a side on which the curve does not come down.
 
     Raises
     ------
@@ -79,7 +85,7 @@ def profile(
     x0, P0 = prior.mean(model), prior.covariance(model)
     state = model.states[i]
     if values is None:
-        values = x0[i] + np.sqrt(P0[i, i]) * np.linspace(-3, 3, 21)
+        values = _over_prior(float(x0[i]), float(P0[i, i]), positive=state.positive)
     grid = np.unique(np.atleast_1d(np.asarray(values, float)))
     least = max(state.lower, np.nextafter(0, 1)) if state.positive else state.lower
     grid = grid[np.isfinite(grid) & (grid >= least) & (grid <= state.upper)]
@@ -104,7 +110,6 @@ def profile(
     if not np.isfinite(logs).any():
         raise DataError(f"the filter diverged at every value of {name}; give values nearer to it")
     best = int(np.nanargmax(logs))
-    near = grid[logs >= logs[best] - 1.92]
     others = [s.name for s in model.states]
     return xr.Dataset(
         {
@@ -117,9 +122,25 @@ def profile(
             "parameter": name,
             "unit": state.unit,
             "best": float(grid[best]),
-            "interval": [float(near.min()), float(near.max())],
+            "interval": [_end(grid, logs, best, by) for by in (-1, 1)],
         },
     )
+
+
+def _over_prior(start: float, variance: float, *, positive: bool) -> Array:
+    """Values over three standard deviations of the prior; of a logarithm if the state is one."""
+    steps = np.linspace(-3, 3, 21)
+    if not (positive and start > 0):
+        return start + np.sqrt(variance) * steps
+    return start * np.exp(np.sqrt(np.log1p(variance / start**2)) * steps)
+
+
+def _end(grid: Array, logs: Array, best: int, by: int) -> float:
+    """First value to one side at which the curve is `BELOW` its top."""
+    for k in range(best + by, len(grid) if by > 0 else -1, by):
+        if logs[k] < logs[best] - BELOW:
+            return float(grid[k])
+    return by * math.inf
 
 
 def _tried(

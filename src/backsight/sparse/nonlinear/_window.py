@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from backsight.estimators.dictionaries import AbstractPulses
-from backsight.sparse.nonlinear.motion import Motion, Readings
+from backsight.sparse.nonlinear.motion import ForcedMotion, Readings
 from backsight.types import Array
 
 STEP = 0.02
@@ -71,7 +71,7 @@ class HitWindow:
 
     Parameters
     ----------
-    motion : Motion
+    motion : ForcedMotion
     data : Readings
     mean : (nx,) array
         First state as it is expected, scaled.
@@ -82,7 +82,7 @@ class HitWindow:
         Forces that a hit may move at the same time, wherever it is.
     """
 
-    motion: Motion
+    motion: ForcedMotion
     data: Readings
     mean: Array
     information: Array

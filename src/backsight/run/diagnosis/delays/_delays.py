@@ -11,11 +11,13 @@ import xarray as xr
 from backsight.analysis.alignment import Alignment, decide, vertex
 from backsight.description import Called, Count, checked
 from backsight.engine.execute import choose_engine, prepare
+from backsight.engine.recursion import Recursion
 from backsight.estimators import yardstick
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.outliers import DOUBTED
 from backsight.models.model import Model
-from backsight.run.diagnosis._units import outputs_of_run, reconsidered, response_ratios
+from backsight.run.diagnosis.delays._units import outputs_of_run, reconsidered, response_ratios
+from backsight.run.diagnosis.delays._without_delay import explained_without
 from backsight.run.estimation import match
 from backsight.schema import WEIGHT
 from backsight.types import Array
@@ -127,9 +129,19 @@ def check_alignment(
         return scores, sizes
 
     every = slice(None)
+
+    def scored(begun: Recursion, shift: int) -> tuple[float, Array] | None:
+        """Mean score and last estimate of a run from another start, with y moved."""
+        moved = [_moved(v, shift) for v in (y, mask)]
+        e, S, x = outputs_of_run(begun, [u, *moved], engine, ("e", "S", "x_hat"))
+        found = _score(_moved(e, -shift)[kept], _moved(S, -shift)[kept], mask[kept])
+        return found and (float(found[0].mean()), x[kept.stop - 1])
+
     result = decide(*tried(range(-reach, reach + 1), every, u, len(rows)), ratios)
     if not result.shifts:
         return result
+    if result.late and explained_without(predicting, model, recursion, result.best, scored):
+        return dataclasses.replace(result, explained=True)
     fine = {}
     for part in FINE * np.arange(-3, 4):
         scores, _ = tried([result.best], every, _later(u, float(part)), len(u))

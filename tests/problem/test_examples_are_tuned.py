@@ -1,0 +1,46 @@
+"""Problem files of the examples: tuned by the command, and they say so."""
+
+import os
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from backsight.problem import load, tune_problem
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+FILES = sorted(
+    f"{file.parent.name}/{file.name}"
+    for file in EXAMPLES.glob("*/*.toml")
+    if "recording" in tomllib.loads(file.read_text("utf-8"))
+)
+"""Those with a recording; a file for live has none."""
+
+
+def test_they_say_what_was_found():
+    assert len(FILES) > 10
+    for name in FILES:
+        text = (EXAMPLES / name).read_text("utf-8")
+        table = tomllib.loads(text)["tune"]
+        assert table["free"], name
+        assert table["found"], name
+        assert "backsight tune" in text, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FILES)
+def test_the_command_finds_it_again(name, tmp_path):
+    if name.startswith("extension/"):
+        pytest.importorskip("backsight_example")
+    if "BACKSIGHT_DATA" not in os.environ and "BACKSIGHT_DATA" in (EXAMPLES / name).read_text():
+        pytest.skip("needs the recordings of nonlinearbenchmark.org")
+    folder = shutil.copytree((EXAMPLES / name).parent, tmp_path / "example")
+    problem = load(folder / Path(name).name)
+    again = tune_problem(problem, folder / "again.toml").tuned
+    found = tomllib.loads((EXAMPLES / name).read_text("utf-8"))["tune"]["found"]
+    assert set(found) == {*again.values, *again.chosen}
+    for key, was in found.items():
+        if key in again.values:
+            assert abs(again.values[key] - was["value"]) < 0.3 * was["std"] + 1e-4 * was["value"]
