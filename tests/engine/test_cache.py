@@ -3,12 +3,14 @@
 import os
 import threading
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from backsight.engine import _cache as cache
-from backsight.engine import native
-from engine.examples import data_for, location
+from backsight.engine import dense, lanes, native
+from backsight.engine.llvm.module import LARGEST_LOCAL
+from engine.examples import data_for, location, recursion
 
 
 @pytest.fixture
@@ -51,6 +53,23 @@ def test_damaged_file_is_compiled_again(folder, damage):
     file.write_bytes(damage(whole))
     assert np.array_equal(estimate(), first)
     assert file.read_bytes() == whole
+
+
+def test_large_tables_are_kept_beside_the_code(folder, monkeypatch):
+    """Constants that would be too much text for the compiler; the same for every lane."""
+    rng, n = np.random.default_rng(0), 40
+    table, rows = rng.standard_normal((n, n)), rng.standard_normal((6, n))
+    c, x = ca.MX.sym("c"), ca.MX.sym("x", n)
+    r = recursion(ca.Function("tables", [c, x], [c, dense.product_of(ca.MX(ca.DM(table)), x)]))
+    assert n * n > LARGEST_LOCAL
+    for _ in range(2):
+        native._compiled.cache_clear()
+        one = native.run(r, [rows], carry=r.carry0)[1][0]
+        np.testing.assert_allclose(one, rows @ table.T, rtol=0, atol=1e-12)
+        many = lanes.run_many(r, [[rows], [rows[:3]]], carries=[r.carry0] * 2)
+        for _, (found,) in many:
+            np.testing.assert_allclose(found, one[: len(found)], rtol=0, atol=1e-12)
+        monkeypatch.setattr(native, "walk", lambda step: pytest.fail("compiled again"))
 
 
 def test_other_version_is_another_file(folder, monkeypatch):

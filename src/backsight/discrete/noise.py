@@ -68,7 +68,8 @@ def integrated_noise(a: Array, q: Array, *, dt: float) -> tuple[Array, Array]:
     phi, term = np.asarray(scipy.linalg.expm(a * h), float), q * h
     total = term
     for k in range(2, _TERMS):
-        term = h / k * (a @ term + term @ a.T)
+        moved = a @ term
+        term = h / k * (moved + moved.T)  # a density is symmetric
         total = total + term
     for _ in range(doublings):
         total = total + phi @ total @ phi.T

@@ -43,15 +43,18 @@ class Compiled:
         Sizes of the working buffers that the caller provides.
     lanes : int
         Recordings that advance together.
+    tables : tuple of arrays
+        Large constants, which the caller provides behind these.
     """
 
     code: machine.Code
     given: tuple[int, ...]
     lanes: int
+    tables: tuple[Array, ...] = ()
 
     def workspace(self) -> list[Array]:
-        """Return new working buffers."""
-        return [np.empty(size * self.lanes) for size in self.given]
+        """Return new working buffers, and the tables."""
+        return [*(np.empty(size * self.lanes) for size in self.given), *self.tables]
 
 
 def compiled(recursion: Recursion, *, lanes: int = 1) -> Compiled:
@@ -199,30 +202,44 @@ def _compiled(step: ca.Function, lanes: int) -> Compiled:
     kept = cache.read_kept(name)
     parts = None if kept is None else _unpacked(kept)
     if parts is None:
-        program = walk(step)
-        given = [buffer.size for buffer in llvm.given(program, Width(lanes))]
+        program, width = walk(step), Width(lanes)
+        buffers = llvm.given(program, width)
         parts = (
-            given,
+            [b.size for b in buffers if b.values is None],
+            [np.array(b.values) for b in buffers if b.values is not None],
             list(program.kernels),
-            machine.assemble_code(llvm.write_llvm(program, Width(lanes))),
+            machine.assemble_code(llvm.write_llvm(program, width)),
         )
-        cache.keep(name, json.dumps(parts[:2]).encode() + b"\n" + parts[2])
-    given, kernels, code = parts
+        cache.keep(name, _packed(*parts))
+    given, tables, kernels, code = parts
     symbols = {kernel_symbol(kernel): library.address(kernel) for kernel in kernels}
-    return Compiled(machine.load_code(code, symbols), tuple(given), lanes)
+    repeated = tuple(np.repeat(table, lanes) for table in tables)
+    return Compiled(machine.load_code(code, symbols), tuple(given), lanes, repeated)
 
 
-def _unpacked(kept: bytes) -> tuple[list[int], list[str], bytes] | None:
-    """Sizes of buffers, kernels and machine code; None if it is anything else."""
-    head, _, code = kept.partition(b"\n")
+Parts = tuple[list[int], list[Array], list[str], bytes]
+"""Sizes of buffers, tables of constants, kernels and machine code."""
+
+
+def _packed(given: list[int], tables: list[Array], kernels: list[str], code: bytes) -> bytes:
+    head = json.dumps([given, [table.size for table in tables], kernels]).encode()
+    return b"".join([head, b"\n", *(table.tobytes() for table in tables), code])
+
+
+def _unpacked(kept: bytes) -> Parts | None:
+    """What `_packed` was given; None if it is anything else."""
+    head, _, rest = kept.partition(b"\n")
     try:
         match json.loads(head):
-            case [list() as given, list() as kernels] if (
-                all(type(g) is int and g >= 0 for g in given)
+            case [list() as given, list() as sizes, list() as kernels] if (
+                all(type(g) is int and g >= 0 for g in (*given, *sizes))
                 and all(isinstance(k, str) for k in kernels)
-                and code
+                and len(rest) > 8 * sum(sizes)
             ):
-                return given, kernels, code
+                ends = np.cumsum(sizes, dtype=int)
+                numbers = np.frombuffer(rest, count=sum(sizes))
+                tables = np.split(numbers, ends[:-1]) if sizes else []
+                return given, tables, kernels, rest[8 * sum(sizes) :]
     except (ValueError, RecursionError):
         pass
     return None

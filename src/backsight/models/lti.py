@@ -155,6 +155,8 @@ def bent(model: Model) -> list[str]:
     The inputs may do anything: a model with ``a * cos(w * t)`` is linear in its states if t is an
     input. Every operation is looked at, since a step such as sign(v) has a derivative of zero.
     """
+    if remembered(model.f, model.theta) and remembered(model.h, model.theta):
+        return []
     x, u = ca.SX.sym("x", model.nx), ca.SX.sym("u", model.nu)
     labels = [f"the equation of '{s.name}'" for s in model.states]
     labels += [f"the output equation of '{s.name}'" for s in model.outputs]

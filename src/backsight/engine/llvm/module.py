@@ -1,7 +1,5 @@
 """A loop program in LLVM's language."""
 
-import numpy as np
-
 from backsight.engine.llvm._lanes import Lanes
 from backsight.engine.llvm._leaf import declarations, write_llvm_leaf
 from backsight.engine.llvm._shared import SharedLoops
@@ -31,7 +29,8 @@ def write_llvm(program: Program, width: Width) -> str:
     ``pointers`` holds the addresses of the memory (numbers of the lanes side by side), of the
     buffers of `given`, and for every data and result buffer of the rows of each lane's recording.
     """
-    constants, shared = [b for b in program.buffers if b.values is not None], SharedLoops(width)
+    constants = [b for b in program.buffers if b.values is not None and b.size <= LARGEST_LOCAL]
+    shared = SharedLoops(width)
     steps = _steps(program, width, shared)
     parts = [
         declarations(program.leaves, width),
@@ -47,9 +46,14 @@ def write_llvm(program: Program, width: Width) -> str:
 
 
 def given(program: Program, width: Width) -> tuple[Buffer, ...]:
-    """Return the working buffers that are too large to be local variables."""
+    """Return the buffers that the caller provides.
+
+    Those in which the step works, if they are too large to be local variables, and large tables of
+    constants: as text in the module they would take longer to read than all the rest to compile.
+    """
     largest = LARGEST_LOCAL // width.lanes
-    return tuple(b for b in _working(program, width) if b.size > largest)
+    tables = [b for b in program.buffers if b.values is not None and b.size > LARGEST_LOCAL]
+    return (*(b for b in _working(program, width) if b.size > largest), *tables)
 
 
 def _working(program: Program, width: Width) -> tuple[Buffer, ...]:
@@ -65,25 +69,9 @@ def _inline(leaf: Leaf, program: Program) -> bool:
 
 
 def _constant(buffer: Buffer, width: Width) -> str:
-    if buffer.size > LARGEST_LOCAL:
-        return _large_constant(buffer, width)
     values = ", ".join(f"{width.number} {width.constant(v)}" for v in buffer.values or ())
     kind = f"[{buffer.size} x {width.number}]"
     return f"@data.{buffer.name} = private unnamed_addr constant {kind} [{values}], align 64"
-
-
-def _large_constant(buffer: Buffer, width: Width) -> str:
-    """As bytes, which are read several times faster than numbers."""
-    numbers = np.repeat(np.array(buffer.values), width.lanes)
-    start = f"@data.{buffer.name} = private unnamed_addr constant [{numbers.nbytes} x i8]"
-    if not numbers.view(np.uint64).any():
-        return f"{start} zeroinitializer, align 64"
-    text = _BYTES[numbers.view(np.uint8)].tobytes().decode()
-    return f'{start} c"{text}", align 64'
-
-
-_BYTES = np.array([f"\\{byte:02x}" for byte in range(256)], dtype="S3")
-"""Every byte as LLVM writes it."""
 
 
 def _table(table: Table) -> str:
@@ -108,8 +96,8 @@ def _steps(program: Program, width: Width, shared: SharedLoops) -> str:
     own = [program.carry, *given(program, width)]
     data = [*program.inputs, *program.outputs]
     working = _working(program, width)
-    base = {b: f"%{b.name}" for b in (*program.interface, *working)}
-    base |= {b: f"@data.{b.name}" for b in program.buffers if b.values is not None}
+    base = {b: f"@data.{b.name}" for b in program.buffers if b.values is not None}
+    base |= {b: f"%{b.name}" for b in (*program.interface, *working, *own)}
     for buffer in working:
         if buffer not in own:
             kind = f"[{max(buffer.size, 1)} x {width.number}]"

@@ -61,6 +61,8 @@ static inline void matrix_add_product(int m, int n, int k, real sign, const real
     }
 }
 
+#define matrix_square_small 64
+
 /* Lower triangle of C + sign A A', or of C + sign A' A if transposed; A A' has n rows and sums over k
  * numbers.
  */
@@ -71,6 +73,12 @@ static inline void matrix_add_square(int n, int k, real sign, const real *A, int
     const real one = 1;
     if (n == 0 || k == 0)
         return;
+    if (blas.gemm && n < matrix_square_small) {
+        /* The other triangle too, which is faster than half of so little. */
+        blas.gemm(transposed ? "T" : "N", transposed ? "N" : "T", &n, &n, &k, &sign, A,
+            transposed ? &k : &n, A, transposed ? &k : &n, &one, C, &n);
+        return;
+    }
     if (blas.syrk) {
         blas.syrk("L", transposed ? "T" : "N", &n, &k, &sign, A, transposed ? &k : &n, &one, C, &n);
         return;
@@ -100,14 +108,23 @@ static inline void matrix_add_square(int n, int k, real sign, const real *A, int
 static inline void matrix_mirror(int n, real *A)
 {
     int i, j, p, q;
-    for (q = 0; q < n; q += matrix_side)
-        for (p = q; p < n; p += matrix_side) {
-            const int rows = n - p < matrix_side ? n - p : matrix_side;
-            const int columns = n - q < matrix_side ? n - q : matrix_side;
-            for (i = 0; i < rows; ++i)
-                for (j = 0; j < columns && q + j < p + i; ++j)
-                    A[q + j + (p + i) * n] = A[p + i + (q + j) * n];
+    for (q = 0; q < n; q += matrix_side) {
+        const int columns = n - q < matrix_side ? n - q : matrix_side;
+        for (j = q; j < q + columns; ++j)
+            for (i = j + 1; i < q + columns; ++i)
+                A[j + i * n] = A[i + j * n];
+        for (p = q + matrix_side; p + matrix_side <= n; p += matrix_side) {
+            /* Lengths that the compiler knows: it unrolls them. */
+            const real *restrict from = A + p + q * n;
+            real *restrict to = A + q + p * n;
+            for (i = 0; i < matrix_side; ++i)
+                for (j = 0; j < matrix_side; ++j)
+                    to[j + i * n] = from[i + j * n];
         }
+        for (i = p; i < n; ++i)
+            for (j = q; j < q + columns; ++j)
+                A[j + i * n] = A[i + j * n];
+    }
 }
 
 /* Lower factor of a positive semidefinite matrix, in its place; zeros above. */

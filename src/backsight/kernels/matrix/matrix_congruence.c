@@ -8,7 +8,7 @@
 #include "matrix.h"
 
 #ifdef BACKSIGHT_BLAS
-#define matrix_congruence_by_factor 48
+#define matrix_congruence_by_factor matrix_square_small
 #endif
 
 KERNEL void matrix_congruence_work(const int *sizes, long *reals, long *ints)

@@ -43,9 +43,8 @@ KERNEL void matrix_gain(
     matrix_divide(ny, nx, L, 0, X);
     if (corrected) {
         real *after = res[3];
-        for (j = 0; j < nx; ++j)
-            for (i = j; i < nx; ++i)
-                after[i + j * nx] = arg[4][i + j * nx];
+        for (i = 0; i < nx * nx; ++i)
+            after[i] = arg[4][i];
         matrix_add_square(nx, ny, -1, X, 1, after);
         matrix_mirror(nx, after);
     }
