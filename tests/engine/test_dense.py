@@ -99,6 +99,12 @@ def test_turned_and_packed():
     wanted = np.concatenate([scaled[j:, j] for j in range(N)])
     for column in (packed, again):
         np.testing.assert_allclose(column[:, 0], wanted, rtol=1e-14)
+    A = ca.MX.sym("A", N, N)
+    half = dense.symmetrise(A)
+    assert dense.symmetrise(half).__hash__() == half.__hash__()
+    twice = dense.triangle(dense.triangle(A), np.arange(1.0, N + 1))
+    once = dense.triangle(A, np.arange(1.0, N + 1))
+    assert ca.Function("twice", [A], [twice]).n_nodes() == ca.Function("once", [A], [once]).n_nodes()
 
 
 def test_the_gain_is_that_of_the_measured_rows():

@@ -23,10 +23,10 @@ from backsight.estimators.parts.covariance import (
     Term,
     congruence,
     corrected_covariance,
+    innovation_covariance,
     joseph_form,
     kalman_gain,
     matrix_product,
-    weighted_gain,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
@@ -207,7 +207,7 @@ def innovation(s: Setting) -> ca.Function:
 
         def told(x: Term, P: Term, u: Term, y: Term, mask: Term) -> Results:
             e, H = _looked(s, x, u, y, mask)
-            return {"e": e, "S": weighted_gain(P, H, s.R, mask)[1]}
+            return {"e": e, "S": innovation_covariance(P, H, s.R, mask)}
 
         return half("innovation", s, told)
 
