@@ -52,7 +52,8 @@ def _statements(
             case Foreign(kernel, inputs, outputs):
                 for array, part in map(place, outputs):
                     array[part] = np.nan  # a kernel may write before it has read all
-                results = _kernel(kernel, [array[part].copy() for array, part in map(place, inputs)])
+                given = [array[part] for array, part in map(place, inputs)]
+                results = _kernel(kernel, given)
                 for (array, part), values in zip(map(place, outputs), results, strict=True):
                     array[part] = values
             case Copy(source, target):
@@ -71,7 +72,8 @@ def _statements(
 
 
 def _kernel(kernel: Kernel, arguments: list[np.ndarray]) -> list[np.ndarray]:
-    assert kernel.name == "matrix_turn" and not kernel.sizes[2]
+    assert kernel.name == "matrix_turn"
+    assert not kernel.sizes[2]
     return [arguments[0].reshape(kernel.sizes[:2], order="F").ravel()]
 
 
