@@ -9,9 +9,8 @@ import pydantic
 class StrictTable(pydantic.BaseModel):
     """A table with known keys; numbers are finite, and no value is converted to another kind."""
 
-    # Of sixty kinds of tables a file has a few: what checks one is built when it is used first.
     model_config = pydantic.ConfigDict(
-        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False
     )
 
 
