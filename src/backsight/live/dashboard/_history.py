@@ -49,9 +49,10 @@ class Level:
         """Take in values (n, m) and standard deviations at times (n,), in order."""
         numbers = np.floor(times / self.period).astype(np.int64)
         starts = np.flatnonzero(np.r_[True, numbers[1:] != numbers[:-1]])
-        with np.errstate(invalid="ignore"):
-            low = np.fmin.reduceat(values, starts, axis=0)
-            high = np.fmax.reduceat(values, starts, axis=0)
+        with np.errstate(invalid="ignore", over="ignore"):  # what is too large becomes infinite
+            low = np.fmin.reduceat(values, starts, axis=0).astype(np.float32)
+            high = np.fmax.reduceat(values, starts, axis=0).astype(np.float32)
+            values, spread = values.astype(np.float32), spread.astype(np.float32)
         stops = np.r_[starts[1:], len(numbers)] - 1
         for j, number in enumerate(numbers[starts]):
             k = int(number % self._count)

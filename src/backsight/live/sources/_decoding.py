@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from backsight.errors import PluginError, ProblemError, nearest
-from backsight.live.sources.base import LARGEST, Decode, Unreadable, wanted_columns
+from backsight.live.sources.base import Decode, Unreadable, wanted_columns
 from backsight.problem.reading.tables import MessageTable
 from backsight.types import Array
 
@@ -32,11 +32,7 @@ def payload_decoder(feed: MessageTable, where: str) -> Decode:
     PluginError
         If CBOR cannot be read here.
     """
-    decode = _decoder(feed, wanted_columns(feed), where)
-    return functools.partial(_sane, decode=decode, first=0 if feed.time is None else 1)
-
-
-def _decoder(feed: MessageTable, wanted: Sequence[str], where: str) -> Decode:
+    wanted = wanted_columns(feed)
     units = {c.column: c.unit for c in feed.columns_wanted.values() if c.unit}
     if feed.format == "json":
         return functools.partial(_objects, wanted=wanted, units=units, parse=_json)
@@ -90,7 +86,9 @@ def _records(
     with np.errstate(invalid="ignore"):  # not every NaN may be widened quietly
         for j, k in enumerate(order):
             values[:, j] = sound[f"f{k}"]
-    return values, np.repeat(np.arange(len(payloads)), counts), faults
+    return (
+        *_without_infinite(values, np.repeat(np.arange(len(payloads)), counts), payloads, faults),
+    )
 
 
 def _lines(
@@ -103,7 +101,7 @@ def _lines(
         if not any(b"_" in line for line in lines):
             try:  # all lines at once, where nothing is wrong with any
                 table = np.array(cells).astype(float).reshape(-1, count)
-                return table[:, order], np.arange(len(lines)), []
+                return _without_infinite(table[:, order], np.arange(len(lines)), payloads, [])
             except ValueError:
                 pass
     rows, owner, faults = [], [], []
@@ -119,7 +117,8 @@ def _lines(
             owner.append(k)
         except ValueError as error:
             faults.append(Unreadable(line, str(error)))
-    return np.array(rows).reshape(-1, len(order)), np.array(owner, int), faults
+    values = np.array(rows).reshape(-1, len(order))
+    return _without_infinite(values, np.array(owner, int), payloads, faults)
 
 
 def _number(cell: bytes) -> float:
@@ -134,26 +133,17 @@ def _number(cell: bytes) -> float:
         raise ValueError(f"'{text.decode(errors='replace')[:40]}' is no number") from None
 
 
-def _sane(
-    payloads: Sequence[bytes], *, decode: Decode, first: int
+def _without_infinite(
+    values: Array, owner: np.ndarray, payloads: Sequence[bytes], faults: list[Unreadable]
 ) -> tuple[Array, np.ndarray, list[Unreadable]]:
-    """Leave out what no sensor measures: a filter would take it for a machine that has burst.
-
-    Columns before the `first` one are times, which are judged by themselves.
-    """
-    values, owner, faults = decode(payloads)
-    largest = np.abs(values[:, first:]).max(axis=1, initial=0.0, where=~np.isnan(values[:, first:]))
-    bad = np.isinf(values).any(axis=1) | (largest > LARGEST)
+    bad = np.isinf(values).any(axis=1)
     if bad.any():
-        faults = [*faults, *map(_absurd, (payloads[k] for k in owner[bad]), largest[bad])]
+        faults = [
+            *faults,
+            *(Unreadable(payloads[k], "holds an infinite number") for k in owner[bad]),
+        ]
         values, owner = values[~bad], owner[~bad]
     return values, owner, faults
-
-
-def _absurd(payload: bytes, largest: float) -> Unreadable:
-    if LARGEST < largest < np.inf:
-        return Unreadable(payload, f"holds {largest:.3g}, which no sensor measures")
-    return Unreadable(payload, "holds an infinite number")
 
 
 def _objects(
@@ -179,7 +169,7 @@ def _objects(
         parts += rows
         owner += [k] * sum(map(len, rows))
     values = np.concatenate(parts) if parts else np.empty((0, len(wanted)))
-    return values, np.array(owner, int), faults
+    return _without_infinite(values, np.array(owner, int), payloads, faults)
 
 
 def _is_list(found: object) -> bool:

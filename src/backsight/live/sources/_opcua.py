@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 import threading
 import time
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from backsight.errors import PluginError
-from backsight.live.sources.base import LARGEST, Batch, ReceivingSource, wanted_columns
+from backsight.live.sources.base import Batch, ReceivingSource, wanted_columns
 from backsight.problem.reading.tables import OpcuaFeed
 
 _QUEUE = 1000
@@ -62,10 +63,8 @@ class OpcuaSource(ReceivingSource):
 
     def changed(self, column: int, value: object, stamp: float) -> None:
         """Take in a new value."""
-        if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > LARGEST:
-            self.fault(
-                str(value).encode(), f"{self._nodes[column]} is no number that a sensor measures"
-            )
+        if isinstance(value, bool) or not isinstance(value, int | float) or math.isinf(value):
+            self.fault(str(value).encode(), f"{self._nodes[column]} is no number")
             return
         with self._lock:
             self._rows.append((time.time(), stamp, column, float(value)))

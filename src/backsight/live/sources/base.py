@@ -19,9 +19,6 @@ ROOM = 64 * 2**20
 RETRY = (0.2, 5.0)
 """First and longest time between two attempts to connect [s]."""
 
-LARGEST = 1e30
-"""Of numbers that come; no sensor measures more, in any unit, nor does a clock count as far."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Batch:
