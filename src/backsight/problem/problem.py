@@ -7,7 +7,7 @@ from pathlib import Path
 from backsight.description import Printed
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem.reading.tables import RecordingTable, TuneTable
+from backsight.problem.reading.tables import FollowTable, RecordingTable, TuneTable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +30,8 @@ class Problem(Printed):
         Name to estimator, in the order of the file.
     smoothed : set of str
         Names of the estimators whose recording is smoothed.
+    followed : dict
+        Name of an estimator that follows hits to how it does.
     reference : dict
         State to known value [its unit].
     tune : TuneTable
@@ -45,6 +47,7 @@ class Problem(Printed):
     model: Model
     estimators: Mapping[str, AbstractEstimator]
     smoothed: frozenset[str]
+    followed: Mapping[str, FollowTable]
     reference: Mapping[str, float]
     tune: TuneTable
     report: bool

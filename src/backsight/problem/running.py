@@ -9,6 +9,7 @@ import xarray as xr
 
 from backsight.analysis.comparison import ALIGNMENT, summary
 from backsight.estimators import ALL_ESTIMATORS
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
 from backsight.problem.problem import Problem
@@ -17,8 +18,9 @@ from backsight.problem.recorded import recording_of
 from backsight.problem.results_file import write_estimates
 from backsight.problem.seeing import doubts
 from backsight.report import report
-from backsight.run.compare import Comparison, compared
-from backsight.run.estimation import SmoothingTask, Task, failure, match, ready, ready_to_smooth
+from backsight.run.compare import AnyTask, Comparison, compared
+from backsight.run.estimation import failure, match, ready, ready_to_smooth
+from backsight.run.following import ready_to_follow
 
 ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
 
@@ -94,21 +96,30 @@ def run_problem(
 
 def _ready(
     problem: Problem, data: xr.Dataset, progress: Callable[[str, int, int], None]
-) -> dict[str, Task | SmoothingTask]:
+) -> dict[str, AnyTask]:
     """Compile every estimator; what does not fit is found before the first one has run."""
     for estimator in problem.estimators.values():
         match(problem.model, data, estimator=estimator)
     with at("model"):
         check_sampling(problem.model, float(data.attrs["dt"]))
-    tasks: dict[str, Task | SmoothingTask] = {}
+    tasks: dict[str, AnyTask] = {}
     for name, estimator in problem.estimators.items():
         with at(f"estimators.{name}"), ALL_ESTIMATORS.blamed(estimator.key):
-            prepared = ready_to_smooth if name in problem.smoothed else ready
             said = f"preparing {name}, {problem.model.nx} states"
             progress(said, 0, 1)
-            tasks[name] = prepared(estimator, problem.model, data)
+            tasks[name] = _task(problem, name, data)
             progress(said, 1, 1)
     return tasks
+
+
+def _task(problem: Problem, name: str, data: xr.Dataset) -> AnyTask:
+    """What the file wants of an estimator."""
+    estimator = problem.estimators[name]
+    if name in problem.followed:
+        assert isinstance(estimator, AbstractForceEstimator)  # or the file is refused
+        return ready_to_follow(estimator, problem.model, data, **problem.followed[name].settings)
+    prepared = ready_to_smooth if name in problem.smoothed else ready
+    return prepared(estimator, problem.model, data)
 
 
 def _write(folder: Path, problem: Problem, results: Mapping[str, xr.Dataset]) -> None:

@@ -99,16 +99,19 @@ class Readings:
     y : (n, ny) array
     root : (n, ny, ny) array
         What makes the noise of a sample white; rows of what was not measured are zero.
+    noise : (n, ny, ny) array
+        Its covariance; the nominal one of what was not measured.
     """
 
     u: Array
     y: Array
     root: Array
+    noise: Array
 
     def between(self, first: int, last: int) -> "Readings":
         """Samples from the first on, without the last."""
         part = slice(first, last)
-        return Readings(self.u[part], self.y[part], self.root[part])
+        return Readings(self.u[part], self.y[part], self.root[part], self.noise[part])
 
     @property
     def counts(self) -> Array:
@@ -119,15 +122,22 @@ class Readings:
 def readings_of(forced: Forced, data: tuple[Array, Array, Array]) -> Readings:
     """Scale inputs, outputs and mask, and whiten the noise of every pattern of measurements."""
     (u, y, mask), s = data, forced.system.s
-    root = np.zeros((len(y), *s.R.shape))
-    known: dict[bytes, Array] = {}
+    roots, noise = np.zeros((len(y), *s.R.shape)), np.empty((len(y), *s.R.shape))
+    known: dict[bytes, tuple[Array, Array]] = {}
     for k, row in enumerate(mask):
         key = row.tobytes()
         if key not in known:
-            seen = np.flatnonzero(row > 0)
-            square = np.ix_(seen, seen)
-            known[key] = np.zeros(s.R.shape)
-            own = np.linalg.inv(np.linalg.cholesky(s.R[square])) if len(seen) else np.zeros((0, 0))
-            known[key][square] = own * row[seen]
-        root[k] = known[key]
-    return Readings(u / s.su[: forced.nu], np.where(mask > 0, y / s.sy, 0.0), root)
+            known[key] = _whitened(s.R, row)
+        roots[k], noise[k] = known[key]
+    return Readings(u / s.su[: forced.nu], np.where(mask > 0, y / s.sy, 0.0), roots, noise)
+
+
+def _whitened(R: Array, row: Array) -> tuple[Array, Array]:
+    """What makes the noise of the measured outputs of a row of the mask white, and it itself."""
+    factor = np.where(row > 0, row, 1.0)
+    noise, root = R / np.outer(factor, factor), np.zeros(R.shape)
+    seen = np.flatnonzero(row > 0)
+    if len(seen):
+        square = np.ix_(seen, seen)
+        root[square] = np.linalg.inv(np.linalg.cholesky(noise[square]))
+    return root, noise

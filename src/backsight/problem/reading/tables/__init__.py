@@ -23,6 +23,7 @@ from backsight.problem.reading.tables._live import UdpFeed as UdpFeed
 from backsight.problem.reading.tables._recorded import ColumnTable as ColumnTable
 from backsight.problem.reading.tables._recorded import CommandColumnTable as CommandColumnTable
 from backsight.problem.reading.tables._recorded import FileTable as FileTable
+from backsight.problem.reading.tables._recorded import PartsTable as PartsTable
 from backsight.problem.reading.tables._recorded import ReadingsTable as ReadingsTable
 from backsight.problem.reading.tables._recorded import RecordingTable as RecordingTable
 from backsight.problem.reading.tables._recorded import SensorColumnTable as SensorColumnTable
@@ -43,6 +44,7 @@ from backsight.problem.reading.tables._unknowns import GapsTable as GapsTable
 from backsight.problem.reading.tables._unknowns import MovingTable as MovingTable
 from backsight.problem.reading.tables._unknowns import VirtualTable as VirtualTable
 from backsight.problem.reading.tables._whole import EstimatorTable as EstimatorTable
+from backsight.problem.reading.tables._whole import FollowTable as FollowTable
 from backsight.problem.reading.tables._whole import FreeTable as FreeTable
 from backsight.problem.reading.tables._whole import NoiseTable as NoiseTable
 from backsight.problem.reading.tables._whole import OutputTable as OutputTable

@@ -1,7 +1,7 @@
 """The whole problem file as a table, with noise, estimators and what is written."""
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, TypedDict
 
 import pydantic
 
@@ -40,6 +40,56 @@ class PriorTable(StrictTable):
     P0: list[list[float]] | None = None
 
 
+class FollowSettings(TypedDict):
+    """What `backsight.forces.follow_hits` takes beside estimator, model and recording."""
+
+    sizes: tuple[float, float]
+    before: int
+    after: int
+    beside: tuple[str, ...]
+    alarm: float
+    gain: float
+
+
+class FollowTable(StrictTable):
+    """``[estimators.NAME.follow]``: hits one by one, by the equations themselves.
+
+    Parameters
+    ----------
+    sizes : list of two float
+        Smallest and largest height of a pulse that is tried [unit of the forces].
+    before, after : int
+        Samples of a window before and after an alarm.
+    beside : list of str
+        Forces that a hit may move at the same time, wherever it is; they are no places.
+    alarm : float
+        Mean of the squared innovations, by their variances, over a pulse, at which it is looked for
+        a hit; 1 if nothing happens.
+    gain : float
+        Share of what a window leaves without a hit that one must explain to be believed.
+    """
+
+    sizes: list[Annotated[float, pydantic.Field(gt=0)]] = pydantic.Field(min_length=2, max_length=2)
+    before: int = pydantic.Field(ge=1)
+    after: int = pydantic.Field(ge=1)
+    beside: list[str] = pydantic.Field(default_factory=list)
+    alarm: float = pydantic.Field(default=10.0, gt=0)
+    gain: float = pydantic.Field(default=0.5, gt=0, le=1)
+
+    @property
+    def settings(self) -> FollowSettings:
+        """Keywords of `backsight.forces.follow_hits`."""
+        low, high = self.sizes
+        return {
+            "sizes": (low, high),
+            "before": self.before,
+            "after": self.after,
+            "beside": tuple(self.beside),
+            "alarm": self.alarm,
+            "gain": self.gain,
+        }
+
+
 class EstimatorTable(StrictTable):
     """``[estimators.NAME]``: the method, its own settings, and what it has not in common.
 
@@ -49,6 +99,8 @@ class EstimatorTable(StrictTable):
         The method, see `backsight methods`.
     smooth : bool
         Smooth: every estimate knows the whole recording.
+    follow : table
+        Of estimators of unknown forces: find hits one by one in the whole recording.
     noise, prior : table
         In place of those of the file.
     """
@@ -57,6 +109,7 @@ class EstimatorTable(StrictTable):
 
     kind: str
     smooth: bool = False
+    follow: FollowTable | None = None
     noise: NoiseTable | None = None
     prior: PriorTable | None = None
 
