@@ -187,9 +187,9 @@ class _Follower:
         m = self.motion.slopes_along(self.x[None], v)
         A, E = m.A[0], m.E[0] * forced.sigma
         C, F = m.C[0], m.F[0] * forced.sigma
-        x = np.array(self.motion.ahead(self.x, v[0])).ravel()
+        x = self.motion.next(self.x[None], v)[0]
         P = A @ self.P @ A.T + forced.system.s.Q + E @ E.T
-        e = self.data.y[k] - np.array(self.motion.seen(self.x, v[0])).ravel()
+        e = self.data.y[k] - self.motion.outputs(self.x[None], v)[0]
         S = C @ self.P @ C.T + F @ F.T + noise
         found.x[k], found.spread[k], found.e[k], found.S[k] = self.x, np.diag(self.P), e, S
         seen = np.flatnonzero(np.diag(white))
