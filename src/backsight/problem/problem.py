@@ -1,10 +1,11 @@
 """A problem: everything that a problem file says, checked."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from backsight.description import Printed
+from backsight.errors import ProblemError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.problem.reading.tables import FollowTable, RecordingTable, TuneTable
@@ -52,3 +53,12 @@ class Problem(Printed):
     tune: TuneTable
     report: bool
     covariance: bool
+
+    def check_by_sample(self, names: Collection[str], what: str) -> None:
+        """Raise `ProblemError` if an estimator follows hits, and `what` goes sample by sample."""
+        for name in names:
+            if name in self.followed:
+                raise ProblemError(
+                    f"estimators.{name}.follow: {what} goes sample by sample, and hits are "
+                    "followed in a whole recording; take an estimator without follow"
+                )

@@ -27,7 +27,6 @@ from backsight.run.estimation import (
 )
 from backsight.run.following import FollowingTask, carry_out_following
 
-
 AnyTask: TypeAlias = Task | SmoothingTask | FollowingTask
 """An estimator made ready for a recording, and what it is to do with it."""
 

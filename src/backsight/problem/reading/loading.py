@@ -157,12 +157,10 @@ def _check_follow(
         )
     if entry.smooth:
         raise ProblemError(
-            f"{where}.follow: goes without smooth; over the window of a hit all samples count anyway"
+            f"{where}.follow: goes without smooth; over the window of a hit all samples count"
         )
     if in_parts is not None:
-        raise ProblemError(
-            f"{where}.follow: needs the whole recording; leave out recording.parts"
-        )
+        raise ProblemError(f"{where}.follow: needs the whole recording; leave out recording.parts")
     for i, name in enumerate(entry.follow.beside):
         if name not in estimator.forces:
             hint = nearest(name, estimator.forces)

@@ -8,11 +8,10 @@ import xarray as xr
 
 from backsight.estimators.dictionaries import AbstractPulses
 from backsight.sparse.nonlinear import FoundHit
-from backsight.types import Array
 
 
 def followed_hits(
-    found: list[FoundHit],
+    found: Sequence[FoundHit],
     course: AbstractPulses,
     forces: Sequence[str],
     beside: Sequence[str],

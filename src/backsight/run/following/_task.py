@@ -16,7 +16,7 @@ from backsight.models.model import Model
 from backsight.run.estimation import as_result, match
 from backsight.run.following._table import followed_hits
 from backsight.sparse.nonlinear import (
-    Followed,
+    FollowedMotion,
     ForcedMotion,
     FoundHit,
     Offered,
@@ -63,7 +63,7 @@ class FollowingTask:
         nx, ny, nf = self.model.nx, self.model.ny, len(self.estimator.forces)
         return 4 * nx + 3 * ny + 5 * ny**2 + 4 * nf
 
-    def follow(self, progress: Callable[[int], None]) -> Followed:
+    def follow(self, progress: Callable[[int], None]) -> FollowedMotion:
         """To the end of the recording; `progress` is told the number of samples done."""
         return follower(self.motion, self.data, self.watch, progress=progress)
 
@@ -123,7 +123,7 @@ def carry_out_following(task: FollowingTask, *, progress: Callable[[int], None])
     """A result as of `estimate` with the hits in it.
 
     Between the hits states are those of the filter; over the window of a hit they are fitted to all
-    of it, and ``e`` is what is left. ``d_hat, d_std (time, force)`` have the forces that may be hit;
+    of it, and ``e`` is what is left. ``d_hat, d_std (time, force)`` have the places of hits;
     ``hit_<name>`` are the columns of the table of `follow_hits`.
     """
     started = time.perf_counter()
@@ -144,7 +144,7 @@ def carry_out_following(task: FollowingTask, *, progress: Callable[[int], None])
     return result.assign(columns)
 
 
-def _outputs(task: FollowingTask, found: Followed) -> tuple[list[Array], list[Channel]]:
+def _outputs(task: FollowingTask, found: FollowedMotion) -> tuple[list[Array], list[Channel]]:
     """Outputs (n, length) and what they are, physical."""
     s, forced = task.motion.forced.system.s, task.motion.forced
     v = task.motion.inputs(task.data.u, found.d)

@@ -1,6 +1,6 @@
 """Hits in recordings of nonlinear models: a motion, a window around a hit, a search, a follower."""
 
-from backsight.sparse.nonlinear.follower import Followed as Followed
+from backsight.sparse.nonlinear.follower import FollowedMotion as FollowedMotion
 from backsight.sparse.nonlinear.follower import FoundHit as FoundHit
 from backsight.sparse.nonlinear.follower import Watch as Watch
 from backsight.sparse.nonlinear.follower import follower as follower

@@ -85,7 +85,7 @@ class Watch:
 
 
 @dataclasses.dataclass(frozen=True)
-class Followed:
+class FollowedMotion:
     """A recording that was followed, scaled, forces in their own unit.
 
     Between the hits it is what the filter says; over the window of a hit, what the window says.
@@ -111,7 +111,7 @@ class Followed:
     d_spread: Array
 
     @classmethod
-    def of(cls, samples: int, *, nx: int, ny: int, nf: int) -> "Followed":
+    def of(cls, samples: int, *, nx: int, ny: int, nf: int) -> "FollowedMotion":
         """Nothing yet."""
         x, e, d = ((samples, m) for m in (nx, ny, nf))
         S = np.zeros((*e, ny))
@@ -128,7 +128,7 @@ class Followed:
 
 def follower(
     motion: ForcedMotion, data: Readings, watch: Watch, *, progress: Callable[[int], None]
-) -> Followed:
+) -> FollowedMotion:
     """Follow a recording; `progress` is told the number of samples done."""
     work = _Follower(motion, data, watch)
     work.run(progress)
@@ -142,7 +142,7 @@ class _Follower:
     def __init__(self, motion: ForcedMotion, data: Readings, watch: Watch) -> None:
         self.motion, self.data, self.watch = motion, data, watch
         s, forces = motion.forced.system.s, len(motion.forced.names)
-        self.found = Followed.of(len(data.y), nx=len(s.x0), ny=data.y.shape[1], nf=forces)
+        self.found = FollowedMotion.of(len(data.y), nx=len(s.x0), ny=data.y.shape[1], nf=forces)
         self.restart(0, s.x0, s.P0)
 
     def restart(self, at: int, x: Array, P: Array) -> None:

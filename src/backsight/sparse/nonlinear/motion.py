@@ -4,7 +4,7 @@ r"""Motion of a nonlinear model with unknown forces, and its derivatives, scaled
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -100,9 +100,8 @@ class ForcedMotion:
         key = name, n
         if key not in self.called:
             one = self.ahead if name == "states" else getattr(self, name)
-            # In CasADi's memory the columns of all samples are one after the other.
-            shapes = [one.size_out(i)[::-1] for i in range(one.n_out())]
-            self.called[key] = _Called.of(one.mapaccum(n) if name == "states" else one.map(n), shapes)
+            all_samples = one.mapaccum(n) if name == "states" else one.map(n)
+            self.called[key] = _Called.of(one, all_samples, n)
         return self.called[key](x, v)
 
 
@@ -125,19 +124,17 @@ class _Called:
     kept: tuple[object, ...]
 
     @staticmethod
-    def of(function: ca.Function, shapes: Sequence[tuple[int, int]]) -> "_Called":
-        """Results of a sample have these shapes, columns by rows."""
-        buffer, run = function.buffer()
-        given = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-        found = [
-            np.zeros((function.numel_out(i) // (c * r or 1), c, r))
-            for i, (c, r) in enumerate(shapes)
-        ]
+    def of(one: ca.Function, all_samples: ca.Function, n: int) -> "_Called":
+        """A function of a sample, and that of all of them."""
+        given = [np.zeros(all_samples.numel_in(i)) for i in range(all_samples.n_in())]
+        # In CasADi's memory the columns of all samples are one after the other.
+        found = [np.zeros((n, one.size2_out(i), one.size1_out(i))) for i in range(one.n_out())]
+        buffer, run = all_samples.buffer()
         for i, array in enumerate(given):
-            buffer.set_arg(i, memoryview(array))
+            buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(found):
-            buffer.set_res(i, memoryview(array))
-        return _Called(given, found, run, (function, buffer))
+            buffer.set_res(i, array.data)  # pyright: ignore[reportCallIssue]
+        return _Called(given, found, run, (all_samples, buffer))
 
     def __call__(self, *given: Array) -> list[Array]:
         for place, values in zip(self.given, given, strict=True):
