@@ -171,28 +171,40 @@ static real cs_window_shared(cs_window_candidates *t, int n, int at)
     return variance;
 }
 
-/* By how much an atom lowers the cost, given what is left of its product with the data and of its
-   square; 0 if its sign is not allowed or it depends on the chosen ones. */
-static real cs_window_gain(const cs_window_problem *k, const cs_window_candidates *t, int i, real slope,
-                           real left)
+/* Whether an atom lowers the cost by more than `least`, given what is left of its product with the data
+   and of its square; not if its sign is not allowed or it depends on the chosen ones. */
+static int cs_window_gains(const cs_window_problem *k, const cs_window_candidates *t, int i, real slope,
+                           real left, real least)
 {
-    if (!cs_window_apart(t, i, left) || k->prior.side[i] * slope < 0) return 0;
-    return slope * slope / left;
+    return slope * slope > least * left && cs_window_apart(t, i, left)
+           && !(k->prior.side[i] * slope < 0);
 }
 
-/* The atom that lowers the cost most beside the chosen ones, and by how much; -1 if none does. With
-   `share`, in place of a chosen one of the factor a and this variance. */
-static int cs_window_best(const cs_window_problem *k, const cs_window_candidates *t, const real *share,
-                          real a, real variance, real *gain)
+/* The atom that lowers the cost most beside the chosen ones, and by how much; -1 if none does. */
+static int cs_window_best(const cs_window_problem *k, const cs_window_candidates *t, real *gain)
 {
     int best = -1;
     *gain = 0;
     for (int i = 0; i < k->z->n; ++i) {
-        const real part = share ? share[i] / variance : 0;
-        const real slope = t->slope[i] + part * a, left = t->left[i] + (share ? part * share[i] : 0);
-        const real gained = cs_window_gain(k, t, i, slope, left);
-        if (!(gained > *gain)) continue;
-        *gain = gained;
+        if (!cs_window_gains(k, t, i, t->slope[i], t->left[i], *gain)) continue;
+        *gain = t->slope[i] * t->slope[i] / t->left[i];
+        best = i;
+    }
+    return best;
+}
+
+/* The same in place of a chosen one, given its factor, its variance and what all share of it. */
+static int cs_window_better(const cs_window_problem *k, const cs_window_candidates *t, real a,
+                            real variance, real *gain)
+{
+    int best = -1;
+    const real information = 1 / variance;
+    *gain = 0;
+    for (int i = 0; i < k->z->n; ++i) {
+        const real part = t->share[i] * information, slope = t->slope[i] + part * a;
+        const real left = t->left[i] + part * t->share[i];
+        if (!cs_window_gains(k, t, i, slope, left, *gain)) continue;
+        *gain = slope * slope / left;
         best = i;
     }
     return best;

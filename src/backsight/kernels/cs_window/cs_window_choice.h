@@ -56,7 +56,7 @@ static int cs_window_exchange(const cs_window_problem *k, cs_window_candidates *
         real gain;
         const int column = t->column[j];
         const real a = t->a[j], variance = cs_window_shared(t, n, j);
-        const int in = cs_window_best(k, t, t->share, a, variance, &gain);
+        const int in = cs_window_better(k, t, a, variance, &gain);
         if (in < 0 || in == column || !(gain > a * a / variance + price * LESS)) continue;
         for (int before = 0; before <= j; ++before) cs_window_put_last(t, n, 0);
         cs_window_refactor(t, n, count - 1);
@@ -100,7 +100,7 @@ static int cs_window_exchanged(const cs_window_problem *k, cs_window_candidates 
         }
         if (t->count < t->room) {
             real gain;
-            const int in = cs_window_best(k, t, 0, 0, 0, &gain);
+            const int in = cs_window_best(k, t, &gain);
             if (in >= 0 && gain > price * (1 + LESS) && cs_window_choose(k, t, in)) continue;
         }
         if (!cs_window_exchange(k, t, price)) return 1;
@@ -159,9 +159,8 @@ static void cs_window_doubtful(cs_window_problem *k, cs_window_candidates *t, in
         const real a = t->a[j], variance = cs_window_shared(t, n, j), left = a * a / variance - price;
         for (int i = 0; i < n; ++i) {
             const real part = t->share[i] / variance;
-            const real gain = cs_window_gain(k, t, i, t->slope[i] + part * a,
-                                             t->left[i] + part * t->share[i]);
-            doubt[i] |= gain > 0 && gain > left;
+            doubt[i] |= cs_window_gains(k, t, i, t->slope[i] + part * a,
+                                        t->left[i] + part * t->share[i], real_fmax(left, 0));
         }
     }
     for (int i = 0; i < A->count; ++i) doubt[A->column[i]] = 0;
