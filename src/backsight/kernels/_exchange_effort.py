@@ -1,4 +1,4 @@
-"""What exchanges of atoms in a window of ``cs_window`` cost at most, see `cs_window_candidates.h`."""
+"""What exchanges of atoms in ``cs_window`` cost at most, see `cs_window_candidates.h`."""
 
 import dataclasses
 

@@ -126,7 +126,7 @@ static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *
         real *column = J + j * rows;
         if (j >= nx && j < known) /* outputs before a force do not know of it */
             while (from < m && counting->used[from] / z->ny < (j - nx) / z->p) ++from;
-        const int first = j < known ? from : 0;
+        const int first = j < known ? from - from % 4 : 0; /* sums in fours round as whole ones do */
         for (int i = j; i < rows; ++i) column[i] = 0;
         cs_window_product(column + j, 1, W + j + first * rows, rows, W + j + first * rows, rows, end - j,
                           m - first);
