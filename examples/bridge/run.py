@@ -40,7 +40,7 @@ def estimated():
             "sag": bs.data.Column("sag_mm", factor=1e-3),
         },
     )
-    noise = bs.Noise(sigma_y={"third": 2e-6, "middle": 2e-6, "sag": 5e-5})
+    noise = bs.Noise(sigma_y={"third": 2.0297e-06, "middle": 1.939e-06, "sag": 5.1488e-05})
     modes = {f"q{i}": 1e-2 for i in (1, 2, 3)} | {f"q{i}_dot": 0.1 for i in (1, 2, 3)}
     prior = bs.Prior(sigma_x0=modes | {"front": 3e4, "rear": 5e4}, x0={"front": 5e4, "rear": 5e4})
     rolling = bs.Integrator(hold="foh")  # the truck goes on between the samples

@@ -30,7 +30,7 @@ def estimated():
         bs.Noise(sigma_y=0.05),
         bs.Prior(sigma_x0=[1e-4] * 6 + [1e-2] * 6),
         forces=tuple(places),
-        lam=10.0,
+        lam=62.313,
         sigma_force=0.05,
         threshold=3.0,
     )

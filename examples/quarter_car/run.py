@@ -28,7 +28,9 @@ def estimated():
         inputs={},
         outputs={"body": "body [m/s2]", "wheel": "wheel [m/s2]", "travel": "travel [m]"},
     )
-    noise = bs.Noise(sigma_y={"body": 0.05, "wheel": 0.2, "travel": 1e-3}, sigma_w={"d": 3e-4})
+    noise = bs.Noise(
+        sigma_y={"body": 0.0501, "wheel": 0.1765, "travel": 0.0010058}, sigma_w={"d": 0.00030358}
+    )
     moving = {"s": 0.02, "d": 0.01, "vb": 0.1, "vw": 0.1}
     prior = bs.Prior(sigma_x0=moving | {"ks": 4e3, "cs": 5e2})
     return bs.compare(

@@ -37,7 +37,10 @@ def estimated():
             "y_probe": bs.data.Column("y [um]", factor=1e-6),
         },
     )
-    noise = bs.Noise(sigma_y=2e-6, sigma_w={"vx": 2e-5, "vy": 2e-5})
+    noise = bs.Noise(
+        sigma_y={"x_probe": 1.9681e-06, "y_probe": 1.9739e-06},
+        sigma_w={"vx": 2.1871e-05, "vy": 2.5893e-05},
+    )
     moving = {"x": 1e-5, "y": 1e-5, "vx": 1e-3, "vy": 1e-3}
     unknown = {"kx": 5e4, "ky": 5e4, "d": 50.0, "ex": 5e-5, "ey": 5e-5}
     prior = bs.Prior(sigma_x0=moving | unknown)

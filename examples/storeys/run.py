@@ -37,7 +37,11 @@ def estimated():
         inputs={"ground": "ground [m/s2]"},
         outputs={f"a{i}": f"floor {i} [m/s2]" for i in FLOORS},
     )
-    noise = bs.Noise(sigma_y=0.02, sigma_u={"ground": 0.01})
+    floor_noise = (0.020576, 0.019847, 0.019771, 0.020034, 0.020201)
+    noise = bs.Noise(
+        sigma_y={f"a{i}": s for i, s in zip(FLOORS, floor_noise, strict=True)},
+        sigma_u={"ground": 0.01},
+    )
     prior = bs.Prior(
         sigma_x0={f"q{i}": 1e-3 for i in FLOORS}
         | {f"v{i}": 1e-2 for i in FLOORS}

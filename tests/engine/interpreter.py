@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from backsight.engine.foreign import Kernel
 from backsight.engine.program import (
     Call,
     Copy,
+    Foreign,
     Leaf,
     Loop,
     Program,
@@ -47,6 +49,13 @@ def _statements(
                 for target, values in zip(outputs, _leaf(leaf, arguments), strict=True):
                     array, part = place(target)
                     array[part] = values
+            case Foreign(kernel, inputs, outputs):
+                for array, part in map(place, outputs):
+                    array[part] = np.nan  # a kernel may write before it has read all
+                given = [array[part] for array, part in map(place, inputs)]
+                results = _kernel(kernel, given)
+                for (array, part), values in zip(map(place, outputs), results, strict=True):
+                    array[part] = values
             case Copy(source, target):
                 (a, i), (b, j) = place(source), place(target)
                 for k in range(source.size):
@@ -60,6 +69,12 @@ def _statements(
                     if array[part][0] == 0:
                         break
                     _statements((*body, *update), memory, counters)
+
+
+def _kernel(kernel: Kernel, arguments: list[np.ndarray]) -> list[np.ndarray]:
+    assert kernel.name == "matrix_turn"
+    assert not kernel.sizes[2]
+    return [arguments[0].reshape(kernel.sizes[:2], order="F").ravel()]
 
 
 def _leaf(leaf: Leaf, arguments: list[np.ndarray]) -> list[np.ndarray]:

@@ -99,6 +99,13 @@ def test_turned_and_packed():
     wanted = np.concatenate([scaled[j:, j] for j in range(N)])
     for column in (packed, again):
         np.testing.assert_allclose(column[:, 0], wanted, rtol=1e-14)
+    A = ca.MX.sym("A", N, N)
+    half = dense.symmetrise(A)
+    assert dense.symmetrise(half).__hash__() == half.__hash__()
+    twice = dense.triangle(dense.triangle(A), np.arange(1.0, N + 1))
+    once = dense.triangle(A, np.arange(1.0, N + 1))
+    lengths = [ca.Function("f", [A], [value]).n_nodes() for value in (twice, once)]
+    assert lengths[0] == lengths[1]
 
 
 def test_the_gain_is_that_of_the_measured_rows():

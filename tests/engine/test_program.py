@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from backsight.engine.foreign import Kernel
 from backsight.engine.loops import iterate
-from backsight.engine.program import Buffer, Call, Copy, Loop, Program, flat, walk
+from backsight.engine.program import Buffer, Call, Copy, Foreign, Loop, Program, flat, walk
 from backsight.engine.program._coalesce import without_copies
 from backsight.engine.program._moves import in_order
 from backsight.engine.program.leaf import leaf_of
@@ -17,6 +18,7 @@ from engine.interpreter import run
 
 X, Y = ca.SX.sym("x", 4), ca.SX.sym("y", 4)
 MIX = leaf_of(ca.Function("mix", [X, Y], [X + Y[::-1], X * Y]))
+TURN = Kernel("matrix_turn", (2, 2, 0))
 CARRY, OUT = Buffer("carry", 8), Buffer("out", 8)
 WORK = [Buffer(name, 4).whole() for name in "abc"]
 RESULTS = [OUT.whole().part(0, 4), OUT.whole().part(4, 4)]
@@ -26,8 +28,13 @@ READ, WRITTEN = [*WORK, *MEMORY, *RESULTS], [*WORK, *RESULTS]
 calls = st.tuples(*[st.sampled_from(READ)] * 2, st.permutations(WRITTEN)).map(
     lambda t: Call(MIX, t[:2], tuple(t[2][:2]))
 )
+turns = (
+    st.tuples(st.sampled_from(READ), st.sampled_from(WRITTEN))
+    .filter(lambda t: not t[0].overlaps(t[1]))
+    .map(lambda t: Foreign(TURN, t[:1], t[1:], reals=0, ints=0))
+)
 copies = st.tuples(st.sampled_from(READ), st.sampled_from(WRITTEN)).map(lambda t: Copy(*t))
-simple = st.one_of(calls, copies.filter(lambda c: c.source != c.target))
+simple = st.one_of(calls, turns, copies.filter(lambda c: c.source != c.target))
 blocks = st.lists(simple, min_size=1, max_size=6).map(tuple)
 # What is copied last is what may be computed in its place.
 last = st.tuples(st.sampled_from(WORK), st.sampled_from(WRITTEN)).filter(lambda t: t[0] != t[1])
@@ -78,6 +85,12 @@ NEEDED = {
         Copy(OUT.whole().part(0, 4), A),
         Copy(A, OUT.whole().part(2, 4)),
     ),
+    "a kernel must not write what it reads": (
+        Copy(MEMORY[0], B),
+        Foreign(TURN, (B,), (A,), reals=0, ints=0),
+        Copy(A, B),
+        Call(MIX, (B, B), (C, RESULTS[0])),
+    ),
     "target of the caller used twice": (START, Call(MIX, (A, A), (B, A)), Copy(A, RESULTS[0])),
 }
 
@@ -93,6 +106,10 @@ def test_copies_that_are_not():
     program = Program("direct", CARRY, (), (OUT,), block, ())
     expected = Call(MIX, (A, MEMORY[0]), (RESULTS[0], RESULTS[1]))
     assert without_copies(program).body == (START, expected)
+    turned = Foreign(TURN, (MEMORY[0],), (A,), reals=0, ints=0)
+    program = Program("kernel", CARRY, (), (OUT,), (turned, Copy(A, RESULTS[0])), ())
+    expected = Foreign(TURN, (MEMORY[0],), (RESULTS[0],), reals=0, ints=0)
+    assert without_copies(program).body == (expected,)
 
 
 @given(st.permutations(range(4)), st.integers(0, 3))

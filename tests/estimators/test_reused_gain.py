@@ -8,7 +8,7 @@ import scipy
 
 from backsight.discrete.riccati import riccati_limit
 from backsight.engine import native, vm
-from backsight.estimators import JointInput, KalmanFilter, Noise, Prior
+from backsight.estimators import EKF, JointInput, KalmanFilter, Noise, Prior
 from backsight.estimators.outliers import Gate
 from backsight.estimators.parts.linear import linear
 from backsight.estimators.steady.state import DIFFERENCE, steady_state
@@ -96,6 +96,48 @@ def test_the_gain_is_reused_and_nobody_sees_it(hold):
     assert np.array_equal(found["P"][-1], found["P"][-2])
     assert_within_the_bound(found, exact)
     assert not np.array_equal(found["x_hat"], exact["x_hat"])
+
+
+@functools.cache
+def dense() -> Model:
+    """A dozen states that all depend on each other, as straight-line code."""
+    rng = np.random.default_rng(1)
+    A, C = rng.standard_normal((12, 12)), rng.standard_normal((6, 12))
+    return lti(
+        0.8 * A / np.abs(np.linalg.eigvals(A)).max(), np.zeros((12, 0)), C,
+        states={f"x{i}": "" for i in range(12)}, inputs={},
+        outputs={f"y{i}": "" for i in range(6)}, dt=1.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [KalmanFilter, EKF])
+def test_few_states_with_much_to_do(kind):
+    """A gap, a noise of its own, and the way back; the innovation before a sample enters, too."""
+    u, y = np.zeros((260, 0)), np.random.default_rng(5).standard_normal((260, 6))
+    y[100:103, 2] = np.nan
+    weights = np.ones_like(y)
+    weights[170] = 0.5
+    (found, waits), (exact, _) = pair(kind, u, y, weights=weights, of=dense(), dt=1.0)
+    assert waits == 0
+    assert_within_the_bound(found, exact)
+    assert not np.array_equal(found["x_hat"], exact["x_hat"])
+    gated = Noise(sigma_y=0.1, sigma_w=0.1, outliers=Gate())
+    (found, _), (exact, _) = pair(kind, u, y, noise=gated, of=dense(), dt=1.0)
+    assert_within_the_bound(found, exact)
+    assert np.array_equal(found["weight"], exact["weight"])
+
+
+def test_of_a_row_of_few_masses_all_is_computed():
+    row = 4e4 * (2 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1))
+    masses = second_order(
+        np.eye(4), 5e-4 * row, row, forces={"f": "q1"}, inputs={"f": "N"},
+        outputs={"a": ("displacement", "q1")},
+    )  # fmt: skip
+    sizes = {
+        gain: len(KalmanFilter(NOISE, PRIOR, gain=gain).compile(masses, DT).carry0)
+        for gain in ("converged", "exact")
+    }
+    assert sizes["converged"] == sizes["exact"]
 
 
 def test_against_the_filter_of_the_textbooks():

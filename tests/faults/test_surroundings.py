@@ -84,6 +84,15 @@ def test_a_closed_stream_is_no_reason_to_fail(here, stream):
     assert (here / "out" / "report.html").exists()
 
 
+@pytest.fixture
+def heeded(name):
+    """A signal that the command heeds: it inherits what the tests ignore, as under `nohup`."""
+    number = getattr(signal, name)
+    before = signal.signal(number, signal.SIG_DFL)
+    yield number
+    signal.signal(number, before)
+
+
 @pytest.mark.parametrize(
     ("name", "code"),
     [
@@ -92,7 +101,7 @@ def test_a_closed_stream_is_no_reason_to_fail(here, stream):
         pytest.param("SIGHUP", 129, marks=pytest.mark.slow),
     ],
 )
-def test_a_request_to_end_leaves_what_was_there(here, name, code):
+def test_a_request_to_end_leaves_what_was_there(here, heeded, code):
     """It comes when the results are begun."""
     (here / "out").mkdir()
     with subprocess.Popen(
@@ -105,7 +114,7 @@ def test_a_request_to_end_leaves_what_was_there(here, name, code):
             assert process.poll() is None
             assert time.monotonic() < end
             time.sleep(0.002)
-        process.send_signal(getattr(signal, name))
+        process.send_signal(heeded)
         _, told = process.communicate(timeout=60)
     assert process.returncode == code
     assert told.startswith("backsight: ")

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from backsight.problem import load, tune_problem
+from extensions.distributions import install_project
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -36,9 +37,10 @@ def test_they_say_what_was_found():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
-def test_the_command_finds_it_again(name, tmp_path):
+def test_the_command_finds_it_again(name, tmp_path, monkeypatch):
     if name.startswith("extension/"):
-        pytest.importorskip("backsight_example")
+        site = install_project(EXAMPLES / "extension", tmp_path / "site")
+        monkeypatch.syspath_prepend(site)
     if "BACKSIGHT_DATA" not in os.environ and "BACKSIGHT_DATA" in (EXAMPLES / name).read_text():
         pytest.skip("needs the recordings of nonlinearbenchmark.org")
     folder = shutil.copytree((EXAMPLES / name).parent, tmp_path / "example")

@@ -139,9 +139,44 @@ def transpose(A: ca.MX) -> ca.MX:
 
 
 def symmetrise(A: ca.MX) -> ca.MX:
-    """(A + A') / 2 of a dense square matrix."""
+    """(A + A') / 2 of a dense square matrix; A itself where a kernel made it symmetric."""
+    if _symmetric_already(A):
+        return A
     n = A.shape[0]
     return foreign.call("matrix_turn", (n, n, 1), inputs=[A], outputs=[(n, n)])[0]
+
+
+def _symmetric_already(A: ca.MX) -> bool:
+    """Whether A is a result of a kernel that is symmetric to the last bit."""
+    made = _made_by(A)
+    if made is None:
+        return False
+    match made.kernel.name, made.result:
+        case "matrix_turn", 0:
+            return made.kernel.sizes[2] == 1
+        case ("matrix_congruence", 0) | ("matrix_gain", 3):
+            return True
+        case _:
+            return False
+
+
+@dataclasses.dataclass(frozen=True)
+class _Made:
+    """Of which call a value is which result."""
+
+    kernel: foreign.Kernel
+    inputs: tuple[ca.MX, ...]
+    result: int
+
+
+def _made_by(value: ca.MX) -> _Made | None:
+    """The call of a kernel that a value is a result of, or None of another value."""
+    if not value.is_output():
+        return None
+    call = value.dep(0)
+    kernel = foreign.kernel_of(call.which_function())
+    inputs = tuple(call.dep(i) for i in range(call.n_dep()))
+    return None if kernel is None else _Made(kernel, inputs, value.which_output())
 
 
 def cholesky_of(A: ca.MX) -> ca.MX:
@@ -175,6 +210,11 @@ def downdated(L: ca.MX, v: ca.MX) -> tuple[ca.MX, ca.MX]:
 
 def triangle(A: ca.MX, scale: np.ndarray | None = None) -> ca.MX:
     """Lower triangle of a symmetric matrix, given whole (n, n) or as that, in units of `scale`."""
+    made = _made_by(A)
+    if made is not None and made.kernel.name == "matrix_triangle":
+        # In units of units: one pass over the matrix serves both.
+        A, former = made.inputs
+        scale = former.to_DM().full().ravel() * (1 if scale is None else scale)
     whole = A.shape[1] > 1
     n = A.shape[0] if whole else int((8 * A.numel() + 1) ** 0.5 - 1) // 2
     units = ca.MX(ca.DM(np.ones(n) if scale is None else scale))

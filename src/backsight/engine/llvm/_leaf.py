@@ -30,7 +30,10 @@ LIBRARY = {
 def declarations(leaves: Iterable[Leaf], width: Width) -> str:
     """Intrinsics and library functions that leaves may call, and elementary ones that these do."""
     t, used = width.number, {operation.kind for leaf in leaves for operation in leaf.operations}
-    lines = ["declare void @llvm.memmove.p0.p0.i64(ptr, ptr, i64, i1)"]
+    lines = [
+        "declare void @llvm.memmove.p0.p0.i64(ptr, ptr, i64, i1)",
+        "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)",
+    ]
     for name in sorted({*INTRINSICS.values(), *FUSED}):
         arguments = ", ".join([t] * ARGUMENTS.get(name, 1))
         lines.append(f"declare {t} @llvm.{name}.{width.suffix}({arguments})")

@@ -105,8 +105,13 @@ class Statements:
             for k, value in enumerate(values):
                 self.store(copy.target, k, value)
             return
-        addresses = f"ptr {self._at(copy.target)}, ptr {self._at(copy.source)}"
         size = 8 * self._width.lanes * copy.source.size
+        values = copy.source.buffer.values
+        if values is not None and not any(values):  # zeros need not be read
+            target = f"ptr {self._at(copy.target)}, i8 0, i64 {size}, i1 false"
+            self._text.add(f"call void @llvm.memset.p0.i64({target})")
+            return
+        addresses = f"ptr {self._at(copy.target)}, ptr {self._at(copy.source)}"
         self._text.add(f"call void @llvm.memmove.p0.p0.i64({addresses}, i64 {size}, i1 false)")
 
     def _while(self, loop: While) -> None:

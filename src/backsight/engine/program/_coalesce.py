@@ -69,8 +69,10 @@ def _first_use(block: Block, k: int, copy: Copy, uses: dict[str, int]) -> int | 
         return None
     first = next(i for i, count in enumerate(inside) if count)
     start = block[first]
-    # The first statement must fill the buffer; it may read the target, since it reads first.
-    if not isinstance(start, Call | Copy) or any(s.buffer == buffer for s in reads(start)):
+    # The first statement must fill the buffer; it may read the target if it reads first.
+    if isinstance(start, Loop | While) or any(s.buffer == buffer for s in reads(start)):
+        return None
+    if isinstance(start, Foreign) and any(copy.target.overlaps(s) for s in reads(start)):
         return None
     if copy.target.buffer.name not in uses and sum(inside) > 2:
         return None  # memory of the caller is slower than a local variable

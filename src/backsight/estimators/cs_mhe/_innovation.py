@@ -5,7 +5,7 @@ import casadi as ca
 from backsight.algebra.update import measured, noise_of
 from backsight.engine.dense import UNROLL, applied, few_entries, triangle
 from backsight.estimators.force_estimator import Forced
-from backsight.estimators.parts.covariance import weighted_gain
+from backsight.estimators.parts.covariance import innovation_covariance
 from backsight.estimators.parts.leaf import Results, leaf, notation
 
 
@@ -26,7 +26,7 @@ def innovation_of_window(forced: Forced, samples: int) -> ca.Function:
     x_prior = x + (absent < samples) * applied(B_next, u)
     missed = leaf("missed", notation(s), lambda y, mask: {"e": measured(mask) * y})
     e = missed(y - applied(C, x_prior) - applied(D, u), mask)
-    _, S, _ = weighted_gain(P, ca.MX(C), s.R, mask)
+    S = innovation_covariance(P, ca.MX(C), s.R, mask)
     background = (forced.F * forced.sigma**2) @ forced.F.T
     results = [e, triangle(S + ca.MX(ca.DM(background)))]
     return ca.Function("innovation", [*given, mask], results)

@@ -23,10 +23,10 @@ from backsight.estimators.parts.covariance import (
     Term,
     congruence,
     corrected_covariance,
+    innovation_covariance,
     joseph_form,
     kalman_gain,
     matrix_product,
-    weighted_gain,
 )
 from backsight.estimators.parts.filtering import Halves, assemble
 from backsight.estimators.parts.flags import Flags
@@ -35,7 +35,7 @@ from backsight.estimators.parts.linear import linear
 from backsight.estimators.parts.substeps import seen_outputs, settled
 from backsight.estimators.scaled import Setting, setting
 from backsight.estimators.smoothing import passes
-from backsight.estimators.steady import filter_limit, reusing_filter
+from backsight.estimators.steady import filter_limit, may_be_worth, reusing_filter
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.lti import is_linear
 from backsight.models.model import Model
@@ -77,7 +77,7 @@ class EKF(AbstractEstimator):
         with short sampling periods there is next to no difference. See
         `backsight.estimators.kalman._bucy`.
     gain : {"converged", "exact"}
-        Of linear models with more than a dozen states, which go over a sample exactly: the filter
+        Of linear models with about ten states or more, which go over a sample exactly: the filter
         is then the Kalman filter, and its gain is taken again once it has converged, see
         `KalmanFilter`. ``exact``: it is computed at every sample.
 
@@ -168,7 +168,7 @@ class EKF(AbstractEstimator):
         """The Kalman filter that reuses its gain, if this is one and there is a limit."""
         exact = not model.continuous or s.integrator.scheme == "exact"
         known = exact and self.measurement == "sampled" and self.gain == "converged"
-        if not (known and Covariance(model.nx).whole and is_linear(model)):
+        if not (known and may_be_worth(model.nx, model.ny) and is_linear(model)):
             return None
         hold = s.integrator.hold if model.continuous else "zoh"
         system = linear(model, s.dt, noise=self.noise, prior=self.prior, hold=hold)
@@ -207,7 +207,7 @@ def innovation(s: Setting) -> ca.Function:
 
         def told(x: Term, P: Term, u: Term, y: Term, mask: Term) -> Results:
             e, H = _looked(s, x, u, y, mask)
-            return {"e": e, "S": weighted_gain(P, H, s.R, mask)[1]}
+            return {"e": e, "S": innovation_covariance(P, H, s.R, mask)}
 
         return half("innovation", s, told)
 

@@ -63,7 +63,7 @@ class KalmanFilter(AbstractEstimator):
         Use the gain of the algebraic Riccati equation from the first sample on. The covariance
         that is put out is still that of the estimate, start and missing samples included.
     gain : {"converged", "exact"}
-        Of models with more than a dozen states. The covariance does not depend on the data.
+        Of models with about ten states or more. The covariance does not depend on the data.
         ``converged``: once it has come to its limit, which is known at compilation, its gain is
         taken again and again, while all channels are measured with their nominal noise; that
         changes the estimate by less than 1e-10 standard deviations, see

@@ -160,6 +160,16 @@ def weighted_gain(P: ca.MX, H: ca.MX, R: Array | ca.MX, mask: ca.MX) -> tuple[ca
     return dense.gain_of(PHt, S, R if isinstance(R, ca.MX) else ca.MX(ca.DM(R)), mask)
 
 
+def innovation_covariance(P: ca.MX, H: ca.MX, R: Array | ca.MX, mask: ca.MX) -> ca.MX:
+    """H P H' and the noise of the sample, of many states; see `weighted_gain`."""
+    PHt = times_transposed(P, H)
+    HPHt = times_transposed(transpose(PHt), H)
+    m = ca.SX.sym("mask", H.shape[0])
+    weights = ca.Function("weights", [m], [ca.if_else(update.measured(m), m, 1)])(mask)
+    by = dense.product_of(weights, weights, turned=(False, True))
+    return symmetrise(HPHt) + (R if isinstance(R, ca.MX) else ca.MX(ca.densify(ca.DM(R)))) / by
+
+
 @dataclasses.dataclass(frozen=True)
 class Corrected:
     """Covariances around a measurement of a model of many states.

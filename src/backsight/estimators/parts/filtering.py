@@ -143,6 +143,8 @@ def sample(s: Setting, halves: Halves) -> Sample:
         after = {"x": x, "spread": spread, "u_last": u, "started": 1}
     else:
         after = dict(zip(("x", "spread"), halves.predict(x, spread, u, u), strict=True))
+    # Taken apart where it is made of operations on matrices, so that `triangle` sees through it.
+    (P,) = halves.covariance.call([spread], halves.covariance.is_a("MXFunction"), False)
     return Sample(
         memory=m,
         data=data,
@@ -151,7 +153,7 @@ def sample(s: Setting, halves: Halves) -> Sample:
         x=x,
         spread=spread,
         next=after,
-        outputs=physical(s, x=x, P=halves.covariance(spread), u=u, e=e, S=S, flags=flags),
+        outputs=physical(s, x=x, P=P, u=u, e=e, S=S, flags=flags),
     )
 
 

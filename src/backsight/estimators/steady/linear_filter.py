@@ -1,21 +1,24 @@
-"""The Kalman filter of a large time-invariant model, whose gain is reused once it has converged."""
+"""The Kalman filter of a time-invariant model, whose gain is reused once it has converged."""
 
 import dataclasses
 
 import casadi as ca
 import numpy as np
 
-from backsight.algebra.update import measured
+from backsight.algebra import update
+from backsight.algebra.symmetric import unvech, vech
 from backsight.discrete.riccati import riccati_limit
-from backsight.engine.dense import few_entries, gain_of, transpose, triangle
+from backsight.engine.dense import few_entries, triangle
 from backsight.engine.recursion import Recursion
 from backsight.estimators.base import ESTIMATE_CHANNELS
 from backsight.estimators.parts.covariance import (
     Covariance,
     congruence,
     corrected_covariance,
+    innovation_covariance,
+    joseph_form,
+    kalman_gain,
     matrix_product,
-    times_transposed,
 )
 from backsight.estimators.parts.filtering import PriorMemory, data_inputs, estimate_told
 from backsight.estimators.parts.leaf import Results, leaf, notation
@@ -26,16 +29,26 @@ from backsight.estimators.steady.reuse import kept_or_new, kept_parts, reused
 from backsight.estimators.steady.state import SteadyState, steady_state
 from backsight.types import Array
 
+CHEAP = 12_000
+"""Operations up to which the covariance of a sample costs no more than to keep what follows."""
+
 
 def filter_limit(system: Linear) -> SteadyState | None:
     """Where the covariance of the prediction goes while all outputs are measured; None if nowhere.
 
-    Also None of few states, whose covariance costs next to nothing, and of noise that changes.
+    Also None of noise that changes, and where the covariance costs next to nothing.
     """
     s = system.s
-    if not Covariance(s.model.nx).whole or s.parts:
+    if s.parts or not may_be_worth(s.model.nx, s.model.ny):
+        return None
+    if not Covariance(s.model.nx).whole and _operations_of_few(system) <= CHEAP:
         return None
     return limit_of(system.A, system.C, s.Q, s.R)
+
+
+def may_be_worth(nx: int, ny: int) -> bool:
+    """Whether a filter of this size may have so much to do that its gain is worth keeping."""
+    return Covariance(nx).whole or nx**2 * (7 * nx + 12 * ny) > CHEAP  # of matrices without zeros
 
 
 def limit_of(A: Array, C: Array, Q: Array, R: Array) -> SteadyState | None:
@@ -86,6 +99,8 @@ def _covariance_step(system: Linear) -> ca.Function:
     Triangles of the covariances of the estimate and of the innovation.
     """
     s, kept = system.s, Covariance(system.s.model.nx)
+    if not kept.whole:
+        return _covariance_step_of_few(system)
     P, mask = ca.MX.sym("P", kept.size), ca.MX.sym("mask", s.model.ny)
     C, A = (ca.MX(few_entries(matrix)) for matrix in (system.C, system.A))
     now = corrected_covariance(kept.opened(P), C, s.R, mask)
@@ -96,28 +111,64 @@ def _covariance_step(system: Linear) -> ca.Function:
     )
 
 
+def _covariance_step_of_few(system: Linear) -> ca.Function:
+    """The same as straight-line code, with the formulas of `EKF`."""
+    s = system.s
+    P = ca.SX.sym("P", Covariance(s.model.nx).size)
+    mask = ca.SX.sym("mask", s.model.ny)
+    A, C, R = (ca.sparsify(ca.SX(ca.DM(matrix))) for matrix in (system.A, system.C, s.R))
+    H, _, noise = update.masked(C, ca.SX.zeros(s.model.ny), R, mask)
+    K, _ = kalman_gain(unvech(P), H, noise)
+    after = joseph_form(unvech(P), K, H, noise)
+    S = congruence(C, unvech(P), update.noise_of(R, mask))
+    values = {
+        "P": vech(congruence(A, after, s.Q)),
+        "K": ca.densify(K @ ca.diag(mask)),
+        "spread": _physical(after, s.sx),
+        "S": _physical(S, s.sy),
+    }
+    names = ["P_prior", "mask"]
+    return ca.Function("covariance", [P, mask], list(values.values()), names, list(values))
+
+
+def _operations_of_few(system: Linear) -> int:
+    return _covariance_step_of_few(system).n_instructions()
+
+
+def _physical(P: ca.SX, scale: Array) -> ca.SX:
+    """Lower triangle of a covariance."""
+    return vech(P * ca.SX(ca.DM(np.outer(scale, scale))))
+
+
 def _missed(system: Linear) -> ca.Function:
     """``(y, expected, mask) -> e``: 0 where not measured."""
     ny = system.s.model.ny
 
     def formula(y: ca.SX, expected: ca.SX, mask: ca.SX) -> Results:
-        return {"e": measured(mask) * (y - expected)}
+        return {"e": update.measured(mask) * (y - expected)}
 
     return leaf("missed", {**notation(system.s), "expected": ny}, formula)
 
 
 def _innovation(system: Linear, m: Memory, data: list[ca.MX]) -> ca.Function:
     """``(carry, u, y, mask) -> (e, S)`` before the sample enters, physical."""
-    s, kept = system.s, Covariance(system.s.model.nx)
-    P, weights = ca.MX.sym("P", kept.size), ca.MX.sym("mask", s.model.ny)
-    C = ca.MX(few_entries(system.C))
-    G = times_transposed(kept.opened(P), C)
-    HG = times_transposed(transpose(G), C)
-    _, S, _ = gain_of(ca.MX.zeros(1, s.model.ny), HG, ca.MX(ca.DM(s.R)), weights)
-    spread = ca.Function("innovation_spread", [P, weights], [triangle(S, s.sy)])
+    s, spread = system.s, _innovation_spread(system)
     u, y, mask = s.enter()(*data)
     e, S = _innovated(system, m, u, y, mask)[1], kept_or_new(spread, m, "S", m.P, mask=mask)
     return ca.Function("innovation", [m.symbol, *data], [ca.DM(s.sy) * e, S])
+
+
+def _innovation_spread(system: Linear) -> ca.Function:
+    """``(P, mask) -> S``, a physical triangle."""
+    s, kept = system.s, Covariance(system.s.model.nx)
+    if not kept.whole:
+        few, weights = ca.SX.sym("P", kept.size), ca.SX.sym("mask", s.model.ny)
+        noise = update.noise_of(ca.SX(ca.DM(s.R)), weights)
+        S = congruence(ca.sparsify(ca.SX(ca.DM(system.C))), unvech(few), noise)
+        return ca.Function("innovation_spread", [few, weights], [_physical(S, s.sy)])
+    P, mask = ca.MX.sym("P", kept.size), ca.MX.sym("mask", s.model.ny)
+    S = innovation_covariance(kept.opened(P), ca.MX(few_entries(system.C)), s.R, mask)
+    return ca.Function("innovation_spread", [P, mask], [triangle(S, s.sy)])
 
 
 def _innovated(system: Linear, m: Memory, u: ca.MX, y: ca.MX, mask: ca.MX) -> tuple[ca.MX, ca.MX]:

@@ -21,7 +21,7 @@ def kept_parts(step: ca.Function, limit: SteadyState, P0: Array) -> dict[str, Ar
     return {
         COVARIANCE: Covariance(len(P0)).kept(P0),
         **made,
-        "limit": limit.P.ravel(),
+        "limit": Covariance(len(P0)).kept(limit.P),
         "waiting": float(limit.wait + 1),
     }
 
@@ -49,15 +49,15 @@ def reused(
         What else the step takes; the same in all samples but the first.
     """
     names = [COVARIANCE, *(step.name_out(k) for k in range(1, step.n_out()))]
-    n, ny = len(limit.P), mask.numel()
+    ny = mask.numel()
     kept = [getattr(memory, name) for name in names]
     go = ca.MX.sym("go")
     symbols = [ca.MX.sym(name, *part.shape) for name, part in zip(names, kept, strict=True)]
-    waiting, m, ends = ca.MX.sym("waiting"), ca.MX.sym("mask", ny), ca.MX.sym("limit", n * n)
+    waiting, m = ca.MX.sym("waiting"), ca.MX.sym("mask", ny)
+    ends = ca.MX.sym("limit", memory.limit.numel())
     more = [ca.MX.sym("other", *other.shape) for other in others]
     new = step.call([symbols[0], m, *more])
-    P_next, P_end = ca.reshape(new[0], n, n), ca.reshape(ends, n, n)
-    near = near_to(P_next, P_end, limit.sigma, limit.near)
+    near = _near(limit)(new[0], ends)
     body = ca.Function(
         f"{step.name()}_anew",
         [go, *symbols, waiting, m, ends, *more],
@@ -67,6 +67,18 @@ def reused(
     _, *after = iterate(body, 1, carry=start, constants=[mask, memory.limit, *others])
     found = dict(zip([*names, "waiting"], after, strict=True))
     return {**found, "limit": memory.limit}
+
+
+def _near(limit: SteadyState) -> ca.Function:
+    """``(P, limit) -> near``: 1 if a covariance as it is kept is near the limit, else 0."""
+    n, kept = len(limit.P), Covariance(len(limit.P))
+    if kept.whole:
+        P, end = (ca.MX.sym(name, n * n) for name in ("P", "limit"))
+        near = near_to(kept.opened(P), kept.opened(end), limit.sigma, limit.near)
+        return ca.Function("near", [P, end], [near])
+    few, end = (ca.SX.sym(name, kept.size) for name in ("P", "limit"))
+    off = (kept.opened(few) - kept.opened(end)) / np.outer(limit.sigma, limit.sigma)
+    return ca.Function("near", [few, end], [ca.sumsqr(off) <= limit.near**2])
 
 
 def kept_or_new(step: ca.Function, memory: Memory, name: str, *given: ca.MX, mask: ca.MX) -> ca.MX:
