@@ -112,7 +112,7 @@ def test_what_cannot_be_followed_is_refused_at_its_key(problem, old, new, said):
 def test_what_goes_sample_by_sample_does_not_follow(problem, tmp_path):
     read, _ = problem
     whole = read(PROBLEM)
-    said = "hits are followed in a whole recording"
+    said = "this takes a whole recording"
     with pytest.raises(ProblemError, match=said):
         tune_problem(whole, tmp_path / "tuned.toml")
     with pytest.raises(ProblemError, match=said):

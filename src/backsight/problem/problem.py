@@ -8,7 +8,7 @@ from backsight.description import Printed
 from backsight.errors import ProblemError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem.reading.tables import FollowTable, RecordingTable, TuneTable
+from backsight.problem.reading.tables import FollowTable, RecordingTable, SearchTable, TuneTable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,6 +33,8 @@ class Problem(Printed):
         Names of the estimators whose recording is smoothed.
     followed : dict
         Name of an estimator that follows hits to how it does.
+    searched : dict
+        Name of an estimator that looks for forces in the whole recording to how it does.
     reference : dict
         State to known value [its unit].
     tune : TuneTable
@@ -49,16 +51,18 @@ class Problem(Printed):
     estimators: Mapping[str, AbstractEstimator]
     smoothed: frozenset[str]
     followed: Mapping[str, FollowTable]
+    searched: Mapping[str, SearchTable]
     reference: Mapping[str, float]
     tune: TuneTable
     report: bool
     covariance: bool
 
     def check_by_sample(self, names: Collection[str], what: str) -> None:
-        """Raise `ProblemError` if an estimator follows hits, and `what` goes sample by sample."""
+        """Raise `ProblemError` if `what` goes sample by sample, and an estimator does not."""
         for name in names:
-            if name in self.followed:
-                raise ProblemError(
-                    f"estimators.{name}.follow: {what} goes sample by sample, and hits are "
-                    "followed in a whole recording; take an estimator without follow"
-                )
+            for key, whole in (("follow", self.followed), ("search", self.searched)):
+                if name in whole:
+                    raise ProblemError(
+                        f"estimators.{name}.{key}: {what} goes sample by sample, and this takes a "
+                        f"whole recording; take an estimator without {key}"
+                    )

@@ -9,11 +9,15 @@ import xarray as xr
 
 from backsight.analysis.comparison import ALIGNMENT, summary
 from backsight.estimators import ALL_ESTIMATORS
+from backsight.estimators.dictionaries import ForceLine
 from backsight.estimators.force_estimator import AbstractForceEstimator
+from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
 from backsight.problem.problem import Problem
 from backsight.problem.reading.checking import at
+from backsight.problem.reading.settings import part
+from backsight.problem.reading.tables import SearchTable
 from backsight.problem.recorded import recording_of
 from backsight.problem.results_file import write_estimates
 from backsight.problem.seeing import doubts
@@ -21,6 +25,8 @@ from backsight.report import report
 from backsight.run.compare import AnyTask, Comparison, compared
 from backsight.run.estimation import failure, match, ready, ready_to_smooth
 from backsight.run.following import ready_to_follow
+from backsight.run.searched import SearchTask, ready_to_search
+from backsight.sparse import L1, AbstractSelection, Greedy, GreedyGroups, Reweighted
 
 ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
 
@@ -114,12 +120,28 @@ def _ready(
 
 def _task(problem: Problem, name: str, data: xr.Dataset) -> AnyTask:
     """What the file wants of an estimator."""
-    estimator = problem.estimators[name]
-    if name in problem.followed:
-        assert isinstance(estimator, AbstractForceEstimator)  # or the file is refused
-        return ready_to_follow(estimator, problem.model, data, **problem.followed[name].settings)
+    estimator, model = problem.estimators[name], problem.model
+    if isinstance(estimator, AbstractForceEstimator):  # or the file is refused
+        if name in problem.followed:
+            return ready_to_follow(estimator, model, data, **problem.followed[name].settings)
+        if name in problem.searched:
+            return _search(estimator, model, data, problem.searched[name])
     prepared = ready_to_smooth if name in problem.smoothed else ready
-    return prepared(estimator, problem.model, data)
+    return prepared(estimator, model, data)
+
+
+def _search(
+    estimator: AbstractForceEstimator, model: Model, data: xr.Dataset, table: SearchTable
+) -> SearchTask:
+    """Look for forces in the whole recording."""
+    kinds: list[type[AbstractSelection]] = [Greedy, GreedyGroups, Reweighted, L1]
+    chosen = part(kinds, table.selection, where="search.selection") if table.selection else None
+    line = None
+    if table.line is not None:
+        line = ForceLine(tuple(table.line.places), supports=tuple(table.line.supports))
+    return ready_to_search(
+        estimator, model, data, selection=chosen, locates=table.locate, line=line
+    )
 
 
 def _write(folder: Path, problem: Problem, results: Mapping[str, xr.Dataset]) -> None:

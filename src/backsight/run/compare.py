@@ -26,8 +26,9 @@ from backsight.run.estimation import (
     ready,
 )
 from backsight.run.following import FollowingTask, carry_out_following
+from backsight.run.searched import SearchTask, carry_out_search
 
-AnyTask: TypeAlias = Task | SmoothingTask | FollowingTask
+AnyTask: TypeAlias = Task | SmoothingTask | FollowingTask | SearchTask
 """An estimator made ready for a recording, and what it is to do with it."""
 
 
@@ -150,6 +151,8 @@ def compared(
                     found = carry_out_smoothing(task, engine=engine, throw=throw, progress=told)
                 case FollowingTask():
                     found = carry_out_following(task, progress=told)
+                case SearchTask():
+                    found = carry_out_search(task, progress=told)
                 case Task():
                     found = carry_out(task, engine=engine, throw=throw, progress=told)
         except KeyboardInterrupt:

@@ -205,7 +205,7 @@ def random_hits(rng: np.random.Generator) -> list[HalfSine]:
 
 
 def method(background: float) -> bs.CompressiveSensingMHE:
-    """What is known of noise and pulses; `background` is what stands for a model that is not exact."""
+    """What is known; `background` stands for what the model gets wrong: shapes between places."""
     prior = {f"q{i}": SIGMA_Q for i in (1, 2, 3)} | {f"q{i}_dot": SIGMA_V for i in (1, 2, 3)}
     return bs.CompressiveSensingMHE(
         noise=bs.Noise(sigma_y=NOISE),

@@ -101,7 +101,7 @@ def problem_of(given: dict[str, Any], text: str, file: Path) -> Problem:
         raise ProblemError(f"tune.estimator: there is no '{table.tune.estimator}', {hint}")
     estimators = {n: _estimator(n, e, table, model) for n, e in table.estimators.items()}
     for name, entry in table.estimators.items():
-        _check_follow(f"estimators.{name}", entry, estimators[name], in_parts=table.recording.parts)
+        _check_whole(f"estimators.{name}", entry, estimators[name], in_parts=table.recording.parts)
     return Problem(
         title=table.title or file.stem,
         path=file,
@@ -111,6 +111,7 @@ def problem_of(given: dict[str, Any], text: str, file: Path) -> Problem:
         estimators=estimators,
         smoothed=frozenset(name for name, e in table.estimators.items() if e.smooth),
         followed={n: e.follow for n, e in table.estimators.items() if e.follow is not None},
+        searched={n: e.search for n, e in table.estimators.items() if e.search is not None},
         reference=table.reference,
         tune=table.tune,
         report=table.output.report,
@@ -141,30 +142,31 @@ def text_of(file: Path) -> str:
         raise ProblemError(f"cannot read {str(file)!a}: {error}") from None
 
 
-def _check_follow(
+def _check_whole(
     where: str,
     entry: EstimatorTable,
     estimator: AbstractEstimator,
     *,
     in_parts: PartsTable | None,
 ) -> None:
-    """Raise `ProblemError` if hits cannot be followed with this estimator."""
-    if entry.follow is None:
+    """Raise `ProblemError` if hits of a whole recording cannot be found with this estimator."""
+    keys = [key for key in ("follow", "search") if getattr(entry, key) is not None]
+    if not keys:
         return
+    where = f"{where}.{keys[0]}"
     if not isinstance(estimator, AbstractForceEstimator):
         raise ProblemError(
-            f"{where}.follow: {estimator.title} looks for no unknown forces; take kind = 'csmhe'"
+            f"{where}: {estimator.title} looks for no unknown forces; take kind = 'csmhe'"
         )
-    if entry.smooth:
-        raise ProblemError(
-            f"{where}.follow: goes without smooth; over the window of a hit all samples count"
-        )
+    if len(keys) > 1 or entry.smooth:
+        other = "search" if len(keys) > 1 else "smooth"
+        raise ProblemError(f"{where}: goes without {other}; give one of them")
     if in_parts is not None:
-        raise ProblemError(f"{where}.follow: needs the whole recording; leave out recording.parts")
-    for i, name in enumerate(entry.follow.beside):
+        raise ProblemError(f"{where}: needs the whole recording; leave out recording.parts")
+    for i, name in enumerate(entry.follow.beside if entry.follow else ()):
         if name not in estimator.forces:
             hint = nearest(name, estimator.forces)
-            raise ProblemError(f"{where}.follow.beside[{i}]: there is no force '{name}', {hint}")
+            raise ProblemError(f"{where}.beside[{i}]: there is no force '{name}', {hint}")
 
 
 def _estimator(

@@ -7,6 +7,8 @@ from backsight.problem.reading.tables._alarms import NisAlarm as NisAlarm
 from backsight.problem.reading.tables._alarms import RangeAlarm as RangeAlarm
 from backsight.problem.reading.tables._alarms import SilentAlarm as SilentAlarm
 from backsight.problem.reading.tables._alarms import StatusAlarm as StatusAlarm
+from backsight.problem.reading.tables._hits import FollowTable as FollowTable
+from backsight.problem.reading.tables._hits import SearchTable as SearchTable
 from backsight.problem.reading.tables._live import FEEDS as FEEDS
 from backsight.problem.reading.tables._live import DashboardTable as DashboardTable
 from backsight.problem.reading.tables._live import FeedTable as FeedTable
@@ -44,7 +46,6 @@ from backsight.problem.reading.tables._unknowns import GapsTable as GapsTable
 from backsight.problem.reading.tables._unknowns import MovingTable as MovingTable
 from backsight.problem.reading.tables._unknowns import VirtualTable as VirtualTable
 from backsight.problem.reading.tables._whole import EstimatorTable as EstimatorTable
-from backsight.problem.reading.tables._whole import FollowTable as FollowTable
 from backsight.problem.reading.tables._whole import FreeTable as FreeTable
 from backsight.problem.reading.tables._whole import NoiseTable as NoiseTable
 from backsight.problem.reading.tables._whole import OutputTable as OutputTable

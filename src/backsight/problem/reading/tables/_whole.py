@@ -1,10 +1,11 @@
 """The whole problem file as a table, with noise, estimators and what is written."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypedDict
+from typing import Any, Literal
 
 import pydantic
 
+from backsight.problem.reading.tables._hits import FollowTable, SearchTable
 from backsight.problem.reading.tables._live import DashboardTable, LiveTable, StoreTable
 from backsight.problem.reading.tables._recorded import ReadingsTable, RecordingTable
 from backsight.problem.reading.tables._strict import ShortTable, StrictTable
@@ -40,56 +41,6 @@ class PriorTable(StrictTable):
     P0: list[list[float]] | None = None
 
 
-class FollowSettings(TypedDict):
-    """What `backsight.forces.follow_hits` takes beside estimator, model and recording."""
-
-    sizes: tuple[float, float]
-    before: int
-    after: int
-    beside: tuple[str, ...]
-    alarm: float
-    gain: float
-
-
-class FollowTable(StrictTable):
-    """``[estimators.NAME.follow]``: hits one by one, by the equations themselves.
-
-    Parameters
-    ----------
-    sizes : list of two float
-        Smallest and largest height of a pulse that is tried [unit of the forces].
-    before, after : int
-        Samples of a window before and after an alarm.
-    beside : list of str
-        Forces that a hit may move at the same time, wherever it is; they are no places.
-    alarm : float
-        Mean of the squared innovations, by their variances, over a pulse, at which it is looked for
-        a hit; 1 if nothing happens.
-    gain : float
-        Share of what a window leaves without a hit that one must explain to be believed.
-    """
-
-    sizes: list[Annotated[float, pydantic.Field(gt=0)]] = pydantic.Field(min_length=2, max_length=2)
-    before: int = pydantic.Field(ge=1)
-    after: int = pydantic.Field(ge=1)
-    beside: list[str] = pydantic.Field(default_factory=list)
-    alarm: float = pydantic.Field(default=10.0, gt=0)
-    gain: float = pydantic.Field(default=0.5, gt=0, le=1)
-
-    @property
-    def settings(self) -> FollowSettings:
-        """Keywords of `backsight.forces.follow_hits`."""
-        low, high = self.sizes
-        return {
-            "sizes": (low, high),
-            "before": self.before,
-            "after": self.after,
-            "beside": tuple(self.beside),
-            "alarm": self.alarm,
-            "gain": self.gain,
-        }
-
-
 class EstimatorTable(StrictTable):
     """``[estimators.NAME]``: the method, its own settings, and what it has not in common.
 
@@ -101,6 +52,8 @@ class EstimatorTable(StrictTable):
         Smooth: every estimate knows the whole recording.
     follow : table
         Of estimators of unknown forces: find hits one by one in the whole recording.
+    search : table
+        Of the same: find forces by the whole recording at once; with `locate`, between the places.
     noise, prior : table
         In place of those of the file.
     """
@@ -110,6 +63,7 @@ class EstimatorTable(StrictTable):
     kind: str
     smooth: bool = False
     follow: FollowTable | None = None
+    search: SearchTable | None = None
     noise: NoiseTable | None = None
     prior: PriorTable | None = None
 
