@@ -6,7 +6,7 @@ import tempfile
 
 import fmpy
 import numpy as np
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi3 import FMU3ScheduledExecution, FMU3Slave
 
 from backsight.analysis.consistency import nis
 from backsight.run.estimation import estimate
@@ -72,12 +72,12 @@ def agrees(file, estimator, model, recording):
 
 
 @contextlib.contextmanager
-def instance(file, given=None):
+def instance(file, given=None, kind=FMU3Slave):
     """An FMU in step mode, with its variables by name; parameters are given before."""
     described = fmpy.read_model_description(str(file))
     folder = tempfile.mkdtemp()
     fmpy.extract(str(file), unzipdir=folder)
-    fmu = FMU3Slave(
+    fmu = kind(
         guid=described.guid,
         unzipDirectory=folder,
         modelIdentifier=described.coSimulation.modelIdentifier,
@@ -95,3 +95,8 @@ def instance(file, given=None):
     finally:
         fmu.freeInstance()
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def scheduled(file):
+    """An FMU whose partition a scheduler activates, see `instance`."""
+    return instance(file, kind=FMU3ScheduledExecution)

@@ -1,5 +1,6 @@
 """FMUs: valid, the same as Python, and their state can be kept."""
 
+import ctypes
 import dataclasses
 import re
 import shutil
@@ -19,9 +20,10 @@ from backsight.testing import CASES, TrialProblem
 
 fmpy = pytest.importorskip("fmpy")
 from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.fmi3 import FMU3Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 from lxml import etree  # noqa: E402
-from tests.export.fmus import agrees, expected, instance  # noqa: E402
+from tests.export.fmus import agrees, expected, instance, scheduled  # noqa: E402
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler called cc")
 
@@ -129,6 +131,33 @@ def test_going_back_gives_the_same_bits(ekf):
         fmu.freeFMUState(state)
         with pytest.raises(FMICallException):
             fmu.deserializeFMUState(b"x" * len(written))
+
+
+def test_a_tick_of_the_clock_is_a_step(ekf):
+    """To the last bit; other ticks are refused, and change nothing."""
+    file, _, _, recording = ekf
+    samples = list(zip(recording["u"].values[:, 0], recording["y"].values, strict=True))
+    with instance(file) as (fmu, references):
+        stepped = walk(fmu, references, samples)
+        clock = references["sample"]
+        with pytest.raises(FMICallException):
+            fmu.fmi3ActivateModelPartition(fmu.component, clock, 50 * 0.02)
+    outputs = [r for name, r in references.items() if name[:2] in ("x_", "e.", "y_", "ni")]
+    given, ticked = [references[n] for n in ("u.F", "y.position", "y.speed")], []
+    interval, told = (ctypes.c_double * 1)(), (ctypes.c_int * 1)()
+    with scheduled(file) as (fmu, _):
+        fmu.fmi3GetIntervalDecimal(fmu.component, (ctypes.c_uint * 1)(clock), 1, interval, told)
+        assert interval[0] == 0.02
+        for k, (u, y) in enumerate(samples):
+            fmu.setFloat64(given, [u, *y])
+            for wrong in ((clock - 1, k * 0.02), (clock, k * 0.02 + 0.01), (clock, np.nan)):
+                with pytest.raises(FMICallException):
+                    fmu.activateModelPartition(*wrong)
+            fmu.activateModelPartition(clock, k * 0.02)
+            ticked.append(np.array(fmu.getFloat64(outputs)).tobytes())
+        with pytest.raises(FMICallException):
+            FMU3Slave.doStep(fmu, currentCommunicationPoint=1.0, communicationStepSize=0.02)
+    assert ticked == stepped
 
 
 def test_parameters_are_tunable(ekf):

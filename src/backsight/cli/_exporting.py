@@ -54,7 +54,7 @@ def export(
 ) -> None:
     """Write an estimator as C99 for a controller, with a self-test from the recording.
 
-    With --fmi it is an FMU for co-simulation, with sources and libraries.
+    With --fmi it is an FMU for co-simulation and scheduled execution, with sources and libraries.
     """
     with told():
         from backsight.errors import EngineError
