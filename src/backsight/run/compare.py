@@ -5,6 +5,7 @@ import functools
 import math
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TypeAlias
 
 import xarray as xr
 
@@ -24,6 +25,11 @@ from backsight.run.estimation import (
     check_memory,
     ready,
 )
+from backsight.run.following import FollowingTask, carry_out_following
+from backsight.run.searched import SearchTask, carry_out_search
+
+AnyTask: TypeAlias = Task | SmoothingTask | FollowingTask | SearchTask
+"""An estimator made ready for a recording, and what it is to do with it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,7 +127,7 @@ def compare(
 
 
 def compared(
-    tasks: Mapping[str, Task | SmoothingTask],
+    tasks: Mapping[str, AnyTask],
     *,
     engine: Engine | None = None,
     throw: bool = True,
@@ -140,10 +146,15 @@ def compared(
         told = functools.partial(progress, name)
         told(0)
         try:
-            if isinstance(task, SmoothingTask):
-                found = carry_out_smoothing(task, engine=engine, throw=throw, progress=told)
-            else:
-                found = carry_out(task, engine=engine, throw=throw, progress=told)
+            match task:
+                case SmoothingTask():
+                    found = carry_out_smoothing(task, engine=engine, throw=throw, progress=told)
+                case FollowingTask():
+                    found = carry_out_following(task, progress=told)
+                case SearchTask():
+                    found = carry_out_search(task, progress=told)
+                case Task():
+                    found = carry_out(task, engine=engine, throw=throw, progress=told)
         except KeyboardInterrupt:
             if interrupted is None or not results:
                 raise
