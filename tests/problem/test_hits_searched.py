@@ -1,5 +1,7 @@
 """Sparse forces of a whole recording, from a problem file."""
 
+import json
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -66,7 +68,7 @@ def problem(tmp_path):
 
 def test_forces_and_hits_of_the_whole_recording(problem, tmp_path):
     """Where, when and how hard, on the grid and between, with bands that cover."""
-    run_problem(problem(PROBLEM), tmp_path / "out", progress=lambda *_: None)
+    found = run_problem(problem(PROBLEM), tmp_path / "out", progress=lambda *_: None)
     with xr.open_dataset(tmp_path / "out" / "estimates.nc", group="CS") as result:
         assert np.argwhere(result["d_hat"].values).tolist() == [[AT, 4]]
         assert result.sizes["hit"] == 1
@@ -75,6 +77,13 @@ def test_forces_and_hits_of_the_whole_recording(problem, tmp_path):
             off, std = abs(result[f"hit_{name}"][0] - value), result[f"hit_{name}_std"][0]
             assert off < 4 * std < 0.1 * value
         assert result.attrs["nonzeros"] == 1
+        place = float(result["hit_place"][0])
+    assert "CS: 1 hit " in found.table()
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    (hit,) = summary["estimators"]["CS"]["fitted_hits"]
+    assert (hit["place"]["value"], hit["place"]["unit"]) == (place, "m")
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "hits fitted as pulses" in page
 
 
 def test_the_choice_of_forces_is_written_as_in_python(problem, tmp_path):

@@ -15,7 +15,14 @@ from backsight.engine.execute import Engine
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run._ranking import as_text, final_values, ranking, true_errors, virtual_values
+from backsight.run._ranking import (
+    as_text,
+    final_values,
+    fitted_hits,
+    ranking,
+    true_errors,
+    virtual_values,
+)
 from backsight.run.diagnosis import audited
 from backsight.run.estimation import (
     SmoothingTask,
@@ -77,6 +84,7 @@ class Comparison(Printed, Mapping[str, xr.Dataset]):
             tables.append(true_errors(rows))
         if any(row.virtual for row in rows):
             tables.append(virtual_values(rows))
+        tables += [fitted_hits(row) for row in rows if row.fitted_hits]
         return as_text(tables, width)
 
     def verdicts(self, reference: Mapping[str, float] | None = None) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import xarray as xr
 
+from backsight.analysis.forces import with_fitted_hits
 from backsight.errors import TuningError
 from backsight.estimators.dictionaries import ForceLine, MovingLoads
 from backsight.estimators.force_estimator import AbstractForceEstimator
@@ -83,7 +84,7 @@ def carry_out_search(task: SearchTask, *, progress: Callable[[int], None]) -> xr
     )
     if task.locates and result["d_hat"].values.any():
         hits = locate_hits(task.estimator, task.model, task.recording, result, line=task.line)
-        result = result.assign({f"hit_{name}": column for name, column in hits.items()})
+        result = with_fitted_hits(result, hits)
         result.attrs["seconds"] = time.perf_counter() - started
     progress(task.samples)
     return result

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import xarray as xr
 
+from backsight.analysis.forces import with_fitted_hits
 from backsight.engine.recursion import Channel
 from backsight.errors import TuningError, nearest
 from backsight.estimators.base import ESTIMATE_CHANNELS
@@ -138,10 +139,7 @@ def carry_out_following(task: FollowingTask, *, progress: Callable[[int], None])
         engine="numpy",
         seconds=time.perf_counter() - started,
     )
-    table = task.table(found.hits)
-    columns = {f"hit_{name}": column for name, column in table.data_vars.items()}
-    columns["hit_force"] = columns["hit_force"].astype(str)
-    return result.assign(columns)
+    return with_fitted_hits(result, task.table(found.hits))
 
 
 def _outputs(task: FollowingTask, found: FollowedMotion) -> tuple[list[Array], list[Channel]]:
