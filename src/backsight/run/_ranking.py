@@ -15,7 +15,7 @@ from backsight.schema import Status
 MOST_HITS = 20
 """Hits of a table."""
 
-SHOWN = ("time", "place", "size", "impulse", "speed")
+SHOWN = ("time", "place", "speed", "size")
 """What a table tells of hits, as far as it is known."""
 
 MOST_OUTPUTS = 2
@@ -106,7 +106,7 @@ def virtual_values(rows: Sequence[Row]) -> Table:
     return table
 
 
-def fitted_hits(row: Row, shown: int = MOST_HITS) -> Table:
+def hits_table(row: Row, shown: int = MOST_HITS) -> Table:
     """Hits of an estimator that were fitted as pulses, in the order of time."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     first, count = row.fitted_hits[0], len(row.fitted_hits)
@@ -114,7 +114,8 @@ def fitted_hits(row: Row, shown: int = MOST_HITS) -> Table:
     table.add_column(title if count <= shown else f"{title}, the first {shown}", no_wrap=True)
     for name in SHOWN:
         if name in first.numbers:
-            table.add_column(_labelled(name, first.numbers[name].unit), justify="right")
+            heading = _labelled(name, first.numbers[name].unit)
+            table.add_column(heading, justify="right", no_wrap=True)
     for i, hit in enumerate(row.fitted_hits[:shown], 1):
         numbers = [hit.numbers[name] for name in SHOWN if name in hit.numbers]
         cells = [plus_minus(n.value, n.std) if n.std > 0 else shortest(n.value) for n in numbers]

@@ -1,9 +1,11 @@
 """Hits that were fitted as pulses, as a result holds them."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import xarray as xr
+
+from backsight.rounding import plus_minus, significant
 
 PREFIX = "hit_"
 """Of the variables of a result with a column of a table of hits, ``(hit,)``."""
@@ -41,6 +43,17 @@ class FittedHit:
     force: str
     numbers: Mapping[str, Fitted]
 
+    def __str__(self) -> str:
+        """When, where and how hard."""
+        time, size = self.numbers["time"], self.numbers["size"]
+        place = self.numbers.get("place")
+        at = f"{plus_minus(place.value, place.std)} m" if place and place.std > 0 else self.force
+        where = f" at {at}" if at else ""
+        speed = self.numbers.get("speed")
+        moving = f" with {plus_minus(speed.value, speed.std)} m/s" if speed else ""
+        told = f"{plus_minus(size.value, size.std)} {size.unit}".strip()
+        return f"{significant(time.value)} s{where}{moving}: {told}"
+
     def entry(self) -> dict[str, object]:
         """As plain numbers and texts."""
         numbers = {name: dataclasses.asdict(number) for name, number in self.numbers.items()}
@@ -77,3 +90,10 @@ def fitted_hits(result: xr.Dataset) -> tuple[FittedHit, ...]:
         force = str(result[f"{PREFIX}force"].values[i]) if f"{PREFIX}force" in result else ""
         found.append(FittedHit(force, numbers))
     return tuple(sorted(found, key=lambda hit: hit.numbers["time"].value))
+
+
+def largest_of(hits: Sequence[FittedHit]) -> str:
+    """Say how many hits were fitted, and the largest of them."""
+    first = max(hits, key=lambda hit: abs(hit.numbers["size"].value))
+    count = f"{len(hits)} hits, the largest" if len(hits) > 1 else "1 hit"
+    return f"{count} at {first}"
