@@ -5,13 +5,14 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, final
 
-from backsight.engine.recursion import Channel, ForwardBackward
+from backsight.engine.recursion import Channel, ForwardBackward, Recursion
 from backsight.errors import TuningError
 from backsight.estimators._compiling import Compilable
 from backsight.estimators._compiling import Spread as Spread
 from backsight.estimators._inspection import Inspection
+from backsight.estimators.around.misled import watched
 from backsight.estimators.scaled import Setting
 from backsight.kernels import library
 from backsight.models.model import Model
@@ -86,6 +87,14 @@ class AbstractEstimator(Compilable, abc.ABC):
     def variants(self) -> Mapping[str, AbstractEstimator]:
         """The estimator itself, first, and with other arrival costs; by their names."""
         return {"": self}
+
+    @final
+    def compile_watched(self, model: Model, dt: float) -> Recursion:
+        """What `compile` makes, with a status that says when an impossible reading has misled it.
+
+        See `backsight.estimators.around.misled`; errors are those of `compile`.
+        """
+        return watched(self.compile(model, dt), self, model)
 
     def inspect(self, model: Model, dt: float) -> Inspection:  # noqa: ARG002 - none has a window
         """Build the whole window of a sample, see `Inspection`.

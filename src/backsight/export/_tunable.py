@@ -17,7 +17,6 @@ from backsight.engine.c99 import SettingsField
 from backsight.engine.program import Beginning, Program, following, starting, walk
 from backsight.engine.recursion import Recursion
 from backsight.errors import BacksightError, EngineError, nearest
-from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.scaled import setting
 from backsight.export._followed import PRIOR, SIGMA, Followed, changeable, followed, noisy, refusal
@@ -97,7 +96,7 @@ def tunable(
     EngineError
         If a name is unknown, or the estimator would find something else with it changeable.
     """
-    plain = watched(estimator.compile(model, dt), estimator, model)
+    plain = estimator.compile_watched(model, dt)
     told = weighs(estimator) and noisy(estimator, model)
     wanted = [SIGMA] * told if names is None else list(dict.fromkeys(names))
     _check(wanted, estimator, model)
@@ -198,7 +197,7 @@ def _compiled(
     """The recursion whose last inputs are parameters."""
     wide = forces_as_inputs(model, parameters) if parameters else model
     try:
-        return watched(estimator.compile(wide, dt), estimator, wide)
+        return estimator.compile_watched(wide, dt)
     except BacksightError as error:
         what = ", ".join(parameters) or "that"
         raise EngineError(f"{what} cannot be made changeable: {error}") from error

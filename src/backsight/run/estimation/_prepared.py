@@ -14,7 +14,6 @@ from backsight.description import Kept, content
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.building import built_alone
 from backsight.engine.recursion import Channel, Recursion
-from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation.results.outputs import JUDGED, Outputs, putting_out
@@ -78,7 +77,7 @@ def compile_once(
 
     @built_alone
     def make() -> Prepared:
-        recursion = watched(estimator.compile(model, dt), estimator, model)
+        recursion = estimator.compile_watched(model, dt)
         visible = putting_out(recursion.restarting() if restart else recursion, outputs, needed)
         return Prepared(
             recursion=visible,

@@ -8,7 +8,6 @@ import numpy as np
 from backsight.description import Positive, checked
 from backsight.engine.execute import Engine, stepper
 from backsight.errors import DataError, nearest
-from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.models.signals import Signal, vector
@@ -43,7 +42,7 @@ class Stream:
     ) -> None:
         self._estimator, self._model = estimator, model
         self._made_of = (estimator, model, dt, engine, restart)
-        recursion = watched(estimator.compile(model, dt), estimator, model)
+        recursion = estimator.compile_watched(model, dt)
         recursion = recursion.restarting() if restart else recursion
         self._channels = recursion.channels
         self._stepper = stepper(recursion, engine)
