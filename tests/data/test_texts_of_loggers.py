@@ -47,6 +47,8 @@ LAYOUTS = {
     "a preamble": "Logger 3000\nserial;17\nRate 10 Hz\nt,y\n" + POINTS,
     "a preamble and units": "Run\nof today\n\nt,y\ns,mm\n" + POINTS,
     "a footer": "t,y\n" + POINTS + "\nOverflows none\nEnd\n",
+    "statistics": "t,y\n" + POINTS + "\nStatistics\nMean,0.123\nMax,1.5\n",
+    "statistics, apart": "t,y\n" + POINTS + "\n\nMean,0.123\nMax,1.5\n",
     "percent comments": "% made by\n% t,y\n" + POINTS,
     "names in a middle comment": "! Comment\n! t y\n! Comment\n" + POINTS.replace(",", " "),
     "names and units in comments": "# t y\n# s m\n" + POINTS.replace(",", " "),
@@ -85,6 +87,7 @@ def test_units_in_the_file_are_those_of_the_signals(values, layout, unit):
     ("layout", "words"),
     [
         ("a footer", "the end left off: 'Overflows none'"),
+        ("statistics", "the end left off: 'Statistics'"),
         ("a preamble", "3 lines before the names left off"),
         ("decimal commas", "decimal sign ','"),
         ("thousands, quoted", "thousands ','"),

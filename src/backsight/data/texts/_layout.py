@@ -258,19 +258,32 @@ def _footer(
     numeric: Sequence[int],
     comment: str,
 ) -> tuple[int, str]:
-    """Where the numbers end, and the first line after them: lines without any number in a cell."""
+    """Where the numbers end, and the first line after them.
+
+    Lines without any number in a cell, and behind such a line or a blank one those that begin with
+    a word where the others have a number, as a mean of the columns does.
+    """
     if begin is None or not numeric:
         return len(content), ""
     start = max(begin.start, len(content) - _SPOT)
     last = [*lines(content, start=start)]
     last = last if start == begin.start else last[1:]
     stop, first = len(content), ""
+    apart: tuple[int, str] | None = None  # begun with a word, if such a line is before them
     for line in reversed(last):
+        if is_blank(line.text):
+            (stop, first), apart = apart or (stop, first), None
         if is_blank(line.text) or _is_comment(line, comment):
             continue
         cells = cells_of(line.text, delimiter)
         known = [cell for cell in cells if cell]
-        if "\0" in line.text or not known or any(map(_is_value, known)):
+        if "\0" in line.text or not known:
             break
-        stop, first = line.start, line.text.strip()[:60]
+        here = line.start, line.text.strip()[:60]
+        if not any(map(_is_value, known)):
+            (stop, first), apart = here, None
+        elif 0 in numeric and cells[0] and not _is_value(cells[0]):
+            apart = here
+        else:
+            break
     return stop, first
