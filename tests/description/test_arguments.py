@@ -118,3 +118,26 @@ def test_a_third_party_estimator_is_checked_as_well():
 
     with pytest.raises(TuningError, match=r"Constant: gain is -1; it must be positive"):
         Constant(-1)
+
+
+COMPLEX = np.eye(1) * (-1 + 0.5j)
+SIGNALS = {"inputs": {"u": ""}, "outputs": {"y": ""}}
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: bs.lti(COMPLEX, [[1.0]], [[1.0]], states={"x": ""}, **SIGNALS),
+        lambda: bs.from_arrays(dt=0.1, u=[[0.0]], y=COMPLEX, **SIGNALS),
+        lambda: bs.from_arrays(dt=0.1, u=[[0.0]], y=np.ma.masked_array(COMPLEX), **SIGNALS),
+        lambda: bs.simulate(MODEL, np.zeros((3, 1)) + 1j, dt=0.01),
+        lambda: bs.signals.filtered(COMPLEX, b=np.ones(1), a=np.ones(1)),
+        lambda: bs.signals.central_difference(COMPLEX, dt=0.1),
+        lambda: bs.reduced(np.eye(1), COMPLEX, modes=1, damping=0.01, sensors={}),
+        lambda: bs.Prior(P0=COMPLEX),
+        lambda: bs.Noise(R=COMPLEX),
+    ],
+)
+def test_half_of_a_complex_number_is_never_left_off(call):
+    with pytest.raises(BacksightError, match=r"complex|must be an array of numbers"):
+        call()

@@ -287,9 +287,11 @@ def _converted(values: Array, own: str, unit: str) -> Array:
 
 
 def _numbers(values: Any, what: str, where: str) -> Array:
+    kind = np.asanyarray(values).dtype.kind
+    if kind == "c":
+        raise DataError(f"{where}: {what} is not an array of real numbers, but of complex ones")
     if np.ma.isMaskedArray(values):
         values = np.ma.filled(np.ma.asarray(values, float), np.nan)
-    kind = np.asarray(values).dtype.kind
     if kind in "mM":  # would become nanoseconds, or ticks of any other length
         raise DataError(f"{where}: {what} is not an array of real numbers, but of dates")
     try:

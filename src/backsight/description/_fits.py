@@ -53,7 +53,7 @@ def _fault(hint: Any, value: object, called: Called, within: Range | None) -> Fa
         return _annotated(args, value, called, within)
     if hint == ArrayLike:
         # Without a range it is data, whose readers say which sample is wrong.
-        return _array(value, called, within) if within else None
+        return _array(value, called, within) if within else _complex(value, called)
     if is_union(hint):
         return _union(args, value, called, within)
     if origin is Literal:
@@ -153,6 +153,13 @@ def _outside(value: object, called: Called, within: Range) -> Fault:
     unit = f" {called.unit}" if called.unit else ""
     must = within.must if isinstance(value, complex) else within.wanted(float(value))  # type: ignore[arg-type]
     return Fault(lambda: f"{called.name} is {shown(value)}{unit}; it must {must}")
+
+
+def _complex(value: object, called: Called) -> Fault | None:
+    """NumPy makes real numbers of complex ones by leaving off a half, and hardly says so."""
+    if getattr(getattr(value, "dtype", None), "kind", "") != "c":
+        return None
+    return Fault(lambda: f"{called.name} holds complex numbers; it must be real ones")
 
 
 def _array(value: object, called: Called, within: Range | None) -> Fault | None:

@@ -236,6 +236,8 @@ def _operations(rows: ca.SX, z: ca.SX) -> set[int]:
 
 
 def _finite_matrix(given: ArrayLike, what: str, shape: tuple[int, int], meaning: str) -> Array:
+    if np.iscomplexobj(given):
+        raise ModelError(f"{what} holds complex numbers; give real ones")
     try:
         whole: Any = given
         matrix = np.asarray(whole.toarray() if scipy.sparse.issparse(given) else given, float)

@@ -3,9 +3,12 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from backsight.description import checked
+from backsight.errors import DataError
 from backsight.types import Array
 
 
+@checked(DataError)
 def central_difference(y: ArrayLike, *, dt: float) -> Array:
     r"""Differentiate a signal by central differences, offline (eq. 39).
 

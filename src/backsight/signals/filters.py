@@ -77,6 +77,7 @@ def bandpass(
     return np.asarray(b, float), np.asarray(a, float)
 
 
+@checked(DataError)
 def filtered(values: ArrayLike, *, b: Array, a: Array) -> Array:
     """Filter signals along time, from rest.
 

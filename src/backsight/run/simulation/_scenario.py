@@ -136,6 +136,8 @@ def disturbance_of(state: str, given: Disturbance, n: int) -> Push:
 
 def as_numbers(given: ArrayLike, what: str) -> Array:
     """Read an array of numbers; raises `DataError` that says what is not one."""
+    if np.iscomplexobj(given):
+        raise DataError(f"{what} holds complex numbers; give real ones")
     try:
         return np.asarray(given, float)
     except (TypeError, ValueError):

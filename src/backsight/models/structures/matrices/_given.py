@@ -95,6 +95,11 @@ def _matrix(given: MatrixLike, what: str) -> Matrix:
     """Square and finite, in columns; a row of numbers is a diagonal."""
     kept = given if isinstance(given, Matrix) else Matrix(given, precision=EPS, name=what)
     A = kept.values
+    if np.iscomplexobj(A):
+        raise ModelError(
+            f"{what} holds complex numbers; give its real part, and damping by loss_factor "
+            "(structural), damping or damping_matrix"
+        )
     if scipy.sparse.issparse(A):
         if A.dtype.kind not in "biuf":
             raise ModelError(f"{what} is not a matrix of real numbers")
