@@ -8,6 +8,7 @@ import socket
 import subprocess
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +17,9 @@ from tests.live.test_alarms import IN_ORDER
 from tests.live.test_order import check
 
 from backsight.live.sources._decoding import payload_decoder
+from backsight.live.sources._mqtt import MqttSource
 from backsight.live.store import Journal, journaled
-from backsight.problem.reading.tables import MessageTable
+from backsight.problem.reading.tables import MessageTable, MqttFeed
 
 MOSQUITTO = shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin:/usr/bin:/usr/local/bin")
 mqtt = pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is not installed")
@@ -123,6 +125,35 @@ def test_a_broker_that_goes_and_comes_back(tmp_path, samples, expected):
     check(tmp_path, expected)
     lost = next(k for k, said in enumerate(live.told) if "tries again" in said)
     assert live.told[lost + 1] == "source rig: reads rig/+ again"
+
+
+def test_what_is_sent_again_is_acknowledged_once(monkeypatch):
+    """Mosquitto takes a second acknowledgement for room, and lets new messages overtake."""
+    acknowledged = []
+    monkeypatch.setattr(mqtt.Client, "ack", lambda _, number, __: acknowledged.append(number))
+    monkeypatch.setattr(mqtt.Client, "subscribe", lambda *_: None)
+    outputs = {"y": {"column": "y", "unit": "m"}}
+    table = {"kind": "mqtt", "host": "h", "topic": "t", "client": "c", "outputs": outputs}
+    source = MqttSource("rig", MqttFeed.model_validate(table))
+    source.open()
+    client, fine = source._client, SimpleNamespace(is_failure=False)
+
+    def arrives(*numbers):
+        for number in numbers:
+            client.on_message(client, None, SimpleNamespace(payload=b'{"y": 1}', mid=number))
+
+    client.on_connect(client, None, None, fine, None)
+    arrives(1, 2)
+    source.take()
+    before = source.mark()
+    arrives(3)
+    client.on_connect(client, None, None, fine, None)
+    arrives(1, 2, 3, 4)
+    source.acknowledge(before)
+    assert acknowledged == []  # of the connection that is no more
+    source.take()
+    source.acknowledge(source.mark())
+    assert acknowledged == [1, 2, 3, 4]
 
 
 @needs_broker

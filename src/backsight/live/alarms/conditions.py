@@ -58,6 +58,9 @@ class NisCondition(Condition):
     def __init__(self, table: NisAlarm, dt: float) -> None:
         self._table, self._dt = table, dt
         self._parts: collections.deque[tuple[int, float, int]] = collections.deque()
+        # For quantiles of chi-square, imported before the first sample rather than between two;
+        # `scipy.stats` takes longer to import than all of this package.
+        self._inverse = scipy.special.gammaincinv
 
     def see(self, rows: LiveRows) -> Sighting | None:
         """See `Condition.see`."""
@@ -72,8 +75,7 @@ class NisCondition(Condition):
         if not freedom or sum(n for n, _, _ in self._parts) < wanted:
             return None
         tail = (1 - self._table.level) / 2
-        # Quantiles of chi-square; `scipy.stats` takes longer to import than all of this package.
-        low, high = 2 * scipy.special.gammaincinv(freedom / 2, [tail, 1 - tail]) / freedom
+        low, high = 2 * self._inverse(freedom / 2, [tail, 1 - tail]) / freedom
         # Over hours, any model is wrong by more than chance.
         low, high = min(low, 1 / self._table.factor), max(high, self._table.factor)
         mean = total / freedom

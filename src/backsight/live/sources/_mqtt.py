@@ -72,6 +72,11 @@ class MqttSource(ReceivingSource):
         if reason.is_failure:
             self.state = f"the broker refuses: {reason}"
             return
+        # The broker sends again what was not acknowledged on the last connection. Mosquitto counts
+        # a second acknowledgement as room for another message, and lets a new one overtake.
+        with self._lock:
+            self._acknowledged += len(self._unacknowledged)
+            self._unacknowledged.clear()
         client.subscribe(self._table.topic, self._table.qos)
         self.state = f"reads {self._table.topic}"
 

@@ -82,7 +82,13 @@ class LiveStore:
             for name, values in columns.items()
         ]
         schema = arrow.schema(fields)
-        table = arrow.Table.from_arrays([arrow.array(v) for v in columns.values()], schema=schema)
+        # From memory as it is; `arrow.array` would import pandas to see whether these are series.
+        memories = [(len(v), arrow.py_buffer(np.ascontiguousarray(v))) for v in columns.values()]
+        arrays = [
+            arrow.Array.from_buffers(field.type, n, [None, buffer])
+            for field, (n, buffer) in zip(fields, memories, strict=True)
+        ]
+        table = arrow.Table.from_arrays(arrays, schema=schema)
         target = self.folder / f"part-{start:015d}.parquet"
         part = self.folder / f".{target.name}.part"
         with writing(self.folder):
