@@ -69,15 +69,23 @@ def _figures() -> list[str]:
 
 
 def _of_mutants(found: dict[str, Any]) -> list[str]:
-    """How many changes were noticed, by area and altogether, and which were not."""
+    """How many changes were noticed, by area and altogether, and which were not.
+
+    Changes that make no difference are none of what is tried: no test could notice them.
+    """
+    reasons = tomllib.loads(REASONS.read_text(encoding="utf-8")) if REASONS.exists() else {}
     rows, share, variance = [], 0.0, 0.0
     known = sum(a["known"] for a in found.values())
     alive: list[str] = []
     for name, area in found.items():
         tried = {m: why for m, why in area["tried"].items() if why != "not run"}
         lives = [m.rpartition(" #")[0] for m, why in tried.items() if why in LIVES]
-        count, noticed = len(tried), len(tried) - len(lives)
-        rows.append(f"| {name} | {area['known']} | {count} | {noticed} | {noticed / count:.0%} |")
+        same = sum(reasons.get(m, "").startswith("same:") for m in lives)
+        count, noticed = len(tried) - same, len(tried) - len(lives)
+        rows.append(
+            f"| {name} | {area['known']} | {len(tried)} | {same} | {noticed} "
+            f"| {noticed / count:.0%} |"
+        )
         weight = area["known"] / known
         # A share of all or none of few would have no error at all (Agresti and Coull 1998).
         p = (noticed + 2) / (count + 4)
@@ -85,18 +93,14 @@ def _of_mutants(found: dict[str, Any]) -> list[str]:
         variance += weight**2 * p * (1 - p) / (count + 4)
         alive += lives
     band = 1.96 * math.sqrt(variance)
-    reasons = tomllib.loads(REASONS.read_text(encoding="utf-8")) if REASONS.exists() else {}
-    same = sum(reasons.get(m, "").startswith("same:") for m in alive)
-    tries = sum(len(a["tried"]) for a in found.values())
     return [
         "`make mutants`: small changes of the program (an operator, a number, a condition, a "
         "call), drawn at random from all of an area, and how many of them the fast tests that get "
-        "there notice; of all areas together, each counted by its size, "
-        f"{share:.0%} ± {band:.0%} (95 %). Of those that were not noticed {same} of {len(alive)} "
-        f"change no result, judged by reading; {tries - len(alive)} of the {tries - same} others "
-        "were noticed. Tests were added for some that were not noticed at first, so that the share "
-        "is a little too good.\n",
-        "| area | changes | tried | noticed | |\n|---|---:|---:|---:|---:|",
+        "there notice, of those that change a result (judged by reading what was not noticed); of "
+        f"all areas together, each counted by its size, {share:.0%} ± {band:.0%} (95 %). Tests "
+        "were added for some that were not noticed at first, so that the share is a little too "
+        "good.\n",
+        "| area | changes | tried | without effect | noticed | |\n|---|---:|---:|---:|---:|---:|",
         *rows,
         "",
         "What nobody noticed, and why:\n",

@@ -9,7 +9,12 @@ import coverage
 from tests.mutation.mutants import Mutant
 
 OF_KERNELS = {
-    "cs_window": ("tests/estimators/test_cs_mhe.py", "tests/relations/test_nonlinear_windows.py"),
+    "cs_window": (
+        "tests/estimators/test_cs_mhe.py",
+        "tests/estimators/test_capped_forces.py",
+        "tests/oracles/test_window_limits.py",
+        "tests/relations/test_nonlinear_windows.py",
+    ),
     "matrix": (
         "tests/estimators/test_many_states.py",
         "tests/engine/test_dense.py",
