@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from backsight.data.resampling import SAME
 from backsight.errors import ProblemError, nearest
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
@@ -28,6 +27,7 @@ from backsight.problem.reading.tables import (
     StoreTable,
     StrictTable,
 )
+from backsight.schema import SAME
 from backsight.types import Array
 from backsight.units import conversion, convertible
 

@@ -106,7 +106,7 @@ def virtual_values(rows: Sequence[Row]) -> Table:
     return table
 
 
-def hit_values(row: Row, shown: int = MOST_HITS) -> Table:
+def hits_table(row: Row, shown: int = MOST_HITS) -> Table:
     """Hits of an estimator that were fitted as pulses, in the order of time."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     first, count = row.fitted_hits[0], len(row.fitted_hits)

@@ -18,7 +18,7 @@ from backsight.models.model import Model
 from backsight.run._ranking import (
     as_text,
     final_values,
-    hit_values,
+    hits_table,
     ranking,
     true_errors,
     virtual_values,
@@ -84,7 +84,7 @@ class Comparison(Printed, Mapping[str, xr.Dataset]):
             tables.append(true_errors(rows))
         if any(row.virtual for row in rows):
             tables.append(virtual_values(rows))
-        tables += [hit_values(row) for row in rows if row.fitted_hits]
+        tables += [hits_table(row) for row in rows if row.fitted_hits]
         return as_text(tables, width)
 
     def verdicts(self, reference: Mapping[str, float] | None = None) -> list[str]:

@@ -176,7 +176,7 @@ def _estimator(
     if not _GROUP.fullmatch(name):
         raise ProblemError(f"{where}: use letters, digits, blanks and . + - _ in the name")
     if entry.kind not in ALL_ESTIMATORS:
-        hint = nearest(entry.kind, ALL_ESTIMATORS)
+        hint = ALL_ESTIMATORS.hint(entry.kind)
         raise ProblemError(f"{where}.kind: unknown kind '{entry.kind}', {hint}")
     with at(f"{where}.kind"):
         kind = ALL_ESTIMATORS[entry.kind]
