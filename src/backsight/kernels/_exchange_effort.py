@@ -69,7 +69,7 @@ class Candidates:
     def _exchanged(self) -> KernelWork:
         """A change may look at all atoms in place of every one that is chosen."""
         s = self.room
-        tried = 2 * s * self._put_last(s) + 2 * self._refactor(s) + self._choose(s)
+        tried = 2 * s * self._put_last(s) + 3 * self._refactor(s) + self._choose(s) + 2 * dots(s)
         each = self._shared(s) + self._looks() + tried + self._take(s) + self._settle(s)
         out = KernelWork(s * (2 * s + 3), s) + self._put_last(s) + self._refactor(s)
         first = self._settle(s) + out + self._looks() + self._choose(s)

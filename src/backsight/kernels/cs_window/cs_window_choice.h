@@ -58,9 +58,13 @@ static int cs_window_exchange(const cs_window_problem *k, cs_window_candidates *
         const real a = t->a[j], variance = cs_window_shared(t, n, j);
         const int in = cs_window_better(k, t, a, variance, &gain);
         if (in < 0 || in == column || !(gain > a * a / variance + price * LESS)) continue;
+        const real worth = cs_window_worth(t, 0);
         for (int before = 0; before <= j; ++before) cs_window_put_last(t, n, 0);
         cs_window_refactor(t, n, count - 1);
-        if (cs_window_choose(k, t, in)) return 1;
+        if (cs_window_choose(k, t, in)) { /* where atoms nearly depend on each other it need not be so */
+            if (cs_window_worth(t, 0) > worth + price * LESS) return 1;
+            cs_window_refactor(t, n, count - 1);
+        }
         cs_window_take(k, t, column);
         for (int after = j + 1; after < count; ++after) cs_window_put_last(t, n, 0);
         cs_window_refactor(t, n, count);
