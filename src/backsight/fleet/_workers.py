@@ -203,6 +203,8 @@ def workers_of(
                 )
             ).scheduler_address
         try:
+            # First, since a client of an address that is none takes half a minute to go.
+            distributed.comm.get_address_host(scheduler)
             client = stack.enter_context(distributed.Client(scheduler, set_as_default=False))
         except (OSError, ValueError, TypeError) as error:
             raise WorkerError(f"the scheduler '{scheduler}' does not answer: {error}") from None
