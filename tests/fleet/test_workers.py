@@ -73,9 +73,25 @@ def test_a_worker_that_comes_later_with_another_version_is_refused(tmp_path, mon
 def test_a_scheduler_that_does_not_answer(tmp_path, monkeypatch):
     fleet = load_fleet(write_fleet(tmp_path))
     monkeypatch.setattr(_workers, "CONNECT", "1s")
-    for address in ("tcp://127.0.0.1:9", "nonsense"):
-        with pytest.raises(WorkerError, match="does not answer"):
-            run_fleet(fleet, tmp_path / "store", scheduler=address)
+    with pytest.raises(WorkerError, match="does not answer"):
+        run_fleet(fleet, tmp_path / "store", scheduler="tcp://127.0.0.1:9")
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [("nonsense", "missing port"), ("127.0.0.1", "missing port"), ("foo://a:1", "scheme 'foo'")],
+)
+def test_an_address_that_is_none_is_told_before_anything_connects(
+    tmp_path, monkeypatch, address, said
+):
+    """A client that was begun with it takes half a minute to end, with a traceback."""
+
+    def begun(*_args, **_words):
+        raise AssertionError("connects")
+
+    monkeypatch.setattr(distributed, "Client", begun)
+    with pytest.raises(WorkerError, match=f"'{address}' does not answer.*{said}"):
+        run_fleet(load_fleet(write_fleet(tmp_path)), tmp_path / "store", scheduler=address)
 
 
 def test_a_scheduler_that_goes_is_told_and_what_is_finished_stays(tmp_path, scheduler, monkeypatch):

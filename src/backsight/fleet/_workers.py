@@ -177,6 +177,7 @@ def workers_of(
     try:
         import dask.config
         import distributed
+        from distributed.comm.addressing import get_address_host
     except ImportError as error:
         raise WorkerError(
             f"fleets need dask.distributed ({error}); pip install 'backsight[fleet]', or work in "
@@ -203,6 +204,8 @@ def workers_of(
                 )
             ).scheduler_address
         try:
+            # First, since a client of an address that is none takes half a minute to go.
+            get_address_host(str(scheduler))
             client = stack.enter_context(distributed.Client(scheduler, set_as_default=False))
         except (OSError, ValueError, TypeError) as error:
             raise WorkerError(f"the scheduler '{scheduler}' does not answer: {error}") from None
