@@ -1,6 +1,5 @@
 """FMUs: valid, the same as Python, and their state can be kept."""
 
-import ctypes
 import dataclasses
 import re
 import shutil
@@ -14,28 +13,18 @@ import pytest
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import EngineError, OutputError
 from backsight.estimators import EKF
-from backsight.estimators.outliers import Gate
 from backsight.export import export_fmu
 from backsight.testing import CASES, TrialProblem
 
 fmpy = pytest.importorskip("fmpy")
 from fmpy.fmi1 import FMICallException  # noqa: E402
-from fmpy.fmi3 import FMU3Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 from lxml import etree  # noqa: E402
-from tests.export.fmus import agrees, expected, instance, scheduled  # noqa: E402
+from tests.export.fmus import agrees, expected, instance, recorded, tunable_ekf, walk  # noqa: E402
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler called cc")
 
 LARGEST = 300_000  # bytes
-
-
-def recorded(problem, hold="zoh"):
-    """A noisy recording with gaps."""
-    data = problem.simulate(50, seed=5, hold=hold, noisy=True)
-    data.y[20:30] = np.nan
-    data.y[::7, 0] = np.nan
-    return data.recording(problem.model)
 
 
 @pytest.mark.parametrize(
@@ -83,32 +72,13 @@ def with_half_of_the_tables(file):
 
 @pytest.fixture(scope="module")
 def ekf(tmp_path_factory):
-    """An FMU with everything tunable, and what it came from."""
-    problem = TrialProblem()
-    noise = dataclasses.replace(problem.noise, outliers=Gate())
-    estimator = EKF(noise, problem.prior, Integrator("rk4", 2))
-    recording = recorded(problem)
-    recording["y"][12, 1] += 30.0
-    file = tmp_path_factory.mktemp("fmu") / "ekf.fmu"
-    export_fmu(estimator, problem.model, recording, file, tunable=["sigma_y", "b"])
-    return file, estimator, problem.model, recording
+    return tunable_ekf(tmp_path_factory.mktemp("fmu"))
 
 
 def test_outliers_do_not_count(ekf):
     file, estimator, model, recording = ekf
     agrees(file, estimator, model, recording)
     assert np.isfinite(expected(estimator, model, recording)["nis"]).sum() > 30
-
-
-def walk(fmu, references, samples, first=0):
-    """Step over samples from `first` on, and return all outputs as bytes."""
-    outputs = [r for name, r in references.items() if name[:2] in ("x_", "e.", "y_", "ni")]
-    rows = []
-    for k, (u, y) in enumerate(samples, first):
-        fmu.setFloat64([references[n] for n in ("u.F", "y.position", "y.speed")], [u, *y])
-        fmu.doStep(currentCommunicationPoint=k * 0.02, communicationStepSize=0.02)
-        rows.append(np.array(fmu.getFloat64(outputs)).tobytes())
-    return rows
 
 
 def test_going_back_gives_the_same_bits(ekf):
@@ -131,33 +101,6 @@ def test_going_back_gives_the_same_bits(ekf):
         fmu.freeFMUState(state)
         with pytest.raises(FMICallException):
             fmu.deserializeFMUState(b"x" * len(written))
-
-
-def test_a_tick_of_the_clock_is_a_step(ekf):
-    """To the last bit; other ticks are refused, and change nothing."""
-    file, _, _, recording = ekf
-    samples = list(zip(recording["u"].values[:, 0], recording["y"].values, strict=True))
-    with instance(file) as (fmu, references):
-        stepped = walk(fmu, references, samples)
-        clock = references["sample"]
-        with pytest.raises(FMICallException):
-            fmu.fmi3ActivateModelPartition(fmu.component, clock, 50 * 0.02)
-    outputs = [r for name, r in references.items() if name[:2] in ("x_", "e.", "y_", "ni")]
-    given, ticked = [references[n] for n in ("u.F", "y.position", "y.speed")], []
-    interval, told = (ctypes.c_double * 1)(), (ctypes.c_int * 1)()
-    with scheduled(file) as (fmu, _):
-        fmu.fmi3GetIntervalDecimal(fmu.component, (ctypes.c_uint * 1)(clock), 1, interval, told)
-        assert interval[0] == 0.02
-        for k, (u, y) in enumerate(samples):
-            fmu.setFloat64(given, [u, *y])
-            for wrong in ((clock - 1, k * 0.02), (clock, k * 0.02 + 0.01), (clock, np.nan)):
-                with pytest.raises(FMICallException):
-                    fmu.activateModelPartition(*wrong)
-            fmu.activateModelPartition(clock, k * 0.02)
-            ticked.append(np.array(fmu.getFloat64(outputs)).tobytes())
-        with pytest.raises(FMICallException):
-            FMU3Slave.doStep(fmu, currentCommunicationPoint=1.0, communicationStepSize=0.02)
-    assert ticked == stepped
 
 
 def test_parameters_are_tunable(ekf):

@@ -70,6 +70,7 @@ def export(
             raise EngineError("--template is for C, not for an FMU: leave one of them")
         read = load(problem)
         chosen = estimator_of(estimator, read.estimators)
+        read.check_by_sample([estimator], "exported code")
         recording = recording_of(read, outside=outside or (), env=env or ())
         prefix = name or _prefix(estimator)
         if fmi:

@@ -121,6 +121,7 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
     if settings.estimator is not None and settings.estimator not in known:
         hint = nearest(settings.estimator, known)
         raise ProblemError(f"live.estimator: there is no '{settings.estimator}', {hint}")
+    problem.check_by_sample([settings.estimator or next(iter(known))], "backsight live")
     store, shown = given.get("store"), given.get("dashboard")
     return LiveProblem(
         problem=problem,
