@@ -82,18 +82,19 @@ def run_file(
     had finished is written.
     """
     with told():
-        numpy_only()
-        from backsight.problem import load, run_problem
-        from backsight.problem.methods import refusals
-        from backsight.problem.running import ESTIMATES, PAGE
-        from backsight.run.estimation import failure
-
-        for sentence in refusals():
-            warn(sentence)
         with bar() as advance:
-            advance("reading", 0.0)
+            advance("reading", 0.0)  # what is imported takes a second on a busy machine
+            numpy_only()
+            from backsight.problem import load, run_problem
+            from backsight.problem.methods import refusals
+            from backsight.problem.running import ESTIMATES, PAGE
+            from backsight.run.estimation import failure
+
+            advance("reading", 0.5)
             read = load(problem)
             advance("reading", 1.0)
+        for sentence in refusals():
+            warn(sentence)
         if read.recording.parts is not None:
             return run_parts(read, out, env or ())
         with bar() as advance:

@@ -51,7 +51,7 @@ function numberField(label, value, change, { empty = null } = {}) {
     type: "text",
     inputMode: "decimal",
     "aria-label": label,
-    value: value === null || value === undefined ? "" : String(value),
+    value: value === null || value === undefined ? "" : Math.abs(value) < 1e-4 && value !== 0 ? value.toExponential() : String(value),
     onchange: (event) => {
       const typed = event.target.value.trim().replace(/^([-+]?\d*),(\d+)/, "$1.$2");
       const number = typed === "" ? empty : Number(typed);
