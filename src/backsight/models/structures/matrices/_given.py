@@ -95,6 +95,11 @@ def _matrix(given: MatrixLike, what: str) -> Matrix:
     """Square and finite, in columns; a row of numbers is a diagonal."""
     kept = given if isinstance(given, Matrix) else Matrix(given, precision=EPS, name=what)
     A = kept.values
+    if getattr(A, "dtype", np.dtype(float)).kind == "c":
+        raise ModelError(
+            f"{what} is complex; give its real part, and structural damping, K (1 + i eta), as "
+            "loss_factor = eta"
+        )
     if scipy.sparse.issparse(A):
         if A.dtype.kind not in "biuf":
             raise ModelError(f"{what} is not a matrix of real numbers")
