@@ -1,5 +1,8 @@
 """Matrices, modes and tables as finite-element programs and modal tests write them."""
 
+import gzip
+import io
+import lzma
 import struct
 
 import h5py
@@ -123,7 +126,30 @@ def table(path, values):
     path.write_text("# from a spreadsheet\n" + ",".join(NAMES) + "\n" + rows)
 
 
+def market(path, change=lambda text: text):
+    """A symmetric Matrix Market file, its text changed."""
+    text = io.BytesIO()
+    scipy.io.mmwrite(text, sparse.coo_array(K), symmetry="symmetric")
+    path.write_bytes(change(text.getvalue()))
+
+
+def without_head(text):
+    """Of a general file: the line of sizes comes first."""
+    return b"\n".join(line for line in text.splitlines() if not line.startswith(b"%"))
+
+
 WRITERS = {
+    "marked.mtx": lambda p: market(p, lambda text: b"\xef\xbb\xbf" + text),
+    "wide.mtx": lambda p: market(p, lambda text: text.decode().encode("utf-16")),
+    "small.mtx": lambda p: market(
+        p, lambda text: text.replace(b"%%MatrixMarket", b"%%matrixmarket")
+    ),
+    "packed.mtx.gz": lambda p: market(p, gzip.compress),
+    "packed.mtx.xz": lambda p: market(p, lzma.compress),
+    "bare.txt": lambda p: (
+        scipy.io.mmwrite(p.with_suffix(".mtx"), sparse.coo_array(K), symmetry="general"),
+        p.write_bytes(without_head(p.with_suffix(".mtx").read_bytes())),
+    ),
     "market.mtx": lambda p: scipy.io.mmwrite(p, sparse.coo_array(K)),
     "symmetric.mtx": lambda p: scipy.io.mmwrite(p, sparse.coo_array(K), symmetry="symmetric"),
     "full.mtx": lambda p: scipy.io.mmwrite(p, K),
@@ -160,6 +186,28 @@ def test_matrices_of_any_program(kind, tmp_path):
     assert sparse.issparse(found.values)
     np.testing.assert_allclose(found.toarray(), K, rtol=1e-9)
     assert found.coordinates == (NAMES if kind in NAMED else ())
+
+
+def test_a_head_that_says_skew(tmp_path):
+    G = np.array([[0.0, -3.0, 0.0], [3.0, 0.0, 2.0], [0.0, -2.0, 0.0]])
+    scipy.io.mmwrite(tmp_path / "g.mtx", sparse.coo_array(G), symmetry="skew-symmetric")
+    scipy.io.hb_write(tmp_path / "g.rza", sparse.csc_matrix(np.tril(G)))
+    whole = (tmp_path / "g.rza").read_text()
+    (tmp_path / "g.rza").write_text(whole.replace("RUA", "rza"))
+    for name in ("g.mtx", "g.rza"):
+        np.testing.assert_array_equal(read_matrix(tmp_path / name).toarray(), G)
+
+
+def test_both_triangles_under_a_head_that_says_one_are_refused(tmp_path):
+    scipy.io.mmwrite(tmp_path / "k.mtx", sparse.coo_array(K), symmetry="general")
+    scipy.io.hb_write(tmp_path / "k.rsa", sparse.csc_matrix(K))
+    for name, says, instead in (("k.mtx", "general", "symmetric"), ("k.rsa", "RUA", "RSA")):
+        path = tmp_path / name
+        path.write_text(path.read_text().replace(says, instead, 1))
+        with pytest.raises(
+            DataError, match=rf"{name}: its head says '{instead}', that one triangle"
+        ):
+            read_matrix(path)
 
 
 def test_one_of_several(tmp_path):
@@ -202,6 +250,8 @@ def test_digits_tell_the_rounding(tmp_path):
         ("a.pch", "DMIG,KAAX,0,9,2,0,,,4\n", "is of the form 9, not square"),
         ("a.pch", "DMIG,KAAX,0,6,3,0,,,4\n", "is complex"),
         ("a.pch", "DMIG,KAAX,0,6,1,0\nDMIG,KAAX,1,1,,1,1,two\n", "'TWO' is not a number|'two' is"),
+        ("a.mtx", "%%MatrixMarket matrix coordinate pattern general\n1 1 1\n1 1\n", "a pattern"),
+        ("a.mtx", "%%MatrixMarket matrix array complex general\n1 1\n1 1\n", "a complex matrix"),
         ("a.bin", "\0\1\2\3" * 20, "binary file of an unknown kind"),
     ],
 )

@@ -185,3 +185,10 @@ def test_what_cannot_be_is_said(changes, message):
     given = {"modes": 2, "damping": 0.01, "sensors": {"y": ("displacement", 0)}} | changes
     with pytest.raises(ModelError, match=message):
         reduced(M, K, **given)
+
+
+@pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
+def test_a_complex_stiffness_is_refused_and_not_cut(kind):
+    M, K = beam_matrices(2)
+    with pytest.raises(ModelError, match=r"stiffness is complex; .* as loss_factor = eta"):
+        reduced(M, kind(K * (1 + 0.02j)), modes=2, damping=0.01, **TIP)

@@ -102,6 +102,9 @@ def _is_triplets(values: np.ndarray) -> bool:
 
 
 def _from_triplets(values: np.ndarray) -> scipy.sparse.csc_array:
+    n = int(values[:, :2].max())
+    # A Matrix Market file without its banner begins with rows, columns, and entries that follow.
+    if len(values) > 1 and (values[0] == (n, n, len(values) - 1)).all():
+        values = values[1:]
     rows, columns = (values[:, k].astype(int) - 1 for k in (0, 1))
-    n = int(max(rows.max(), columns.max())) + 1
     return scipy.sparse.csc_array((values[:, 2], (rows, columns)), shape=(n, n))

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-import io
+import codecs
 import os
 import re
+import tempfile
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-import scipy
-
+from backsight.data._kinds import PACKED
 from backsight.data._room import check_room
 from backsight.data.finite_elements._binary import read_mat_matrix, read_npy_matrix, read_npz_matrix
+from backsight.data.finite_elements._headed import BOEING, MARKET, read_boeing, read_market
 from backsight.data.finite_elements._nastran import read_dmig
 from backsight.data.finite_elements._op4 import is_op4, read_op4
 from backsight.data.finite_elements._texts import ABAQUS, read_abaqus, read_table
-from backsight.data.finite_elements.matrix import Matrix, precision_of
+from backsight.data.finite_elements.matrix import Matrix
+from backsight.data.texts.content import content_of
 from backsight.description import checked
 from backsight.errors import DataError
 
@@ -25,43 +28,16 @@ MatrixFormat: TypeAlias = Literal[
 ]
 """Kinds of files."""
 
-_BOEING = re.compile(r"[RP][SURZH][AE]\s")
-"""Type of a matrix at the begin of the third line of a Harwell-Boeing file."""
-
 _LOOK = 1 << 16
 
+_MARKS = (codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
-def _market(path: Path, name: str | None) -> Matrix:
-    del name
-    with path.open(encoding="latin-1") as file:
-        head = (line.split() for line in file.readlines(_LOOK) if not line.startswith("%"))
-        precision = precision_of([cells[-1] for cells in head if cells][1:])
-    return Matrix(_real(scipy.io.mmread(path, spmatrix=False)), (), precision, path.stem)
-
-
-def _boeing(path: Path, name: str | None) -> Matrix:
-    del name
-    lines = path.read_text(encoding="latin-1").splitlines(keepends=True)
-    kind = lines[2][:3].upper()
-    # SciPy reads them as they are stored, but refuses the symmetric by their head.
-    text = "".join(
-        [*lines[:2], lines[2].replace(lines[2][:3], f"{kind[0]}U{kind[2]}", 1), *lines[3:]]
-    )
-    A = _real(scipy.io.hb_read(io.StringIO(text), spmatrix=False))
-    mirrored = scipy.sparse.csc_array(A + scipy.sparse.tril(A, -1).T) if kind[1] == "S" else A
-    return Matrix(mirrored, name=path.stem)
-
-
-def _real(found: object) -> scipy.sparse.csc_array:
-    A = scipy.sparse.csc_array(found)
-    if A.dtype.kind not in "biuf":
-        raise DataError("it is a complex matrix")
-    return A
+_SUFFIXES = tuple(PACKED.values())
 
 
 READERS: Mapping[MatrixFormat, Callable[[Path, str | None], Matrix]] = {
-    "matrix-market": _market,
-    "harwell-boeing": _boeing,
+    "matrix-market": lambda path, _: read_market(path),
+    "harwell-boeing": lambda path, _: read_boeing(path),
     "mat": read_mat_matrix,
     "npz": read_npz_matrix,
     "npy": lambda path, _: read_npy_matrix(path),
@@ -84,7 +60,8 @@ def read_matrix(
 
     Matrix Market, MAT, NumPy (also sparse), Harwell-Boeing, Abaqus (``*MATRIX GENERATE``: .mtx),
     Nastran (DMIG in bulk data and punch files, OP4), and texts: rows of numbers, as OpenSees prints
-    them, a table with the names of the coordinates above, or lines ``row column value``.
+    them, a table with the names of the coordinates above, or lines ``row column value``. Texts may
+    be packed (gz, bz2, xz, zip of one).
 
     Parameters
     ----------
@@ -108,20 +85,48 @@ def read_matrix(
     file = Path(path)
     try:
         check_room(file.stat().st_size, f"'{file}'")
-        return READERS[format or _kind_of(file)](file, name)
+        return _unpacked(file, name, format) if _is_packed(file) else _read(file, name, format)
     except DataError as error:
         message = str(error)
         raise DataError(message if str(file) in message else f"{file}: {message}") from None
     except FileNotFoundError:
         raise DataError(f"there is no file '{file}'") from None
-    except (OSError, ValueError, LookupError, EOFError) as error:
+    except (OSError, ValueError, LookupError, EOFError, zipfile.BadZipFile) as error:
         raise DataError(f"cannot read the matrix in '{file}': {error}") from None
+
+
+def _read(file: Path, name: str | None, form: MatrixFormat | None) -> Matrix:
+    return READERS[form or _kind_of(file)](file, name)
+
+
+def _is_packed(file: Path) -> bool:
+    """Whether it is a text that is packed, or begins with the mark of its encoding."""
+    with file.open("rb") as stream:
+        head = stream.read(8)
+    if head.startswith(_MARKS):
+        return True
+    kind = next((k for sign, k in PACKED.items() if head.startswith(sign)), "")
+    if kind != ".zip":
+        return bool(kind)
+    with zipfile.ZipFile(file) as archive:
+        return not any(member.endswith(".npy") for member in archive.namelist())
+
+
+def _unpacked(file: Path, name: str | None, form: MatrixFormat | None) -> Matrix:
+    """Read the plain text beside which readers need not know anything."""
+    with tempfile.TemporaryDirectory() as folder:
+        plain = Path(folder, file.with_suffix("").name if file.suffix in _SUFFIXES else file.name)
+        plain.write_bytes(content_of(file, None))
+        try:
+            return _read(plain, name, form)
+        except DataError as error:
+            raise DataError(str(error).replace(str(plain), str(file))) from None
 
 
 def _kind_of(file: Path) -> MatrixFormat:
     with file.open("rb") as stream:
         head = stream.read(_LOOK)
-    if head.startswith(b"%%MatrixMarket"):
+    if head[: len(MARKET)].lower() == MARKET.lower():
         return "matrix-market"
     if head.startswith((b"MATLAB", b"\x89HDF")):
         return "mat"
@@ -136,7 +141,7 @@ def _kind_of(file: Path) -> MatrixFormat:
     lines = head.decode("latin-1").splitlines()
     if any(re.match(r"DMIG\b", line, re.IGNORECASE) for line in lines):
         return "dmig"
-    if len(lines) > 3 and _BOEING.match(lines[2].upper()):
+    if len(lines) > 3 and BOEING.match(lines[2].upper()):
         return "harwell-boeing"
     plain = [line for line in lines if line.strip() and not line.startswith(("*", "#", "%"))]
     return "abaqus" if plain and ABAQUS.match(plain[0]) else "table"

@@ -95,10 +95,10 @@ def _matrix(given: MatrixLike, what: str) -> Matrix:
     """Square and finite, in columns; a row of numbers is a diagonal."""
     kept = given if isinstance(given, Matrix) else Matrix(given, precision=EPS, name=what)
     A = kept.values
-    if np.iscomplexobj(A):
+    if getattr(A, "dtype", np.dtype(float)).kind == "c":
         raise ModelError(
-            f"{what} holds complex numbers; give its real part, and damping by loss_factor "
-            "(structural), damping or damping_matrix"
+            f"{what} is complex; give its real part, and structural damping, K (1 + i eta), as "
+            "loss_factor = eta"
         )
     if scipy.sparse.issparse(A):
         if A.dtype.kind not in "biuf":
