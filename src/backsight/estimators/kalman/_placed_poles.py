@@ -25,8 +25,11 @@ from numpy.typing import NDArray
 from backsight.errors import TuningError
 from backsight.types import Array
 
-STEPS = 8
-"""Of the descent; after them a condition number falls slowly."""
+STEPS = 5, 100
+"""Of the descent at least and at most; the first ones do most."""
+
+EFFORT = 5e8
+"""Steps times the cube of the number of states: what takes less than a second."""
 
 APART = 1e-6
 """A pole that is nearer than this to an eigenvalue of the model makes the equation singular."""
@@ -77,7 +80,7 @@ def placed_gain(A: Array, C: Array, poles: Sequence[complex]) -> Array:
         equation.even(start).ravel(),
         jac=True,
         method="L-BFGS-B",
-        options={"maxiter": STEPS},
+        options={"maxiter": int(np.clip(EFFORT / len(A) ** 3, *STEPS))},
     )
     G = best.x.reshape(start.shape)
     K = before + np.linalg.solve(equation.vectors(G).T, G.T).T
