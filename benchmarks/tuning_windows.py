@@ -148,9 +148,18 @@ class Trial:
     second: float
     chosen: tuple[float, int]
     best: tuple[float, int]
-    ratio: float
-    middle: float
+    errors: dict[tuple[float, int], float]
     seconds: float
+
+    @property
+    def ratio(self) -> float:
+        """Error of the choice by the smallest."""
+        return self.errors[self.chosen] / self.errors[self.best]
+
+    @property
+    def middle(self) -> float:
+        """Median of all errors by the smallest."""
+        return float(np.median(list(self.errors.values()))) / self.errors[self.best]
 
 
 def trial(seed: int, drive: str, second: float) -> Trial:
@@ -164,9 +173,21 @@ def trial(seed: int, drive: str, second: float) -> Trial:
     of = errors(model, recording, k)
     best = min(of, key=lambda c: of[c])
     chosen: tuple[float, int] = (found.chosen["alpha"], found.chosen["N"])  # type: ignore[assignment]
-    middle = float(np.median(list(of.values())))
-    return Trial(
-        drive, seed, second, chosen, best, of[chosen] / of[best], middle / of[best], seconds
+    return Trial(drive, seed, second, chosen, best, of, seconds)
+
+
+def together(trials: Sequence[Trial]) -> str:
+    """Error over all recordings: of the choices, and of the one option that is best for all."""
+    squares = np.array([list(t.errors.values()) for t in trials]) ** 2
+    least = squares.min(axis=1).mean()
+    chosen = float(np.mean([t.errors[t.chosen] ** 2 for t in trials]))
+    options = list(trials[0].errors)
+    one = int(squares.mean(axis=0).argmin())
+    alpha, N = options[one]
+    return (
+        f"All recordings: the choices have {np.sqrt(chosen / least):.3f} times the error of the "
+        f"best of each; {alpha:g}, {N} for all, which the truth finds best, "
+        f"{np.sqrt(squares[:, one].mean() / least):.3f} times."
     )
 
 
@@ -179,16 +200,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     print("| excitation | seed | second mode | chosen | best | error / best | median / best | s |")
     print("|---|---|---|---|---|---|---|---|")
+    trials = []
     for drive in DRIVES:
         for second in (0.0, 0.3):
             for seed in range(201, 201 + given.seeds):
-                t = trial(seed, drive, second)
+                trials.append(t := trial(seed, drive, second))
                 print(
                     f"| {t.drive} | {t.seed} | {t.second:g} | {t.chosen[0]:g}, {t.chosen[1]} | "
                     f"{t.best[0]:g}, {t.best[1]} | {t.ratio:.3f} | {t.middle:.2f} | "
                     f"{t.seconds:.1f} |",
                     flush=True,
                 )
+    print("\n" + together(trials))
 
 
 if __name__ == "__main__":

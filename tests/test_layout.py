@@ -49,6 +49,12 @@ def project() -> list[Path]:
     return sorted(file for folder in folders for file in (ROOT / folder).rglob("*.py"))
 
 
+@functools.cache
+def tables() -> list[Path]:
+    """What packages hand on when it is used first."""
+    return sorted((ROOT / "src" / "backsight").rglob("__init__.pyi"))
+
+
 def module_of(file: Path) -> str:
     """Dotted name."""
     parts = file.relative_to(ROOT).with_suffix("").parts
@@ -65,7 +71,7 @@ def tree_of(file: Path) -> ast.Module:
 def imports() -> dict[str, set[Path]]:
     """Module of the package to the files, all but the tests, that import it or something of it."""
     users: dict[str, set[Path]] = {module_of(file): set() for file in SOURCES}
-    for file in (*project(), ROOT / "src" / "backsight" / "__init__.pyi"):
+    for file in (*project(), *tables()):
         if ROOT / "tests" in file.parents:
             continue
         for node in ast.walk(tree_of(file)):
@@ -109,7 +115,7 @@ def test_modules_that_only_their_folder_uses_are_private():
         file = ROOT / "src" / Path(*module.split(".")).with_suffix(".py")
         if not file.is_file() or file.stem.startswith("_") or file.parent.name == "backsight":
             continue
-        offered = file.with_name("__init__.py") in users
+        offered = not users.isdisjoint(file.with_name(f"__init__.{end}") for end in ("py", "pyi"))
         if not offered and all(file.parent in user.parents for user in users):
             wrong.append(module)
     assert not wrong

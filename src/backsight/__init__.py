@@ -5,33 +5,23 @@ need a few of them start at once. The table of them is ``__init__.pyi``, which e
 checkers read as well.
 """
 
-import importlib
+from backsight.doors import found as _found
+from backsight.doors import homes as _homes
 
 # The function must hide the folder of the same name, which it does if it is bound after it.
 from backsight.report import report as report
 
-
-def _read() -> dict[str, str]:
-    """Name to module, from lines ``from MODULE import NAME as NAME``."""
-    with open(f"{__path__[0]}/__init__.pyi", encoding="utf-8") as table:
-        lines = [line.split() for line in table if line.startswith("from ")]
-    return {name: module for _, module, _, name, *_ in lines}
-
-
-_HOMES = _read()
+_HOMES = _homes(__path__[0])
 
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        found: object = importlib.import_module("importlib.metadata").version(__name__)
-    elif _HOMES.get(name) == __name__:
-        found = importlib.import_module(f"{__name__}.{name}")
-    elif name in _HOMES:
-        found = getattr(importlib.import_module(_HOMES[name]), name)
-    else:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'", name=name)
-    globals()[name] = found
-    return found
+        import importlib.metadata
+
+        version: object = importlib.metadata.version(__name__)
+        globals()[name] = version
+        return version
+    return _found(__name__, name, _HOMES)
 
 
 def __dir__() -> list[str]:

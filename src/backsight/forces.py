@@ -29,7 +29,7 @@ from backsight.models.forces.processes import GaussMarkov as GaussMarkov
 from backsight.models.forces.processes import Matern as Matern
 from backsight.models.forces.processes import Periodic as Periodic
 from backsight.models.forces.unknown_forces import forces_as_inputs as forces_as_inputs
-from backsight.run.follow_hits import follow_hits as follow_hits
+from backsight.run.following import follow_hits as follow_hits
 from backsight.run.hits import locate_hits as locate_hits
 from backsight.run.sparse_forces import find_sparse_forces as find_sparse_forces
 from backsight.sparse import L1 as L1

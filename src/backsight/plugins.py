@@ -13,18 +13,22 @@ extension that is broken says so there, and costs nobody else anything.
 
 import contextlib
 import dataclasses
+import difflib
 import functools
 import importlib.metadata
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Generic, TypeVar
 
-from backsight.errors import BacksightError, PluginError
+from backsight.errors import BacksightError, PluginError, nearest
 
 T = TypeVar("T")
 
 EntryPoint = importlib.metadata.EntryPoint
+
+ALIKE = 0.6
+"""From here on a name is one of ours with a slip, and no extension need be thought of."""
 
 
 def entry_points(group: str) -> list[EntryPoint]:
@@ -52,6 +56,15 @@ def _as_it_is(folder: str) -> tuple[str, int]:
 def maker(entry: EntryPoint) -> str:
     """Name and version of the distribution of an entry point."""
     return f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unnamed distribution"
+
+
+def unknown(name: str, known: Iterable[str], *, group: str) -> str:
+    """Hint at what is meant by a name that is not there: one of those known, or an extension's."""
+    names = sorted(known)
+    if difflib.get_close_matches(name, names, n=1, cutoff=ALIKE):
+        return nearest(name, names)
+    listed = nearest("", names)
+    return f"{listed}; if an extension brings '{name}' (entry points '{group}'), pip install it"
 
 
 def load_entry(entry: EntryPoint, what: str) -> object:
@@ -125,6 +138,10 @@ class Extended(Mapping[str, T], Generic[T]):
             raise PluginError(
                 f"the {self.what} '{key}' of {maker(found[0])} cannot be used: {_reason(error)}"
             ) from error
+
+    def hint(self, key: str) -> str:
+        """What may be meant by a key that is not there."""
+        return unknown(key, self, group=self.group)
 
     def maker(self, key: str) -> str | None:
         """Distribution that brings an entry, None of our own."""

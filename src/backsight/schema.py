@@ -10,14 +10,18 @@ Units are coordinates: ``input_unit``, ``output_unit``, ``state_unit``. The unkn
 result, ``d_hat (time, force)``, have ``force_unit``, and ``force_position`` if that is known.
 """
 
+from __future__ import annotations
+
 import enum
 from collections.abc import Sequence
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import xarray as xr
 
 from backsight.errors import DataError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SCHEMA_VERSION = 1
 
@@ -33,6 +37,12 @@ RESULT_VARIABLES = {
 
 VIRTUAL, VIRTUAL_STD, VIRTUAL_TRUE = "z_hat", "z_std", "z_true"
 """Variables of a result with virtual outputs, ``(time, virtual)``: quantities without a sensor."""
+
+SAME = 1e-6
+"""Times closer than this, in periods, are the same time."""
+
+CHANGE = "d_"
+"""In front of the name of a signal whose change from sample to sample is meant."""
 
 AGO = "ago"
 """Attribute of a variable that is held between the samples: number of samples from the one of a row
@@ -210,6 +220,8 @@ def recording(
     dt : float
         Sampling period [s].
     """
+    import xarray as xr
+
     n = len(time)
     return xr.Dataset(
         {

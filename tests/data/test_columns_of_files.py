@@ -7,6 +7,7 @@ import scipy.sparse
 
 from backsight.data import from_arrays, list_columns, read, to_grid
 from backsight.errors import DataError
+from backsight.problem.starting import write_start
 
 N, DT = 400, 0.002
 RNG = np.random.default_rng(5)
@@ -181,3 +182,26 @@ def test_the_table_fits_the_page(tmp_path):
     head = next(line for line in lines if line.startswith("column"))
     (row,) = [line for line in lines if line.startswith("cut ")]
     assert row.index("500") + 3 == head.index("rate [Hz]") + 9
+
+
+@pytest.mark.parametrize(
+    ("numbers", "dt"),
+    [
+        ({"Fs": 500.0}, DT),
+        ({"info": {"sampleRate": 500}}, DT),
+        ({"dt": DT, "fs": 500.0}, DT),
+        ({"dt": DT, "fs": 100.0}, None),
+        ({"gain": 500.0}, None),
+        ({"Ts": -1.0}, None),
+    ],
+)
+def test_a_number_beside_the_signals_tells_the_period(tmp_path, numbers, dt):
+    file = tmp_path / "run.mat"
+    scipy.io.savemat(file, {"acc": NOISY, **numbers})
+    found = list_columns(file)
+    assert found.clock is None
+    assert found.timed == (dt is not None)
+    assert np.isnan(found.dt) if dt is None else found.dt == pytest.approx(dt)
+    assert ("so dt = 0.002?" in found.table()) == (dt is not None)
+    begun = write_start(found, tmp_path / "p.toml", {}).read_text(encoding="utf-8")
+    assert ("\ndt = 0.002  # [s]" in begun) == (dt is not None)

@@ -2,7 +2,9 @@
 
 import casadi as ca
 
+from backsight.engine.c99._local import LONGEST, TOGETHER, local_buffers
 from backsight.engine.c99.leaf import Precision, write_c99_leaf
+from backsight.engine.program import walk
 from backsight.engine.program.leaf import Leaf, leaf_of, leaf_parts
 
 
@@ -38,3 +40,18 @@ def test_parts_keep_the_names():
     assert len(parts) > 1
     for part, places in parts:
         assert part.names == ("x", *("yz"[j] for j, _ in places))
+
+
+def test_what_is_short_is_a_local_variable_and_there_are_not_too_many():
+    n = LONGEST
+    short, long = ca.SX.sym("x", n), ca.SX.sym("z", n + 1)
+    square, other = (ca.Function(f"f{v.numel()}", [v], [v * v]) for v in (short, long))
+    x, z = ca.MX.sym("x", n), ca.MX.sym("z", n + 1)
+    for repeated in (3, 40):
+        y, w = x, z
+        for _ in range(repeated):
+            y, w = square(y), other(w)
+        step = ca.Function("step", [ca.MX.sym("carry"), x, z], [ca.MX(0), y + 0, w])
+        found = local_buffers(walk(step))
+        assert {b.size for b in found} <= {1, n}
+        assert len(found) == min(repeated, TOGETHER // n)

@@ -144,3 +144,16 @@ def test_constants_that_walk_forget():
     found = estimated("ekf", spiked("ekf", 1e3), R=None, sigma_y=SIGMA, sigma_w=walk)
     assert not told(found).any()
     assert deviations("ekf", found).max() < 6
+
+
+def test_a_sensor_without_noise_of_what_is_known_is_no_measure():
+    """Its innovation has the variance 0; that of the other sensor still counts."""
+    same = {"states": {"a": ""}, "inputs": {}, "outputs": {"exact": "", "noisy": ""}}
+    model = bs.lti([[1.0]], np.zeros((1, 0)), [[1.0], [1.0]], dt=1.0, **same)
+    ekf = bs.EKF(bs.Noise(sigma_y={"exact": 0.0, "noisy": 1.0}), bs.Prior(sigma_x0=1.0))
+    y = np.zeros((9, 2))
+    y[4:, 0], y[7, 1] = 1e-3, 1e13
+    recording = bs.from_arrays(y=y, dt=1.0, inputs={}, outputs=same["outputs"])
+    status = bs.estimate(ekf, model, recording, engine="vm", throw=False)["status"].values
+    misled = (status.astype(int) & int(Status.MISLED)) > 0
+    assert misled.tolist() == [False] * 7 + [True] * 2

@@ -1,15 +1,42 @@
 """FMUs at work: run by FMPy over recordings, and beside Python."""
 
 import contextlib
+import dataclasses
 import shutil
 import tempfile
 
 import fmpy
 import numpy as np
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi3 import FMU3ScheduledExecution, FMU3Slave
 
 from backsight.analysis.consistency import nis
+from backsight.discrete.runge_kutta import Integrator
+from backsight.estimators import EKF
+from backsight.estimators.outliers import Gate
+from backsight.export import export_fmu
 from backsight.run.estimation import estimate
+from backsight.testing import TrialProblem
+
+
+def recorded(problem, hold="zoh"):
+    """A noisy recording with gaps."""
+    data = problem.simulate(50, seed=5, hold=hold, noisy=True)
+    data.y[20:30] = np.nan
+    data.y[::7, 0] = np.nan
+    return data.recording(problem.model)
+
+
+def tunable_ekf(folder):
+    """An FMU with everything tunable, and what it came from."""
+    problem = TrialProblem()
+    noise = dataclasses.replace(problem.noise, outliers=Gate())
+    estimator = EKF(noise, problem.prior, Integrator("rk4", 2))
+    recording = recorded(problem)
+    recording["y"][12, 1] += 30.0
+    file = export_fmu(
+        estimator, problem.model, recording, folder / "ekf.fmu", tunable=["sigma_y", "b"]
+    )
+    return file, estimator, problem.model, recording
 
 
 def inputs_of(recording):
@@ -72,12 +99,12 @@ def agrees(file, estimator, model, recording):
 
 
 @contextlib.contextmanager
-def instance(file, given=None):
+def instance(file, given=None, kind=FMU3Slave):
     """An FMU in step mode, with its variables by name; parameters are given before."""
     described = fmpy.read_model_description(str(file))
     folder = tempfile.mkdtemp()
     fmpy.extract(str(file), unzipdir=folder)
-    fmu = FMU3Slave(
+    fmu = kind(
         guid=described.guid,
         unzipDirectory=folder,
         modelIdentifier=described.coSimulation.modelIdentifier,
@@ -95,3 +122,19 @@ def instance(file, given=None):
     finally:
         fmu.freeInstance()
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def scheduled(file):
+    """An FMU whose partition a scheduler activates, see `instance`."""
+    return instance(file, kind=FMU3ScheduledExecution)
+
+
+def walk(fmu, references, samples, first=0):
+    """Step over samples from `first` on, and return all outputs as bytes."""
+    outputs = [r for name, r in references.items() if name[:2] in ("x_", "e.", "y_", "ni")]
+    rows = []
+    for k, (u, y) in enumerate(samples, first):
+        fmu.setFloat64([references[n] for n in ("u.F", "y.position", "y.speed")], [u, *y])
+        fmu.doStep(currentCommunicationPoint=k * 0.02, communicationStepSize=0.02)
+        rows.append(np.array(fmu.getFloat64(outputs)).tobytes())
+    return rows

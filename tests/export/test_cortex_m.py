@@ -4,6 +4,7 @@ import pytest
 from benchmarks.controllers.cortex_m import BOARDS
 
 from backsight.discrete.runge_kutta import Integrator
+from backsight.engine.program import effort, walk
 from backsight.export import export_c
 from backsight.testing import CASES
 
@@ -34,3 +35,5 @@ def test_selftest_passes_and_every_step_costs_the_same(key, precision, tmp_path)
     assert counted.code > 1000
     if key in ("ekf", "mhe"):  # nothing is searched: 40 instructions are a tick of the clock
         assert counted.most <= 1.05 * counted.mean + 80
+    if key == "ekf" and precision == "float":  # 2.5 where all that is short is written to memory
+        assert counted.mean <= 2.3 * effort(walk(recursion.step)).arithmetic

@@ -13,7 +13,6 @@ import pytest
 from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import EngineError, OutputError
 from backsight.estimators import EKF
-from backsight.estimators.outliers import Gate
 from backsight.export import export_fmu
 from backsight.testing import CASES, TrialProblem
 
@@ -21,19 +20,11 @@ fmpy = pytest.importorskip("fmpy")
 from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 from lxml import etree  # noqa: E402
-from tests.export.fmus import agrees, expected, instance  # noqa: E402
+from tests.export.fmus import agrees, expected, instance, recorded, tunable_ekf, walk  # noqa: E402
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler called cc")
 
 LARGEST = 300_000  # bytes
-
-
-def recorded(problem, hold="zoh"):
-    """A noisy recording with gaps."""
-    data = problem.simulate(50, seed=5, hold=hold, noisy=True)
-    data.y[20:30] = np.nan
-    data.y[::7, 0] = np.nan
-    return data.recording(problem.model)
 
 
 @pytest.mark.parametrize(
@@ -81,32 +72,13 @@ def with_half_of_the_tables(file):
 
 @pytest.fixture(scope="module")
 def ekf(tmp_path_factory):
-    """An FMU with everything tunable, and what it came from."""
-    problem = TrialProblem()
-    noise = dataclasses.replace(problem.noise, outliers=Gate())
-    estimator = EKF(noise, problem.prior, Integrator("rk4", 2))
-    recording = recorded(problem)
-    recording["y"][12, 1] += 30.0
-    file = tmp_path_factory.mktemp("fmu") / "ekf.fmu"
-    export_fmu(estimator, problem.model, recording, file, tunable=["sigma_y", "b"])
-    return file, estimator, problem.model, recording
+    return tunable_ekf(tmp_path_factory.mktemp("fmu"))
 
 
 def test_outliers_do_not_count(ekf):
     file, estimator, model, recording = ekf
     agrees(file, estimator, model, recording)
     assert np.isfinite(expected(estimator, model, recording)["nis"]).sum() > 30
-
-
-def walk(fmu, references, samples, first=0):
-    """Step over samples from `first` on, and return all outputs as bytes."""
-    outputs = [r for name, r in references.items() if name[:2] in ("x_", "e.", "y_", "ni")]
-    rows = []
-    for k, (u, y) in enumerate(samples, first):
-        fmu.setFloat64([references[n] for n in ("u.F", "y.position", "y.speed")], [u, *y])
-        fmu.doStep(currentCommunicationPoint=k * 0.02, communicationStepSize=0.02)
-        rows.append(np.array(fmu.getFloat64(outputs)).tobytes())
-    return rows
 
 
 def test_going_back_gives_the_same_bits(ekf):

@@ -72,6 +72,11 @@ def test_it_is_listed_with_its_maker_and_misspelled_ones_are_told(add, backsight
     assert told == ""
     with pytest.raises(ProblemError, match="unknown kind 'mime', did you mean 'mine'"):
         load(problem(tmp_path, "mime"))
+    with pytest.raises(ProblemError) as error:
+        load(problem(tmp_path, "hinfinity"))
+    assert str(error.value).endswith(
+        "; if an extension brings 'hinfinity' (entry points 'backsight.estimators'), pip install it"
+    )
 
 
 BROKEN = {

@@ -70,6 +70,13 @@ def test_the_history_keeps_extremes_and_forgets_the_old():
     assert np.isclose(whole["series"]["a"]["last"][-1], values[-1, 0], rtol=1e-5)
 
 
+def test_the_history_of_what_no_sensor_measures_is_no_reason_to_end():
+    history = History(["a"])
+    values = np.array([[1.0], [-1e308], [2.0]])
+    history.add(np.array([0.0, 0.01, 0.06]), values, np.ones((3, 1)))
+    assert json.loads(json.dumps(history.over(60), allow_nan=False))["series"]["a"]["last"][-1] == 2
+
+
 def test_the_history_of_a_recording_that_begins_at_zero_begins_there():
     history = History(["a"])
     assert history.over(60)["t"] == []

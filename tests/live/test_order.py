@@ -162,6 +162,16 @@ def test_a_source_that_is_slower_than_the_grid_is_no_fault(tmp_path, samples):
     assert not live.told
 
 
+def test_a_source_that_begins_to_send_at_another_rate_is_said(tmp_path, samples):
+    """By its own clock, once for each time; in bursts and with gaps it is the same rate."""
+    slower = np.vstack([samples[:300], samples[300:900:5]])
+    slower = np.delete(slower, np.s_[100:130], axis=0)
+    with fed(tmp_path) as live:
+        for part in np.split(slower, [7, 8, 200, 320]):
+            live.feed(map(message, part))
+    assert live.told == ["source rig sends 20 samples a second, before 100"]
+
+
 DELAYED = COLUMNS.replace('column = "u"', 'column = "u", delay = 0.004').replace(
     'column = "y"', 'column = "y", delay = 0.013'
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backsight.data.increments import increments
+from backsight.data import increments
 from backsight.errors import ModelError
 from backsight.estimators.linear_windows import LinearMHE
 from backsight.estimators.uncertainty import Noise, Prior

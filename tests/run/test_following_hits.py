@@ -7,6 +7,7 @@ import pytest
 
 import backsight as bs
 from backsight.errors import TuningError
+from backsight.run.following import carry_out_following, ready_to_follow
 
 PLACES = {"A": (0.9, 0.2), "B": (0.5, -0.8)}
 OMEGA, DAMPING, LIMIT, DT = (14.0, 47.0), 0.01, 6.0, 0.01
@@ -100,3 +101,18 @@ def test_what_cannot_be_followed_is_refused():
         follow(struck(), beside=("A", "B", "M"))
     with pytest.raises(TuningError, match="dictionary of pulses"):
         follow(struck(), method(dictionary=bs.forces.Atoms(np.eye(3))))
+
+
+def test_between_hits_it_is_the_ekf_with_forces_as_noise():
+    """Filter of the follower beside that of the library, in all it says of every sample."""
+    recording = struck(samples=50)
+    task = ready_to_follow(
+        method(), structure(), recording,
+        sizes=(4.0, 60.0), before=10, after=10, beside=(), alarm=100.0, gain=0.5,
+    )  # fmt: skip
+    followed = carry_out_following(task, progress=lambda _: None)
+    noise = bs.Noise(sigma_y=0.02, sigma_p=dict.fromkeys("ABM", 0.02))
+    told = bs.estimate(bs.EKF(noise, bs.Prior(sigma_x0=1e-2)), structure(), recording, engine="vm")
+    for name in ("x_hat", "x_std", "e", "S"):
+        size = np.nanmax(np.abs(told[name].values))
+        np.testing.assert_allclose(followed[name], told[name], atol=1e-10 * size, err_msg=name)

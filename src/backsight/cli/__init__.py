@@ -21,7 +21,7 @@ from backsight.cli._options import Env, Force, Out, Outside
 from backsight.cli._parts import run_parts
 from backsight.cli._reporting import report_again
 from backsight.cli._tuning import tune
-from backsight.errors import ProblemError, nearest
+from backsight.errors import ProblemError
 
 SHORT = {"help_option_names": ["-h", "--help"]}
 # Markup would take the brackets of "[from the estimator's name]" for a style.
@@ -245,11 +245,12 @@ def study_run(
 ) -> None:
     """Run a study: figures, tables, a page to read, and checks.json."""
     with told():
-        from backsight.studies import studies
+        from backsight.plugins import unknown
+        from backsight.studies import GROUP, studies
 
         known = studies(tell=warn)
         if name not in known:
-            raise ProblemError(f"there is no study '{name}', {nearest(name, known)}")
+            raise ProblemError(f"there is no study '{name}', {unknown(name, known, group=GROUP)}")
         entry = known[name]
         count = entry.seeds if seeds is None else seeds
         with bar() as advance:

@@ -54,7 +54,7 @@ def export(
 ) -> None:
     """Write an estimator as C99 for a controller, with a self-test from the recording.
 
-    With --fmi it is an FMU for co-simulation, with sources and libraries.
+    With --fmi it is an FMU for co-simulation and scheduled execution, with sources and libraries.
     """
     with told():
         from backsight.errors import EngineError
@@ -70,6 +70,7 @@ def export(
             raise EngineError("--template is for C, not for an FMU: leave one of them")
         read = load(problem)
         chosen = estimator_of(estimator, read.estimators)
+        read.check_by_sample([estimator], "exported code")
         recording = recording_of(read, outside=outside or (), env=env or ())
         prefix = name or _prefix(estimator)
         if fmi:

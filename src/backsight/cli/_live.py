@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from backsight.cli._arrays import numpy_only
 from backsight.cli._console import say, tell, told
 
 
@@ -28,7 +27,6 @@ def live(
     some of the results, and 2 if it could not begin.
     """
     with told():
-        numpy_only()
         from backsight.live import run_live
 
         show = say if sys.stderr.isatty() else None

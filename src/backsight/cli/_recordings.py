@@ -64,8 +64,7 @@ def write_problem(
             "axis": axis,
         }
         path = write_start(found, out or Path(f"{file.stem}.toml"), given)
-        timed = found.clock is not None and found.sure
-        first = "Run it" if timed else "Fill in the sampling period (dt) and run it"
+        first = "Run it" if found.timed else "Fill in the sampling period (dt) and run it"
         say(f"Problem: {path}\n{first}: backsight run {shlex.quote(str(path))} --out out")
 
 

@@ -61,7 +61,7 @@ def kind_of(path: Path, wish: str | None, known: Extended[Any]) -> str:
     found = _by_content(path, head, suffix)
     kind = found or suffix
     if kind not in known:
-        hint = nearest(suffix, list(known))
+        hint = known.hint(kind)
         raise DataError(f"{path}: files of the kind '{kind}' are not read: {hint}")
     return kind
 

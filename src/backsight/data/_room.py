@@ -2,8 +2,6 @@
 
 import contextlib
 
-import psutil
-
 from backsight.errors import DataError
 
 COPIES = 4
@@ -38,6 +36,8 @@ def check_density(claimed: int, stored: int, what: str) -> None:
 
 def _available() -> int:
     """Bytes that this process may still take."""
+    import psutil
+
     free = psutil.virtual_memory().available
     with contextlib.suppress(ImportError, OSError):  # Windows has no such limits
         import resource

@@ -9,10 +9,8 @@ from backsight.data._checks import check_period
 from backsight.data._room import check_room
 from backsight.description import checked
 from backsight.errors import DataError
+from backsight.schema import SAME
 from backsight.types import Array
-
-SAME = 1e-6
-"""Times closer than this, in periods, are the same time."""
 
 MOST_MOVED = 0.1
 """How far a sample may be moved to a grid, by the usual interval."""

@@ -128,6 +128,7 @@ def load_fleet(path: str | os.PathLike[str], *, env: Collection[str] = ()) -> Fl
         axes=axes,
         keep=None if table.keep is None else _kept(table),
     )
+    found.problem.check_by_sample(found.problem.estimators, "a fleet")
     _check_values(found)
     return found
 

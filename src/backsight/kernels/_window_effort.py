@@ -6,6 +6,7 @@ Everything that may be active is: as many atoms as there is room for.
 import dataclasses
 from functools import cached_property
 
+from backsight.kernels._exchange_effort import Candidates
 from backsight.kernels._work import (
     KernelWork,
     backward_solve,
@@ -22,9 +23,6 @@ NONE, FILTERED = 0, 2
 """Arrival costs as `cs_window_tables.h` counts them."""
 
 PLACES = 3
-
-CHANGES = 8
-"""As in `cs_window_problem.h`."""
 
 
 def window_effort(*sizes: int) -> KernelWork:
@@ -95,7 +93,8 @@ class Window:
         second = sum((products(end - j, m) for j, end in enumerate(ends)), KernelWork(0))
         covariances = KernelWork(places * nx * (2 * nx + d))
         noise = KernelWork(7 * m * (m + 1) // 2)
-        return noise + factoring(m) + readying(m) + first + second + covariances
+        zeros = KernelWork(5 * m + d)  # what is told by when a force begins
+        return noise + factoring(m) + readying(m) + first + second + covariances + zeros
 
     @cached_property
     def _look(self) -> KernelWork:
@@ -194,34 +193,24 @@ class Window:
         """Every pass is an optimum of its own."""
         return self.passes * (self._optimum + KernelWork(9 * self.n, 2 * self.n, self.n))
 
-    def _gain(self, s: int) -> KernelWork:
-        return self._append(s) + KernelWork(6)
-
-    def _exchanged(self) -> KernelWork:
-        """A change may look at all atoms in place of every one that is chosen."""
-        s = min(self.chosen, self.most)
-        each = (
-            self._remove(s) + self.n * self._gain(s) + 2 * self._append(s) + 3 * dots(self.nx + s)
-        )
-        worths = s * (forward_solve(s) + dots(s) + KernelWork(s + 4, 1))
-        first = worths + self.n * self._gain(s) + self._append(s) + self._minimise(s)
-        checks = (s + 1) * (self._minimise(s) + KernelWork(2 * s))
-        return (CHANGES * s + 1) * (first + s * each + checks)
+    @cached_property
+    def _candidates(self) -> Candidates:
+        """Atoms that are exchanged."""
+        quiet = self._first() + self._explain(self.d) + self._gradients()
+        room = min(self.chosen, self.most)
+        return Candidates(self.nx, self.n, self.d, self.length, room, self._gradients(), quiet)
 
     def _chosen(self) -> KernelWork:
         """Number of atoms: from those of the l1 norm, from none, and the better end again."""
-        s = min(self.chosen, self.most)
-        start = s * (self._append(s) + self._minimise(s) + KernelWork(2 * s))
-        again = s * self._append(s) + self._minimise(s) + KernelWork(2 * s + 3 * self.n)
-        return 2 * (start + self._exchanged() + dots(self.nx + s)) + again + self._residuals()
+        s = self._candidates.room
+        again = s * self._append(self.most) + self._minimise(s) + KernelWork(2 * s + 3 * self.n)
+        return self._candidates.searched + again + self._residuals()
 
     def _doubtful(self) -> KernelWork:
-        s = min(self.chosen, self.most)
-        looks = s * (self._remove(s) + self.n * self._gain(s) + self._append(s))
         first = max(self.most - self.n, 0)
         counts = [min(first + k, self.most) for k in range(self.n)]
         tried = sum((self._told_apart(s) for s in counts), KernelWork(0))
-        return looks + 2 * s * dots(self.nx + s) + tried
+        return self._candidates.doubted + tried
 
     def _unbiased(self) -> KernelWork:
         moved = self._first() + self._explain(2 * self.nx) + KernelWork(2 * self.nx + self.columns)

@@ -24,6 +24,9 @@ _LINE = "line:"
 _RATE_OVER = 5.0
 """Seconds over which a rate is told."""
 
+_STEADY, _OTHER = 50, 1.5
+"""Steps of a source's own clock that make a rate, and the factor from which it is another one."""
+
 
 class Lane:
     """What a source brings, on the way to the rows.
@@ -48,6 +51,10 @@ class Lane:
         self._last_time = 0.0
         self.too_fast: float | None = None
         """Samples per second, when they are more than the grid has and this was not told."""
+        self.changed_rate: tuple[float, float] | None = None
+        """Samples per second before and now, when they have changed and this was not told."""
+        self._steps: collections.deque[float] = collections.deque(maxlen=_STEADY)
+        self._period: float | None = None
         self._told_rate, self._times = False, np.empty(0)
         self.lines: dict[float, DelayLine] = {}
         """Of channels that are late by a fraction of a sample, by their delays."""
@@ -111,6 +118,8 @@ class Lane:
                 factor = 1.0 if feed.time.factor is None else feed.time.factor
                 stamps = batch.values[:, 0] * factor + feed.time.offset
             times = self.clock.common(stamps, batch.arrival)
+        if feed.time is not None and not self.replayed:
+            self._look_at_period(times)
         self._last_time = float(times[-1])
         self._times = times
         if self._grid.newest >= 0:
@@ -127,6 +136,25 @@ class Lane:
         period = float(np.median(steps))
         if period < _FAST * self._grid.dt:
             self.too_fast, self._told_rate = 1 / period, True
+
+    def _look_at_period(self, times: Array) -> None:
+        """See whether the source has begun to send at another rate.
+
+        Its own clock tells: what waits on the way comes in bursts. Single samples that are late,
+        and gaps, move no quantile; a source that sends when it likes has no rate.
+        """
+        steps = np.diff(np.r_[self._last_time, times])
+        self._steps.extend(steps[steps > 0].tolist())
+        if len(self._steps) < _STEADY:
+            return
+        short, period, long = np.quantile(self._steps, [0.2, 0.5, 0.8]).tolist()
+        if long > _OTHER * short:
+            return
+        if self._period is not None and not 1 / _OTHER < period / self._period < _OTHER:
+            self.changed_rate = 1 / self._period, 1 / period
+            self._steps.clear()
+        if self._period is None or self.changed_rate is not None:
+            self._period = period
 
     def put(self, placed: Placed, estimation: LiveEstimation) -> None:
         """Put values into their rows; a channel that is late goes to the row of its time."""

@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from backsight.data.resampling import SAME
 from backsight.errors import ProblemError, nearest
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
@@ -28,6 +27,7 @@ from backsight.problem.reading.tables import (
     StoreTable,
     StrictTable,
 )
+from backsight.schema import SAME
 from backsight.types import Array
 from backsight.units import conversion, convertible
 
@@ -121,6 +121,7 @@ def load_live(path: Path, *, speed: float | None = None) -> LiveProblem:
     if settings.estimator is not None and settings.estimator not in known:
         hint = nearest(settings.estimator, known)
         raise ProblemError(f"live.estimator: there is no '{settings.estimator}', {hint}")
+    problem.check_by_sample([settings.estimator or next(iter(known))], "backsight live")
     store, shown = given.get("store"), given.get("dashboard")
     return LiveProblem(
         problem=problem,

@@ -4,10 +4,11 @@ A run that was killed begins again with all of this at hand (`backsight.live._re
 code, and the ports that are listened on, at which datagrams wait meanwhile.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import functools
-
-import xarray as xr
+from typing import TYPE_CHECKING
 
 from backsight.engine.dense import UNROLL
 from backsight.engine.execute import Engine, prepare
@@ -17,9 +18,11 @@ from backsight.live._problem import LiveProblem
 from backsight.live.sources import LiveSource, source_of
 from backsight.live.store import arrow
 from backsight.problem.reading.tables import FeedTable, ReplayFeed
-from backsight.problem.recorded import recording_of
 from backsight.run.estimation import Outputs, Prepared, compile_once
 from backsight.run.estimation.results.outputs import JUDGED
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SHOWN = (*JUDGED, "z_hat", "z_std", "d_hat", "d_std", "weight")
 """Variables that are kept of every sample, where the estimator has them."""
@@ -112,6 +115,8 @@ def _period(live: LiveProblem) -> float:
 
 
 def _replayed(live: LiveProblem, feed: FeedTable) -> xr.Dataset:
+    from backsight.problem.recorded import recording_of
+
     if not isinstance(feed, ReplayFeed) or not feed.path:
         return recording_of(live.problem)
     return recording_of(dataclasses.replace(live.problem, recording=feed.as_recording))

@@ -115,6 +115,10 @@ class LiveSession:
                 "are counted as duplicates"
             )
             lane.too_fast = None
+        if lane.changed_rate is not None:
+            before, now = lane.changed_rate
+            self.tell(f"source {lane.name} sends {now:.4g} samples a second, before {before:.4g}")
+            lane.changed_rate = None
         if lane.placing.set_back and not lane.replayed:
             moved = lane.set_clock()
             self.tell(f"source {lane.name}: its clock was set back; {moved:.6g} s are added now")

@@ -1,5 +1,7 @@
 """Run until it is ended: rounds at an even pace, a line per second, a clean end."""
 
+from __future__ import annotations
+
 import contextlib
 import signal
 import sys
@@ -7,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from backsight.engine.execute import Engine
 from backsight.live._lanes import Lane
@@ -16,8 +19,10 @@ from backsight.live._ready import made_ready
 from backsight.live._reviving import can_revive, revive
 from backsight.live._session import LiveSession
 from backsight.live._status import LiveStatus
-from backsight.live.dashboard import Board, placed_board, served_board
 from backsight.problem.reading.tables import DashboardTable
+
+if TYPE_CHECKING:
+    from backsight.live.dashboard import Board
 
 ROUNDS = 4
 """In the time of a block."""
@@ -74,6 +79,8 @@ def run_live(
     with contextlib.ExitStack() as stack:
         place = None
         if table is not None:
+            from backsight.live.dashboard import placed_board
+
             place = stack.enter_context(placed_board(table, path.parent, tell=tell))
         ready = made_ready(live, engine=engine)
         if survive and live.store is not None and can_revive():
@@ -84,6 +91,8 @@ def run_live(
             tell(f"source {lane.name}: {lane.source.state}")
         status, board = LiveStatus(session), None
         if place is not None:
+            from backsight.live.dashboard import served_board
+
             board = stack.enter_context(served_board(session, status, place))
         try:
             keep_going(session, status, stopping, show=show, board=board)

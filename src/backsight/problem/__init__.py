@@ -57,7 +57,8 @@ A problem file is TOML. Its tables, with everything that may be left out in brac
 
     [estimators.MHO]              # a name of your own
     kind = "mho"                  # `backsight methods` lists the kinds and their settings
-    N = 15                        # [settings; integrator, noise, prior of its own]
+    N = 15                        # [settings; integrator, noise, prior of its own; smooth = true;
+                                  # of sparse forces: search = {...} or follow = {...}]
 
     [reference]                   # [known values, for errors]
     M = 95.1

@@ -7,7 +7,7 @@ from typing import Any
 
 from backsight.data.formats.loading import READERS
 from backsight.description import first_sentence, meanings_of, without_marks, words
-from backsight.errors import PluginError, ProblemError, nearest
+from backsight.errors import PluginError, ProblemError
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.kernels import library
 from backsight.problem.reading.kinds import ALL_KINDS
@@ -70,7 +70,7 @@ def method(key: str) -> str:
     by_class = {ALL_ESTIMATORS[k].__name__.lower(): k for k in ALL_ESTIMATORS}
     found = by_class.get(key.lower(), key.lower())
     if found not in ALL_ESTIMATORS:
-        raise ProblemError(f"there is no estimator '{key}', {nearest(key, ALL_ESTIMATORS)}")
+        raise ProblemError(f"there is no estimator '{key}', {ALL_ESTIMATORS.hint(key)}")
     kind = ALL_ESTIMATORS[found]
     meanings = meanings_of(kind)
     settings = [f for f in fields_of(kind) if f.name not in _TABLES]

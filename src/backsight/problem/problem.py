@@ -1,13 +1,14 @@
 """A problem: everything that a problem file says, checked."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from backsight.description import Printed
+from backsight.errors import ProblemError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.problem.reading.tables import RecordingTable, TuneTable
+from backsight.problem.reading.tables import FollowTable, RecordingTable, SearchTable, TuneTable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +31,10 @@ class Problem(Printed):
         Name to estimator, in the order of the file.
     smoothed : set of str
         Names of the estimators whose recording is smoothed.
+    followed : dict
+        Name of an estimator that follows hits to how it does.
+    searched : dict
+        Name of an estimator that looks for forces in the whole recording to how it does.
     reference : dict
         State to known value [its unit].
     tune : TuneTable
@@ -45,7 +50,19 @@ class Problem(Printed):
     model: Model
     estimators: Mapping[str, AbstractEstimator]
     smoothed: frozenset[str]
+    followed: Mapping[str, FollowTable]
+    searched: Mapping[str, SearchTable]
     reference: Mapping[str, float]
     tune: TuneTable
     report: bool
     covariance: bool
+
+    def check_by_sample(self, names: Collection[str], what: str) -> None:
+        """Raise `ProblemError` if `what` goes sample by sample, and an estimator does not."""
+        for name in names:
+            for key, whole in (("follow", self.followed), ("search", self.searched)):
+                if name in whole:
+                    raise ProblemError(
+                        f"estimators.{name}.{key}: {what} goes sample by sample, and this takes a "
+                        f"whole recording; take an estimator without {key}"
+                    )

@@ -9,16 +9,24 @@ import xarray as xr
 
 from backsight.analysis.comparison import ALIGNMENT, summary
 from backsight.estimators import ALL_ESTIMATORS
+from backsight.estimators.dictionaries import ForceLine
+from backsight.estimators.force_estimator import AbstractForceEstimator
+from backsight.models.model import Model
 from backsight.models.sampling import check_sampling
 from backsight.output import whole, writing
 from backsight.problem.problem import Problem
 from backsight.problem.reading.checking import at
+from backsight.problem.reading.settings import part
+from backsight.problem.reading.tables import SearchTable
 from backsight.problem.recorded import recording_of
 from backsight.problem.results_file import write_estimates
 from backsight.problem.seeing import doubts
 from backsight.report import report
-from backsight.run.compare import Comparison, compared
-from backsight.run.estimation import SmoothingTask, Task, failure, match, ready, ready_to_smooth
+from backsight.run.compare import AnyTask, Comparison, compared
+from backsight.run.estimation import failure, match, ready, ready_to_smooth
+from backsight.run.following import ready_to_follow
+from backsight.run.searched import SearchTask, ready_to_search
+from backsight.sparse import L1, AbstractSelection, Greedy, GreedyGroups, Reweighted
 
 ESTIMATES, SUMMARY, PAGE = "estimates.nc", "summary.json", "report.html"
 
@@ -94,21 +102,46 @@ def run_problem(
 
 def _ready(
     problem: Problem, data: xr.Dataset, progress: Callable[[str, int, int], None]
-) -> dict[str, Task | SmoothingTask]:
+) -> dict[str, AnyTask]:
     """Compile every estimator; what does not fit is found before the first one has run."""
     for estimator in problem.estimators.values():
         match(problem.model, data, estimator=estimator)
     with at("model"):
         check_sampling(problem.model, float(data.attrs["dt"]))
-    tasks: dict[str, Task | SmoothingTask] = {}
+    tasks: dict[str, AnyTask] = {}
     for name, estimator in problem.estimators.items():
         with at(f"estimators.{name}"), ALL_ESTIMATORS.blamed(estimator.key):
-            prepared = ready_to_smooth if name in problem.smoothed else ready
             said = f"preparing {name}, {problem.model.nx} states"
             progress(said, 0, 1)
-            tasks[name] = prepared(estimator, problem.model, data)
+            tasks[name] = _task(problem, name, data)
             progress(said, 1, 1)
     return tasks
+
+
+def _task(problem: Problem, name: str, data: xr.Dataset) -> AnyTask:
+    """What the file wants of an estimator."""
+    estimator, model = problem.estimators[name], problem.model
+    if isinstance(estimator, AbstractForceEstimator):  # or the file is refused
+        if name in problem.followed:
+            return ready_to_follow(estimator, model, data, **problem.followed[name].settings)
+        if name in problem.searched:
+            return _search(estimator, model, data, problem.searched[name])
+    prepared = ready_to_smooth if name in problem.smoothed else ready
+    return prepared(estimator, model, data)
+
+
+def _search(
+    estimator: AbstractForceEstimator, model: Model, data: xr.Dataset, table: SearchTable
+) -> SearchTask:
+    """Look for forces in the whole recording."""
+    kinds: list[type[AbstractSelection]] = [Greedy, GreedyGroups, Reweighted, L1]
+    chosen = part(kinds, table.selection, where="search.selection") if table.selection else None
+    line = None
+    if table.line is not None:
+        line = ForceLine(tuple(table.line.places), supports=tuple(table.line.supports))
+    return ready_to_search(
+        estimator, model, data, selection=chosen, locates=table.locate, line=line
+    )
 
 
 def _write(folder: Path, problem: Problem, results: Mapping[str, xr.Dataset]) -> None:

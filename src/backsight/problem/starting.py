@@ -66,10 +66,9 @@ def _text(found: FileColumns, place: str, path: Path, given: Mapping[str, str | 
     if not chosen:
         raise DataError(f"{found.path}: there is no signal to begin with; see backsight columns")
     others = [c for c in found.signals if c not in chosen]
-    settled = found.clock is not None and found.sure
     head = [
         "# Written by backsight init. It runs as it is"
-        + (":" if settled else " once the sampling period is filled in:"),
+        + (":" if found.timed else " once the sampling period is filled in:"),
         f"#   backsight run {shlex.quote(path.name)} --out out",
         "# The model below smooths the signals; put that of your system in its place.",
         "",
@@ -94,6 +93,8 @@ def clock_lines(found: FileColumns) -> list[str]:
     """Lines of ``[recording]`` that say what its time is, or that nobody knows."""
     remarks = [f"# {remark}" for remark in found.remarks]
     if found.clock is None or not (found.sure or found.clock):
+        if found.told is not None:
+            return [f"dt = {found.told.dt!r}  # [s], since {found.told}; no column looks like time"]
         return ["# dt = ...  # no column looks like time: fill in the sampling period [s]"]
     if found.clock == "":
         return ["# The file knows the times of its samples.", *remarks]
@@ -131,7 +132,7 @@ def _output(column: FileColumn, name: str) -> str:
 def _model(
     columns: Sequence[FileColumn], names: Mapping[str, str], found: FileColumns
 ) -> list[str]:
-    dt = found.dt if found.sure and found.dt > 0 else 1.0
+    dt = found.dt if found.timed and found.dt > 0 else 1.0
     signals = {names[c.name]: c for c in columns}
     noise = {name: noise_shown(c) for name, c in signals.items()}
     walk = {f"{name}_rate": _walk(c, dt) for name, c in signals.items()}

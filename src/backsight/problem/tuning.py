@@ -104,6 +104,7 @@ def tune_problem(
     name = estimator or problem.tune.estimator or _first(problem)
     if name not in problem.estimators:
         raise ProblemError(f"estimators: there is no '{name}'")
+    problem.check_by_sample([name], "backsight tune")
     method = problem.estimators[name]
     free = [_free(entry, method) for entry in problem.tune.free] or _usual(method)
     chosen, by = _by(method, problem, free)

@@ -155,6 +155,9 @@ def _hits_card(rows: Sequence[Row]) -> str:
         for hit in row.hits.hits[:4]
     )
     count = len(row.hits.hits)
+    if row.fitted_hits:  # between the places and the samples, of which there are fewer
+        items = "".join(f"<li>{escape(str(hit))}</li>" for hit in row.fitted_hits[:4])
+        count = len(row.fitted_hits)
     return (
         f"<article><h3>{lamp(light(row))}hits <small>{escape(row.estimator)}</small></h3>"
         f'<p class="value">{count}</p><ul>{items}</ul></article>'

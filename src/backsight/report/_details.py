@@ -110,9 +110,11 @@ class _Coded:
 
 
 def _coded(values: Array) -> _Coded:
-    finite = np.isfinite(values)
+    with np.errstate(over="ignore"):  # what is too large for a page is not shown
+        single = values.astype("<f4")
+    finite = np.isfinite(single)
     if not _even(values[finite]):
-        return _Coded("f4", np.where(finite, values, np.nan).astype("<f4").tobytes())
+        return _Coded("f4", np.where(finite, single, np.float32(np.nan)).tobytes())
     low = float(values[finite].min()) if finite.any() else 0.0
     unit = float(np.ptp(values[finite])) / (_MISSING - 1) if finite.any() else 0.0
     steps = np.rint((np.where(finite, values, low) - low) / (unit or 1.0))

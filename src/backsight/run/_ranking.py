@@ -12,6 +12,12 @@ from backsight.analysis.comparison import Final, Row, VirtualOutput
 from backsight.rounding import grouped, percent, plus_minus, shortest, significant
 from backsight.schema import Status
 
+MOST_HITS = 20
+"""Hits of a table."""
+
+SHOWN = ("time", "place", "speed", "size")
+"""What a table tells of hits, as far as it is known."""
+
 MOST_OUTPUTS = 2
 """Of more outputs the innovations are not shown: a line has 80 columns."""
 
@@ -97,6 +103,23 @@ def virtual_values(rows: Sequence[Row]) -> Table:
     for name, found in every.items():
         cells = [_virtual(row.virtual.get(name)) for row in rows]
         table.add_row(_labelled(name, found.unit), *cells)
+    return table
+
+
+def hits_table(row: Row, shown: int = MOST_HITS) -> Table:
+    """Hits of an estimator that were fitted as pulses, in the order of time."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    first, count = row.fitted_hits[0], len(row.fitted_hits)
+    title = f"{row.estimator}: {count} hit{'s' * (count > 1)}"
+    table.add_column(title if count <= shown else f"{title}, the first {shown}", no_wrap=True)
+    for name in SHOWN:
+        if name in first.numbers:
+            heading = _labelled(name, first.numbers[name].unit)
+            table.add_column(heading, justify="right", no_wrap=True)
+    for i, hit in enumerate(row.fitted_hits[:shown], 1):
+        numbers = [hit.numbers[name] for name in SHOWN if name in hit.numbers]
+        cells = [plus_minus(n.value, n.std) if n.std > 0 else shortest(n.value) for n in numbers]
+        table.add_row(hit.force or str(i), *cells)
     return table
 
 

@@ -5,6 +5,7 @@ import functools
 import math
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TypeAlias
 
 import xarray as xr
 
@@ -14,7 +15,14 @@ from backsight.engine.execute import Engine
 from backsight.errors import TuningError
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
-from backsight.run._ranking import as_text, final_values, ranking, true_errors, virtual_values
+from backsight.run._ranking import (
+    as_text,
+    final_values,
+    hits_table,
+    ranking,
+    true_errors,
+    virtual_values,
+)
 from backsight.run.diagnosis import audited
 from backsight.run.estimation import (
     SmoothingTask,
@@ -24,6 +32,11 @@ from backsight.run.estimation import (
     check_memory,
     ready,
 )
+from backsight.run.following import FollowingTask, carry_out_following
+from backsight.run.searched import SearchTask, carry_out_search
+
+AnyTask: TypeAlias = Task | SmoothingTask | FollowingTask | SearchTask
+"""An estimator made ready for a recording, and what it is to do with it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,6 +84,7 @@ class Comparison(Printed, Mapping[str, xr.Dataset]):
             tables.append(true_errors(rows))
         if any(row.virtual for row in rows):
             tables.append(virtual_values(rows))
+        tables += [hits_table(row) for row in rows if row.fitted_hits]
         return as_text(tables, width)
 
     def verdicts(self, reference: Mapping[str, float] | None = None) -> list[str]:
@@ -121,7 +135,7 @@ def compare(
 
 
 def compared(
-    tasks: Mapping[str, Task | SmoothingTask],
+    tasks: Mapping[str, AnyTask],
     *,
     engine: Engine | None = None,
     throw: bool = True,
@@ -140,10 +154,15 @@ def compared(
         told = functools.partial(progress, name)
         told(0)
         try:
-            if isinstance(task, SmoothingTask):
-                found = carry_out_smoothing(task, engine=engine, throw=throw, progress=told)
-            else:
-                found = carry_out(task, engine=engine, throw=throw, progress=told)
+            match task:
+                case SmoothingTask():
+                    found = carry_out_smoothing(task, engine=engine, throw=throw, progress=told)
+                case FollowingTask():
+                    found = carry_out_following(task, progress=told)
+                case SearchTask():
+                    found = carry_out_search(task, progress=told)
+                case Task():
+                    found = carry_out(task, engine=engine, throw=throw, progress=told)
         except KeyboardInterrupt:
             if interrupted is None or not results:
                 raise

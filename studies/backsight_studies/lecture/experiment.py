@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from backsight.data.increments import increments
+from backsight.data import increments
 from backsight.estimators.base import AbstractEstimator
 from backsight.estimators.kalman import KalmanFilter
 from backsight.estimators.linear_windows import LinearMHE, RecursiveMHE

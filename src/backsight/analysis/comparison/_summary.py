@@ -21,7 +21,7 @@ from backsight.analysis.consistency import (
     nis,
     nis_band,
 )
-from backsight.analysis.forces import FoundHits, force_remarks, hits
+from backsight.analysis.forces import FoundHits, fitted_hits, force_remarks, hits
 from backsight.analysis.outliers import outliers
 from backsight.errors import DataError, nearest
 from backsight.schema import COARSE, FAILURES, POSITIVE, Status, check_estimates
@@ -87,6 +87,7 @@ def assess(
         failed=failed(result),
         remarks=tuple(force_remarks(result)),
         hits=hits(result),
+        fitted_hits=fitted_hits(result),
         outliers=outliers(result),
         coarse=str(result.attrs.get(COARSE, "")),
         doubts=tuple(str(result.attrs.get(DOUBTS, "")).splitlines()),
@@ -108,6 +109,8 @@ def summary(
     ``within`` (per state whose truth is known: the shares within 1, 2 and 3 deviations), and
     ``noise_factors`` (by how much the variances R and Q should be larger) or None; ``hits`` (number
     of unknown forces found, and the largest of them), or None if the estimator looks for none;
+    ``fitted_hits`` (hits fitted as pulses: the ``force``, and ``value``, ``std`` and ``unit`` of
+    every number);
     ``doubts`` (sentences on parameters that the recording hardly tells, or not from a force, and
     on readings that are not what they are taken for);
     ``outliers`` (per output, if there is a rule for outliers: the ``count`` of samples that were
@@ -135,6 +138,7 @@ def summary(
         "within": {state: list(shares) for state, shares in row.consistency.states.items()},
         "noise_factors": _noise_factors(row.consistency.noise),
         "hits": None if row.hits is None else _hits(row.hits),
+        "fitted_hits": [hit.entry() for hit in row.fitted_hits],
         "doubts": list(row.doubts),
         "outliers": {
             o.output: {"count": o.count, "samples": o.samples, "opened": o.opened}

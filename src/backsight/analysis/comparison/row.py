@@ -5,7 +5,7 @@ import math
 
 from backsight.analysis.comparison.virtual_outputs import VirtualOutput
 from backsight.analysis.consistency import Consistency
-from backsight.analysis.forces import FoundHits
+from backsight.analysis.forces import FittedHit, FoundHits
 from backsight.analysis.outliers import Outliers
 from backsight.description import Printed
 from backsight.rounding import between, plus_minus
@@ -81,6 +81,8 @@ class Row(Printed):
         What else is to be said of the result, a sentence each.
     hits : Hits or None
         Unknown forces that were found; None if the estimator does not look for any.
+    fitted_hits : tuple of FittedHit
+        Hits that were fitted as pulses, in the order of time.
     outliers : tuple of Outliers
         What a rule for outliers did, per output; empty if there was none.
     coarse : str
@@ -108,6 +110,7 @@ class Row(Printed):
     failed: bool
     remarks: tuple[str, ...] = ()
     hits: FoundHits | None = None
+    fitted_hits: tuple[FittedHit, ...] = ()
     outliers: tuple[Outliers, ...] = ()
     coarse: str = ""
     doubts: tuple[str, ...] = ()

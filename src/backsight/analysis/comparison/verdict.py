@@ -6,6 +6,7 @@ from typing import Literal
 
 from backsight.analysis.comparison.row import Row
 from backsight.analysis.consistency import cause, pattern
+from backsight.analysis.forces import largest_of
 from backsight.analysis.outliers import sentences
 from backsight.rounding import significant
 from backsight.schema import Status
@@ -106,6 +107,8 @@ def sentence(row: Row) -> str:
         return f"{row.coarse}; {failed}" if row.coarse else failed
     against = _against_reference(row)
     found = str(row.hits) if row.hits is not None and not row.remarks else ""
+    if row.fitted_hits:
+        found = largest_of(row.fitted_hits)
     clauses = (
         row.coarse,
         found,

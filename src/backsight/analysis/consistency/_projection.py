@@ -13,7 +13,8 @@ def without(basis: Array, values: Array) -> Array:
 
 def orthonormal(columns: Array) -> Array:
     """Orthonormal basis of the columns, directions that they hardly have left out."""
-    size = np.sqrt((columns**2).sum(axis=0))
+    with np.errstate(over="ignore"):  # of a recording that holds what no sensor measures
+        size = np.sqrt((columns**2).sum(axis=0))
     unit = columns[:, size > 0] / size[size > 0]
     values, vectors = np.linalg.eigh(unit.T @ unit)
     kept = values > 1e-9 * len(values)

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from backsight.data.resampling import SAME
 from backsight.errors import DataError, nearest
+from backsight.schema import SAME
 from backsight.types import Array
 
 _KINDS = {"u": "input", "y": "output", "x_true": "state", "sigma_factor": "output"}

@@ -52,7 +52,8 @@ def _on_the_file(found: "FileColumns") -> str:
 
 def _on_the_clock(found: "FileColumns") -> str:
     if found.clock is None:
-        return "no column looks like time, say the sampling period (dt)"
+        asked = "no column looks like time, say the sampling period (dt)"
+        return asked if found.told is None else f"{asked}: {found.told}, so dt = {found.told.dt:g}?"
     name = f"time '{found.clock}'" if found.clock else "with a time of its own"
     if not found.sure:
         name = f"'{found.clock}' rises evenly and may be time"

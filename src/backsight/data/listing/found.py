@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from backsight.data.listing._period import ToldPeriod
 from backsight.data.listing._text import table_of
 from backsight.description import Printed
 
@@ -73,7 +74,7 @@ class FileColumns(Mapping[str, FileColumn]):
     begin : str
         Date of the first sample, if it is known.
     dt : float
-        Mean sampling period, without gaps [s]; NaN if it is not known.
+        Mean sampling period, without gaps, or what the file tells [s]; NaN if it is not known.
     even : bool
         Whether the samples are evenly spaced.
     codes : tuple of float
@@ -82,6 +83,8 @@ class FileColumns(Mapping[str, FileColumn]):
         How the file was understood, where it could be seen otherwise.
     remarks : tuple of str
         On the clock.
+    told : ToldPeriod or None
+        A number of the file that seems to be its sampling period or rate, where there is no clock.
     """
 
     path: Path
@@ -96,6 +99,7 @@ class FileColumns(Mapping[str, FileColumn]):
     codes: tuple[float, ...]
     understood: str
     remarks: tuple[str, ...]
+    told: ToldPeriod | None = None
 
     def __getitem__(self, name: str) -> FileColumn:
         return self.columns[name]
@@ -105,6 +109,11 @@ class FileColumns(Mapping[str, FileColumn]):
 
     def __len__(self) -> int:
         return len(self.columns)
+
+    @property
+    def timed(self) -> bool:
+        """Whether time or sampling period are known, by their names."""
+        return self.told is not None or (self.clock is not None and self.sure)
 
     @property
     def signals(self) -> tuple[FileColumn, ...]:

@@ -13,6 +13,7 @@ from backsight.data._request import Axis, Contents, Listed, Request, TextForm
 from backsight.data.formats.loading import list_contents, read_contents
 from backsight.data.listing._channel import ChannelLook, look
 from backsight.data.listing._clock import Clock, clock_among, clock_of_dates
+from backsight.data.listing._period import told_period
 from backsight.data.listing.found import FileColumn, FileColumns
 from backsight.data.times.clock import seconds
 from backsight.description import Whole, checked
@@ -96,6 +97,9 @@ def list_columns(
         for name, values in columns.items()
         if clock is None or not (clock.sure and name == clock.name)
     }
+    told = None
+    if clock is None:
+        told = told_period(listed, lambda name: _one_number(path, request, format, name))
     return FileColumns(
         path=path,
         columns={c.name: _column(c, columns, units, own, clock, seen, faults) for c in listed},
@@ -104,12 +108,23 @@ def list_columns(
         factor=1.0 if clock is None else clock.factor,
         time_format="" if clock is None else clock.time_format,
         begin=begin,
-        dt=np.nan if clock is None else clock.dt,
+        dt=clock.dt if clock is not None else told.dt if told is not None else np.nan,
         even=clock is not None and clock.even,
         codes=tuple(dict.fromkeys(c.code for c in seen.values() if c.code is not None)),
         understood="; ".join(dict.fromkeys(p.understood for p in parts if p.understood)),
         remarks=() if clock is None else clock.remarks,
+        told=told,
     )
+
+
+def _one_number(path: Path, request: Request, form: str | None, name: str) -> float | None:
+    """The value of what is one number; None of anything else."""
+    try:
+        found = read_contents(path, dataclasses.replace(request, wanted=(name,)), form)
+    except DataError:
+        return None
+    values = np.ravel(found.columns[name])
+    return float(values[0]) if len(values) == 1 and values.dtype.kind in "fiu" else None
 
 
 def _joined(path: Path, request: Request, form: str | None, dates: Sequence[str]) -> str | None:

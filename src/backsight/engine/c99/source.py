@@ -13,6 +13,7 @@ from backsight.engine.c99._interface import (
     settings_setter,
     settings_struct,
 )
+from backsight.engine.c99._local import local_buffers
 from backsight.engine.c99._statements import INTS, REALS, Writer, listed
 from backsight.engine.c99.leaf import Precision, identifier, write_c99_leaf
 from backsight.engine.program import Beginning, Buffer, Program
@@ -92,7 +93,8 @@ def write_c99(
     interface = Interface(
         name, precision, tuple(results), tuple(settings), about, begins, bool(kept)
     )
-    working = [b for b in program.buffers if b.values is None]
+    near = set(local_buffers(program))
+    working = [b for b in program.buffers if b.values is None and b not in near]
     reals, ints = _space(program)
     size = sum(max(b.size, 1) for b in working) + reals
     return Source(
@@ -177,6 +179,8 @@ def _code(
     name, kind = to.name, to.kind
     place = {b: f"work->{identifier(b.name)}" for b in program.buffers if b.values is None}
     place |= {b: identifier(b.name) for b in program.buffers if b.values is not None}
+    near = local_buffers(program)
+    place |= {b: identifier(b.name) for b in near}
     place |= {b: b.name for b in program.inputs}
     kept = {f.name for f in to.settings}
     place |= {b: f"settings->{b.name}" for b in program.inputs if b.name in kept}
@@ -194,13 +198,14 @@ def _code(
         f"    const {name}_real *const {identifier(b.name)} = tables + {k};"
         for b, k in zip(aside, at, strict=False)
     ]
+    variables = [f"    {name}_real {identifier(b.name)}[{max(b.size, 1)}];" for b in near]
     tables = [
         f"    static const int table_{t.name}[{len(t.values)}] = {{{listed(map(str, t.values))}}};"
         for t in program.tables
     ]
     body = [*writer.lines(program.body, 1), *writer.copies(program.update, 1)]
     text = "\n".join(body)
-    declared = [c for c in (*constants, *tables) if _declared(c) in text]
+    declared = [c for c in (*constants, *tables, *variables) if _mentions(text, _declared(c))]
     unused = [
         f"    (void){p};"
         for p in (*(b.name for b in to.data(program)), "work", *(["settings"] if kept else []))

@@ -1,5 +1,6 @@
 """How much stack a step in C takes at most."""
 
+from backsight.engine.c99._local import local_buffers, local_numbers
 from backsight.engine.c99.leaf import FUNCTIONS, Precision
 from backsight.engine.program import Copy, Foreign, Leaf, Loop, Program, While
 
@@ -38,8 +39,9 @@ def _leaf(leaf: Leaf, kind: Precision) -> int:
 
 
 def _step(program: Program, kind: Precision) -> int:
-    """Arguments, counters, numbers that are held while they are moved, lists for kernels."""
-    total = FRAME + ADDRESS * len(program.interface)
+    """Arguments, local arrays, counters, numbers held while they are moved, lists for kernels."""
+    total = FRAME + ADDRESS * len(program.interface) + kind.bytes * local_numbers(program)
+    total += ADDRESS * len(local_buffers(program))  # each array is aligned
     for statement in program.statements:
         match statement:
             case Foreign(inputs=inputs, outputs=outputs):

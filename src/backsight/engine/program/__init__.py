@@ -19,3 +19,5 @@ from backsight.engine.program.program import Statement as Statement
 from backsight.engine.program.program import Table as Table
 from backsight.engine.program.program import While as While
 from backsight.engine.program.program import flat as flat
+from backsight.engine.program.program import operands as operands
+from backsight.engine.program.program import reads as reads

@@ -14,6 +14,7 @@ than the recording: beyond `ABSURD` the same is said until innovations are near 
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import Protocol
 
 import casadi as ca
@@ -91,8 +92,9 @@ def watched(plain: Recursion, estimator: Believing, model: Model) -> Recursion:
     forgets = estimator.forgets or isinstance(noise, VariedNoise)
     still = [] if forgets else _constants(model, noise)
     variances = np.diag(prior.covariance(model))
-    watch = _Watch(still, prior.mean(model)[still], variances[still], estimator.horizon + SOON)
-    return watch.over(plain)
+    noisy = _noisy(model, noise)
+    soon = estimator.horizon + SOON
+    return _Watch(still, prior.mean(model)[still], variances[still], soon, noisy).over(plain)
 
 
 def _constants(model: Model, noise: Noise) -> list[int]:
@@ -101,6 +103,13 @@ def _constants(model: Model, noise: Noise) -> list[int]:
         return []
     walks = np.diag(noise.process(model) + noise.density(model)) > 0
     return sorted(set(range(model.nx)) - set(moving_states(model)) - set(np.flatnonzero(walks)))
+
+
+def _noisy(model: Model, noise: Noise) -> list[bool]:
+    """Outputs whose sensors have noise, whatever the inputs are."""
+    if isinstance(noise, VariedNoise):
+        return [False] * model.ny
+    return (np.diag(noise.measurement(model, singular=True)) > 0).tolist()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,12 +124,15 @@ class _Watch:
         Of their prior.
     soon : int
         Samples in which a reading is felt.
+    noisy : list of bool
+        Outputs whose sensors have noise: the variance of their innovation is never 0.
     """
 
     still: list[int]
     mean: Array
     variance: Array
     soon: int
+    noisy: list[bool]
 
     def over(self, plain: Recursion) -> Recursion:
         """With the flag behind the memory, and what it takes.
@@ -143,8 +155,8 @@ class _Watch:
         channel = next(c for c in plain.channels if c.name == "P")
         diagonal = np.diag(channel.entries(named["P"].numel()))[self.still].tolist()
         x, P = (named["x_hat"], named["P"]) if self.still else (ca.MX(0, 1), ca.MX(0, 1))
-        judge = self._judge(data[1].numel(), x.numel(), P.numel(), diagonal)
-        kept_next, named["status"] = judge(e, S, data[2], kept, x, P, named["status"])
+        judge = self._judge(x.numel(), P.numel(), diagonal)
+        kept_next, named["status"] = judge(e, S, kept, x, P, named["status"])
         innovation = plain.innovation
         if innovation is not None:
             before = innovation.call([inside, *data], True, False)
@@ -166,22 +178,26 @@ class _Watch:
             return np.zeros(1)
         return np.concatenate([self.mean, self.variance, [0.0, wary, 0.0]])
 
-    def _judge(self, ny: int, nx: int, entries: int, diagonal: list[int]) -> ca.Function:
-        """``(e, S, mask, kept, x, P, status) -> (kept, status)``.
+    def _judge(self, nx: int, entries: int, diagonal: list[int]) -> ca.Function:
+        """``(e, S, kept, x, P, status) -> (kept, status)``.
 
         What is not a number is neither far nor moved; another bit tells of it. It runs at every
         sample on a controller, so there are few comparisons, and no maximum, which is a call there.
         """
-        n, e, mask = len(self.still), ca.SX.sym("e", ny), ca.SX.sym("mask", ny)
-        triangle, kept = ca.SX.sym("S", ny * (ny + 1) // 2), ca.SX.sym("kept", self._kept)
-        x, P, status = ca.SX.sym("x", nx), ca.SX.sym("P", entries), ca.SX.sym("status")
-        given = [e, triangle, mask, kept, x, P, status]
-        # Squares that overflow are larger than any variance, too.
+        n, ny = len(self.still), len(self.noisy)
+        e, triangle = ca.SX.sym("e", ny), ca.SX.sym("S", ny * (ny + 1) // 2)
+        kept, status = ca.SX.sym("kept", self._kept), ca.SX.sym("status")
+        x, P = ca.SX.sym("x", nx), ca.SX.sym("P", entries)
+        given = [e, triangle, kept, x, P, status]
+        # Squares that overflow are larger than any variance, too. Where nothing was measured, they
+        # are 0; without noise a variance of 0 is no measure.
         variances, squares = triangle[np.cumsum([0, *range(ny, 1, -1)]).tolist()], e**2
-        seen = mask * variances > 0
 
         def beyond(size: ca.SX | float) -> ca.SX:
-            return _any(ca.logic_and(seen, squares > size**2 * variances))
+            pairs = zip(*map(ca.vertsplit, (squares, size**2 * variances)), strict=True)
+            far = [square > most for square, most in pairs]
+            guards = zip(far, ca.vertsplit(variances), self.noisy, strict=True)
+            return _any([f if noisy else ca.logic_and(v > 0, f) for f, v, noisy in guards])
 
         def told(kept_next: ca.SX, flag: ca.SX) -> ca.Function:
             raised = status + int(Status.MISLED) * flag
@@ -196,7 +212,7 @@ class _Watch:
         felt_now = ca.if_else(beyond(ca.if_else(wary > 0, WARY, FAR)), self.soon, felt - 1)
         moved = ca.logic_and(spread > 0, (now - mean) ** 2 > MOVED**2 * spread)
         learned = spread_now < LEARNED * spread
-        worse = ca.logic_and(felt_now > 0, _any(ca.logic_or(moved, learned)))
+        worse = ca.logic_and(felt_now > 0, _any(ca.vertsplit(ca.logic_or(moved, learned))))
         flag = ca.logic_or(before, ca.logic_or(beyond(ABSURD), worse))
         here = ca.if_else(felt_now > 0, kept[: 2 * n], ca.vertcat(now, spread_now))
         return told(ca.vertcat(here, felt_now, wary - 1, flag), flag)
@@ -206,6 +222,6 @@ class _Watch:
         return len(self._memory(0.0))
 
 
-def _any(told: ca.SX) -> ca.SX:
+def _any(told: Sequence[ca.SX]) -> ca.SX:
     """Whether one of them holds."""
-    return functools.reduce(ca.logic_or, ca.vertsplit(told))
+    return functools.reduce(ca.logic_or, told)

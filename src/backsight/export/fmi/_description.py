@@ -6,7 +6,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from backsight.export._written import Written, one_line
-from backsight.export.fmi._variables import Variable
+from backsight.export.fmi._variables import Variable, clock_reference
 from backsight.units import base_units
 
 FMI = "3.0"
@@ -23,15 +23,11 @@ def model_description(code: Written, found: Sequence[Variable], token: str) -> b
         generationTool=f"Backsight {version('backsight')}",
         variableNamingConvention="structured",
     )
-    ET.SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=code.name,
-        canGetAndSetFMUState="true",
-        canSerializeFMUState="true",
-        canHandleVariableCommunicationStepSize="false",
-        fixedInternalStepSize=repr(code.recursion.dt),
-    )
+    able = {"canGetAndSetFMUState": "true", "canSerializeFMUState": "true"}
+    steps = {"canHandleVariableCommunicationStepSize": "false"}
+    steps["fixedInternalStepSize"] = repr(code.recursion.dt)
+    ET.SubElement(root, "CoSimulation", able | steps, modelIdentifier=code.name)
+    ET.SubElement(root, "ScheduledExecution", able, modelIdentifier=code.name)
     _units(root, sorted({v.unit for v in found if v.unit}))
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="why a call failed")
@@ -39,6 +35,18 @@ def model_description(code: Written, found: Sequence[Variable], token: str) -> b
     listed = ET.SubElement(root, "ModelVariables")
     for variable in found:
         _variable(listed, variable)
+    # Variables do not belong to the clock: clocked ones could not be set in co-simulation, which
+    # has no events here.
+    ET.SubElement(
+        listed,
+        "Clock",
+        name="sample",
+        valueReference=str(clock_reference(found)),
+        description="a tick is a sample, in scheduled execution",
+        causality="input",
+        intervalVariability="constant",
+        intervalDecimal=repr(code.recursion.dt),
+    )
     structure = ET.SubElement(root, "ModelStructure")
     outputs = [v for v in found if v.causality == "output"]
     for kind in ("Output", "InitialUnknown"):

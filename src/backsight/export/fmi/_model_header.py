@@ -6,7 +6,7 @@ from backsight.engine.c99 import Precision
 from backsight.estimators.outliers import DOUBTED
 from backsight.export._followed import MEAN, PRIOR, SPREAD
 from backsight.export._written import Written
-from backsight.export.fmi._variables import Z95, Variable, structured
+from backsight.export.fmi._variables import Z95, Variable, clock_reference, structured
 
 DOUBLE = Precision("double")
 
@@ -24,6 +24,7 @@ def model_header(code: Written, found: Sequence[Variable], token: str) -> str:
     weight = next((v.reference for v in found if v.source == "weight[0]"), 0)
     sizes = {
         "VALUES": len(found),
+        "CLOCK": clock_reference(found),
         "NU": model.nu,
         "NY": model.ny,
         "LAG": code.recursion.lag,

@@ -45,6 +45,9 @@ def page(code: Written, found: Sequence[Variable]) -> str:
 inputs that are set before the step from <i>t</i> to <i>t</i> + {code.recursion.dt:g} s are the
 sample at <i>t</i>, and the outputs after the step are the estimate of that sample. A measurement
 that is NaN, or whose mask is 0, was not made.</p>
+<p>In scheduled execution a sample is a tick of the clock <code>sample</code>: the inputs that are
+set before the partition is activated at <i>t</i> are the sample at <i>t</i>. The clock ticks from
+the start on, every {code.recursion.dt:g} s; a tick at another time is refused.</p>
 {looks_back}
 <h2>Variables</h2>
 {_table(found, "parameter", "Tunable parameters")}

@@ -77,6 +77,11 @@ def variables(code: Written) -> tuple[Variable, ...]:
     return tuple(found)
 
 
+def clock_reference(found: Sequence[Variable]) -> int:
+    """Value reference of the clock of the samples, which has no value."""
+    return len(found)
+
+
 def structured(group: str, name: str) -> str:
     """``group.name`` in the grammar of structured names: what is no identifier is quoted."""
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):

@@ -1,4 +1,4 @@
-/* Functions of FMI 3.0 that an estimator has no use for: events, clocks, other types, derivatives.
+/* Functions of FMI 3.0 that an estimator has no use for: events, other types, derivatives.
  * They are there, and say so. Part of fmu.c.
  */
 #define ABSENT_ALONE(name) \
@@ -45,11 +45,8 @@ ABSENT_ALONE(fmi3ExitConfigurationMode)
 ABSENT_ALONE(fmi3EnterContinuousTimeMode)
 ABSENT_ALONE(fmi3EnterStepMode)
 ABSENT_ALONE(fmi3EvaluateDiscreteStates)
-ABSENT(fmi3GetIntervalDecimal, REFERENCES, fmi3Float64 intervals[],
-       fmi3IntervalQualifier qualifiers[])
 ABSENT(fmi3GetIntervalFraction, REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[],
        fmi3IntervalQualifier qualifiers[])
-ABSENT(fmi3GetShiftDecimal, REFERENCES, fmi3Float64 shifts[])
 ABSENT(fmi3GetShiftFraction, REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
 ABSENT(fmi3SetIntervalDecimal, REFERENCES, const fmi3Float64 intervals[])
 ABSENT(fmi3SetIntervalFraction, REFERENCES, const fmi3UInt64 counters[],
@@ -73,4 +70,3 @@ ABSENT(fmi3GetNumberOfEventIndicators, size_t *nEventIndicators)
 ABSENT(fmi3GetNumberOfContinuousStates, size_t *nContinuousStates)
 ABSENT(fmi3GetOutputDerivatives, REFERENCES, const fmi3Int32 orders[], fmi3Float64 values[],
        size_t nValues)
-ABSENT(fmi3ActivateModelPartition, fmi3ValueReference clockReference, fmi3Float64 activationTime)

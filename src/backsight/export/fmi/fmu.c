@@ -1,8 +1,9 @@
-/* An estimator as an FMU for co-simulation, FMI 3.0.
+/* An estimator as an FMU for co-simulation and scheduled execution, FMI 3.0.
  *
  * One communication step is one sample: the inputs that are set before fmi3DoStep(t, h) are the
- * sample at t, and the outputs after it are what the estimator says of that sample. A measurement
- * that is NaN was not made, as one whose mask is 0.
+ * sample at t, and the outputs after it are what the estimator says of that sample. So it is with a
+ * tick of the clock, fmi3ActivateModelPartition(clock, t). A measurement that is NaN was not made, as
+ * one whose mask is 0.
  *
  * What depends on the estimator is in model.h; values are numbered by their value references.
  */
@@ -33,6 +34,7 @@ typedef struct {
     State state;
     model_workspace work;
     double tables[MODEL_TABLES + 1];
+    bool scheduled; /* a sample is a tick of the clock, not a step */
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
     bool logging;
@@ -48,7 +50,7 @@ static fmi3Status failed(const Instance *it, const char *message)
 static fmi3Status missing(fmi3Instance instance, const char *function)
 {
     char message[160];
-    (void)snprintf(message, sizeof message, "%s is not for co-simulation without events", function);
+    (void)snprintf(message, sizeof message, "%s is not for an estimator, which has neither events nor such values", function);
     return failed((const Instance *)instance, message);
 }
 
@@ -154,12 +156,9 @@ FMI3_Export fmi3Status fmi3SetDebugLogging(
     return fmi3OK;
 }
 
-FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(
-    fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
-    fmi3Boolean visible, fmi3Boolean loggingOn, fmi3Boolean eventModeUsed,
-    fmi3Boolean earlyReturnAllowed, const fmi3ValueReference requiredIntermediateVariables[],
-    size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
-    fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate)
+static Instance *instantiate(
+    bool scheduled, fmi3String instantiationToken, fmi3String resourcePath, fmi3Boolean loggingOn,
+    fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage)
 {
     Instance *it;
     if (instantiationToken == NULL || strcmp(instantiationToken, MODEL_TOKEN) != 0) {
@@ -171,6 +170,7 @@ FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(
     it = calloc(1, sizeof *it);
     if (it == NULL)
         return NULL;
+    it->scheduled = scheduled;
     it->environment = instanceEnvironment;
     it->log = logMessage;
     it->logging = loggingOn;
@@ -181,6 +181,17 @@ FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(
     }
     restart(&it->state);
     return it;
+}
+
+FMI3_Export fmi3Instance fmi3InstantiateCoSimulation(
+    fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
+    fmi3Boolean visible, fmi3Boolean loggingOn, fmi3Boolean eventModeUsed,
+    fmi3Boolean earlyReturnAllowed, const fmi3ValueReference requiredIntermediateVariables[],
+    size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
+    fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate)
+{
+    return instantiate(
+        false, instantiationToken, resourcePath, loggingOn, instanceEnvironment, logMessage);
 }
 
 FMI3_Export fmi3Instance fmi3InstantiateModelExchange(
@@ -197,7 +208,8 @@ FMI3_Export fmi3Instance fmi3InstantiateScheduledExecution(
     fmi3LogMessageCallback logMessage, fmi3ClockUpdateCallback clockUpdate,
     fmi3LockPreemptionCallback lockPreemption, fmi3UnlockPreemptionCallback unlockPreemption)
 {
-    return NULL;
+    return instantiate( /* one partition: there is nothing that it could be locked against */
+        true, instantiationToken, resourcePath, loggingOn, instanceEnvironment, logMessage);
 }
 
 FMI3_Export void fmi3FreeInstance(fmi3Instance instance)
@@ -239,6 +251,27 @@ FMI3_Export fmi3Status fmi3Reset(fmi3Instance instance)
     return fmi3OK;
 }
 
+/* The sample at a time, which must be the one that is due. */
+static fmi3Status sample_at(Instance *it, const char *function, double time)
+{
+    State *state = &it->state;
+    fmi3Status status;
+    char message[160];
+    if (state->mode != STEPPING) {
+        (void)snprintf(message, sizeof message, "%s: initialise first", function);
+        return failed(it, message);
+    }
+    if (!(fabs(time - state->time) <= 1e-3 * MODEL_DT)) {
+        (void)snprintf(message, sizeof message, "%s: it is %.9g s, but the next sample is at %.9g s",
+                       function, time, state->time);
+        return failed(it, message);
+    }
+    status = sample(it);
+    if (status == fmi3OK)
+        state->time = time + MODEL_DT;
+    return status;
+}
+
 FMI3_Export fmi3Status fmi3DoStep(
     fmi3Instance instance, fmi3Float64 currentCommunicationPoint,
     fmi3Float64 communicationStepSize, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
@@ -246,35 +279,28 @@ FMI3_Export fmi3Status fmi3DoStep(
     fmi3Float64 *lastSuccessfulTime)
 {
     Instance *it = instance;
-    State *state = &it->state;
     fmi3Status status;
     char message[160];
     *eventHandlingNeeded = false;
     *terminateSimulation = false;
     *earlyReturn = false;
-    *lastSuccessfulTime = state->time;
-    if (state->mode != STEPPING)
-        return failed(it, "fmi3DoStep: initialise first");
+    *lastSuccessfulTime = it->state.time;
+    if (it->scheduled)
+        return failed(it, "fmi3DoStep: this instance is scheduled; activate its partition");
     if (!(fabs(communicationStepSize - MODEL_DT) <= 1e-6 * MODEL_DT)) {
         (void)snprintf(message, sizeof message,
                        "fmi3DoStep: the step is %g s, but a sample is taken every %g s",
                        communicationStepSize, MODEL_DT);
         return failed(it, message);
     }
-    if (!(fabs(currentCommunicationPoint - state->time) <= 1e-3 * MODEL_DT)) {
-        (void)snprintf(message, sizeof message,
-                       "fmi3DoStep: the step begins at %.9g s, but the next sample is at %.9g s",
-                       currentCommunicationPoint, state->time);
-        return failed(it, message);
-    }
-    status = sample(it);
-    if (status != fmi3OK)
-        return status;
-    state->time = currentCommunicationPoint + communicationStepSize;
-    *lastSuccessfulTime = state->time;
-    return fmi3OK;
+    status = sample_at(it, "fmi3DoStep", currentCommunicationPoint);
+    if (status == fmi3OK)
+        it->state.time = currentCommunicationPoint + communicationStepSize;
+    *lastSuccessfulTime = it->state.time;
+    return status;
 }
 
+#include "clock.h"
 #include "values.h"
 #include "state.h"
 #include "absent.h"

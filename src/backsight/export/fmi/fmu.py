@@ -1,4 +1,4 @@
-"""An estimator as an FMU for co-simulation, FMI 3.0.
+"""An estimator as an FMU for co-simulation and scheduled execution, FMI 3.0.
 
 Source: Modelica Association, "Functional Mock-up Interface Specification", version 3.0,
 https://fmi-standard.org/docs/3.0/.
@@ -28,7 +28,7 @@ from backsight.export.fmi._variables import variables
 from backsight.models.model import Model
 from backsight.output import write_whole
 
-WRAPPER = ("fmu.c", "fmi3.h", "absent.h", "innovation.h", "state.h", "tables.h", "values.h")
+WRAPPER = tuple(sorted(file.name for file in Path(__file__).parent.glob("*.[ch]")))
 """Files in C that all FMUs share."""
 
 MOST = 16_000
@@ -52,7 +52,7 @@ def export_fmu(
     restart: bool = False,
     force: bool = False,
 ) -> Path:
-    """Write an FMU for co-simulation, FMI 3.0, with sources and a library for every platform.
+    """Write an FMU, FMI 3.0, with sources and a library for every platform.
 
     A communication step is a sample: inputs are ``u``, ``y`` and ``mask`` at its beginning, outputs
     after it the states with standard deviations and 95 % bands, the innovations, their normalised
@@ -158,12 +158,11 @@ def _libraries(
 
 def _archive(content: Mapping[str, bytes]) -> bytes:
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+    with zipfile.ZipFile(buffer, "w") as archive:
         for path, data in content.items():
             entry = zipfile.ZipInfo(path, MOMENT)
-            entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
-            archive.writestr(entry, data)
+            archive.writestr(entry, data, zipfile.ZIP_DEFLATED, compresslevel=9)
     return buffer.getvalue()
 
 

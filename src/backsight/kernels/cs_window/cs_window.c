@@ -41,8 +41,8 @@ KERNEL void cs_window_work(const int *sizes, long *reals, long *ints)
     *reals = cs_window_active_size(&z) + nx * nx + rows + 7 * m + 5 * z.n + 2 * d + z.columns
              + z.forces + 3 * nx + m + cs_window_limits_size(&z) + 3 * z.n
              + cs_window_tables_size(nx, d, m, PLACES) + filtered + covariances + inverse
-             + 3 * nx * nx + nx;
-    *ints = 4 * z.most + 2 * z.n + 2 * z.m + z.columns;
+             + 3 * nx * nx + nx + cs_window_candidates_size(&z);
+    *ints = 4 * z.most + 2 * z.n + 2 * z.m + z.columns + z.chosen;
 }
 
 /* The window before anything is active: what was measured, and nothing else counts. A window that is
@@ -79,7 +79,7 @@ static cs_window_problem cs_window_begin(const cs_window_sizes *z, const real *c
     k.f = k.x0 + nx;
     k.at_limit = k.f + z->d;
     k.weights = k.at_limit + z->columns + cs_window_limits_size(z);
-    k.tables = k.weights + 3 * z->n;
+    k.tables = k.weights + 3 * z->n + cs_window_candidates_size(z);
     k.rest = k.tables + cs_window_tables_size(nx, z->d, m, PLACES);
     k.absent = (int)arg[ARG_ABSENT][0];
     k.complete = k.absent == 0 && !z->varying;
@@ -187,6 +187,7 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
     const int nx = z.nx, known = nx + z.d, rows = known + PLACES * nx, shown_rows = 2 * nx;
     const real *options = arg[ARG_OPTIONS];
     cs_window_problem k = cs_window_begin(&z, arg, w, iw);
+    cs_window_candidates candidates = {0};
     cs_window_active *A = &k.A;
     real *alpha = res[RES_ALPHA], *extra = res[RES_EXTRA], *info = res[RES_INFO];
     real *x = res[RES_X], *P = res[RES_COVARIANCE], *rest = k.rest;
@@ -218,7 +219,9 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
         info[INFO_GAP] = cs_window_gap(&k, alpha, extra);
     }
     if (z.chosen) { /* the l1 norm was the start only */
-        const int chosen = cs_window_chosen(&k, k.weights, k.best, alpha, extra, &steps);
+        candidates = cs_window_offer(&k, k.weights + 3 * z.n, k.doubt + z.n);
+        const int chosen
+            = cs_window_chosen(&k, &candidates, k.weights, k.best, alpha, extra, &steps);
         status = chosen == DONE ? status : chosen;
         cs_window_residuals(&k, alpha, extra);
     }
@@ -260,7 +263,7 @@ KERNEL void cs_window(const int *sizes, const real *const *arg, real *const *res
     cs_window_spread(&z, A, arg[ARG_PSI], shown, spread);
     if (refits) { /* what is shown; the next window starts from the optimum */
         if (!limited) cs_window_unbiased(&k, found, x, fitted, forces, shift, space);
-        if (z.chosen) cs_window_doubtful(&k, k.doubt);
+        if (z.chosen) cs_window_doubtful(&k, &candidates, k.doubt);
         else cs_window_alternatives(&z, &k.tab, &k.prior, A, k.v, k.g, k.shut);
         cs_window_spread(&z, A, arg[ARG_PSI], shown, spread);
         cs_window_covariances(&k.tab, A, known + nx, k.X, A->effect, rows, A->L + nx * A->stride,

@@ -5,7 +5,7 @@
 #ifndef CS_WINDOW_CHOICE_H
 #define CS_WINDOW_CHOICE_H
 
-#include "cs_window_problem.h"
+#include "cs_window_candidates.h"
 
 #define LESS ((real)1e-9) /* a change must lower the cost by this share of the price of an atom */
 
@@ -42,93 +42,68 @@ static int cs_window_reweighted(cs_window_problem *k, real *alpha, real *extra, 
 }
 
 /* What the chosen atoms lower the cost by, less what they cost. */
-static real cs_window_worth(const cs_window_active *A, real price)
+static real cs_window_worth(const cs_window_candidates *t, real price)
 {
-    return cs_window_dot(A->right, A->right, A->nx + A->count) - price * (real)A->count;
+    return cs_window_dot(t->y, t->y, t->count) - price * (real)t->count;
 }
 
-/* Variance of a chosen atom, the others free. */
-static real cs_window_variance(const cs_window_active *A, int at)
+/* Put an atom in the place of the first chosen one, in turn, for which that betters the cost; 0 if there
+   is none. */
+static int cs_window_exchange(const cs_window_problem *k, cs_window_candidates *t, real price)
 {
-    real *v = A->goal;
-    const int first = A->nx + at, last = A->nx + A->count;
-    for (int i = first; i < last; ++i) v[i] = (real)(i == first);
-    cs_window_forward(A->L, A->stride, v, first, last);
-    return cs_window_dot(v + first, v + first, last - first);
-}
-
-/* By how much an atom beside the chosen ones lowers the cost; 0 if its sign is not allowed or it
-   depends on them. */
-static real cs_window_gain(cs_window_problem *k, int column)
-{
-    cs_window_active *A = &k->A;
-    if (k->held[column] || !cs_window_append(k->z, &k->tab, &k->prior, A, k->v, column, 0, 1)) return 0;
-    const real gained = A->right[A->nx + --A->count];
-    return k->prior.side[column] * gained < 0 ? 0 : gained * gained;
-}
-
-/* The atom that lowers the cost most beside the chosen ones, and by how much; -1 if none does. */
-static int cs_window_best(cs_window_problem *k, real *gain)
-{
-    int best = -1;
-    *gain = 0;
-    for (int i = 0; i < k->z->n && k->A.count < k->A.most; ++i) {
-        const real gained = cs_window_gain(k, i);
-        if (!(gained > *gain)) continue;
-        *gain = gained;
-        best = i;
+    const int n = k->z->n, count = t->count;
+    for (int j = 0; j < count; ++j) {
+        real gain;
+        const int column = t->column[j];
+        const real a = t->a[j], variance = cs_window_shared(t, n, j);
+        const int in = cs_window_better(k, t, a, variance, &gain);
+        if (in < 0 || in == column || !(gain > a * a / variance + price * LESS)) continue;
+        for (int before = 0; before <= j; ++before) cs_window_put_last(t, n, 0);
+        cs_window_refactor(t, n, count - 1);
+        if (cs_window_choose(k, t, in)) return 1;
+        cs_window_take(k, t, column);
+        for (int after = j + 1; after < count; ++after) cs_window_put_last(t, n, 0);
+        cs_window_refactor(t, n, count);
+        cs_window_settle(t);
     }
-    return best;
+    return 0;
 }
 
-/* Choose an atom; 0, and all is as before, if one of a known sign would change it. */
-static int cs_window_choose(cs_window_problem *k, int column)
+/* The chosen atom that is worth least, if that is less than its price; else -1. */
+static int cs_window_least(const cs_window_candidates *t, real price)
 {
-    cs_window_active *A = &k->A;
-    if (!cs_window_append(k->z, &k->tab, &k->prior, A, k->v, column, 0, 1)) return 0;
-    cs_window_minimise(A);
-    for (int i = 0; i < A->count && k->z->sided; ++i)
-        if (k->prior.side[A->column[i]] * A->goal[A->nx + i] < 0) return --A->count, 0;
-    return 1;
+    real least = price * (1 - LESS);
+    int out = -1;
+    for (int j = 0; j < t->count; ++j) {
+        real variance = 0;
+        for (int s = j; s < t->count; ++s) variance += t->M[j + s * t->room] * t->M[j + s * t->room];
+        const real worth = t->a[j] * t->a[j] / variance;
+        if (!(worth < least)) continue;
+        least = worth;
+        out = j;
+    }
+    return out;
 }
 
 /* Add, exchange and take out atoms one by one as long as that lowers cost + price count; 0 if there
    were too many changes. */
-static int cs_window_exchanged(cs_window_problem *k, real price, int *steps)
+static int cs_window_exchanged(const cs_window_problem *k, cs_window_candidates *t, real price,
+                               int *steps)
 {
-    cs_window_active *A = &k->A;
-    const int room = k->z->chosen < A->most ? k->z->chosen : A->most;
-    for (int change = 0; change < CHANGES * room + 1; ++change, ++*steps) {
-        real least = price * (1 - LESS), gain;
-        int out = -1;
-        cs_window_minimise(A);
-        for (int i = 0; i < A->count; ++i) A->a[i] = A->goal[A->nx + i];
-        for (int i = 0; i < A->count; ++i) {
-            const real worth = A->a[i] * A->a[i] / cs_window_variance(A, i);
-            if (!(worth < least)) continue;
-            least = worth;
-            out = i;
-        }
+    for (int change = 0; change < CHANGES * t->room + 1; ++change, ++*steps) {
+        cs_window_settle(t);
+        const int out = cs_window_least(t, price);
         if (out >= 0) { /* one that is not worth its price */
-            cs_window_remove(&k->tab, A, out);
+            cs_window_put_last(t, k->z->n, out);
+            cs_window_refactor(t, k->z->n, t->count - 1);
             continue;
         }
-        if (A->count < room) {
-            const int in = cs_window_best(k, &gain);
-            if (in >= 0 && gain > price * (1 + LESS) && cs_window_choose(k, in)) continue;
+        if (t->count < t->room) {
+            real gain;
+            const int in = cs_window_best(k, t, &gain);
+            if (in >= 0 && gain > price * (1 + LESS) && cs_window_choose(k, t, in)) continue;
         }
-        int better = 0;
-        for (int i = 0, count = A->count; i < count && !better; ++i) { /* the first of them, in turn */
-            const int column = A->column[0];
-            const real before = cs_window_worth(A, 0);
-            cs_window_remove(&k->tab, A, 0);
-            const int in = cs_window_best(k, &gain);
-            better = in >= 0 && in != column
-                     && cs_window_worth(A, 0) + gain > before + price * LESS
-                     && cs_window_choose(k, in);
-            if (!better) cs_window_append(k->z, &k->tab, &k->prior, A, k->v, column, 0, 1);
-        }
-        if (!better) return 1;
+        if (!cs_window_exchange(k, t, price)) return 1;
     }
     return 0;
 }
@@ -136,8 +111,8 @@ static int cs_window_exchanged(cs_window_problem *k, real price, int *steps)
 /* Few atoms that explain most: the search from those of the l1 norm, and from none, whichever is
    better; a status. Nothing in the least squares has an l1 norm then: `none` takes n zeros. `best`
    takes as many numbers as may be active. */
-static int cs_window_chosen(cs_window_problem *k, real *none, int *best, real *alpha, real *extra,
-                            int *steps)
+static int cs_window_chosen(cs_window_problem *k, cs_window_candidates *t, real *none, int *best,
+                            real *alpha, real *extra, int *steps)
 {
     const cs_window_sizes *z = k->z;
     cs_window_active *A = &k->A;
@@ -147,15 +122,15 @@ static int cs_window_chosen(cs_window_problem *k, real *none, int *best, real *a
     for (int i = 0; i < z->n; ++i) none[i] = 0;
     k->prior.lam = none;
     for (int from = 0; from < 2; ++from) {
-        A->count = 0;
+        cs_window_refactor(t, z->n, 0);
         for (int i = 0; i < z->n && from == 0; ++i)
-            if (alpha[i] != 0 && A->count < z->chosen) cs_window_choose(k, i);
-        complete &= cs_window_exchanged(k, price, steps);
-        const real worth = cs_window_worth(A, price);
+            if (alpha[i] != 0 && t->count < t->room) cs_window_choose(k, t, i);
+        complete &= cs_window_exchanged(k, t, price, steps);
+        const real worth = cs_window_worth(t, price);
         if (from > 0 && !(worth > most + price * LESS)) continue;
         most = worth;
-        count = A->count;
-        for (int i = 0; i < count; ++i) best[i] = A->column[i];
+        count = t->count;
+        for (int i = 0; i < count; ++i) best[i] = t->column[i];
     }
     A->count = 0;
     for (int i = 0; i < count; ++i)
@@ -171,26 +146,26 @@ static int cs_window_chosen(cs_window_problem *k, real *none, int *best, real *a
 
 /* Append the atoms that could nearly as well have been chosen: in place of one that was, they would
    raise the cost by less than the price of one. `doubt` takes n numbers. */
-static void cs_window_doubtful(cs_window_problem *k, int *doubt)
+static void cs_window_doubtful(cs_window_problem *k, cs_window_candidates *t, int *doubt)
 {
-    const cs_window_sizes *z = k->z;
+    const int n = k->z->n;
     cs_window_active *A = &k->A;
     const real price = k->arg[ARG_OPTIONS][OPTION_PRICE];
-    for (int i = 0; i < z->n; ++i) doubt[i] = 0;
-    for (int j = 0, count = A->count; j < count; ++j) {
-        const int column = A->column[0];
-        const real a = A->a[0], sign = A->sign[0], before = cs_window_worth(A, 0);
-        cs_window_remove(&k->tab, A, 0);
-        const real left = before - cs_window_worth(A, 0) - price;
-        for (int i = 0; i < z->n; ++i) {
-            const real gain = cs_window_gain(k, i);
-            doubt[i] |= gain > 0 && gain > left;
+    for (int i = 0; i < n; ++i) doubt[i] = 0;
+    cs_window_refactor(t, n, 0);
+    for (int j = 0; j < A->count; ++j) cs_window_take(k, t, A->column[j]);
+    cs_window_settle(t);
+    for (int j = 0; j < t->count; ++j) {
+        const real a = t->a[j], variance = cs_window_shared(t, n, j), left = a * a / variance - price;
+        for (int i = 0; i < n; ++i) {
+            const real part = t->share[i] / variance;
+            doubt[i] |= cs_window_gains(k, t, i, t->slope[i] + part * a,
+                                        t->left[i] + part * t->share[i], real_fmax(left, 0));
         }
-        cs_window_append(z, &k->tab, &k->prior, A, k->v, column, a, sign);
     }
     for (int i = 0; i < A->count; ++i) doubt[A->column[i]] = 0;
-    for (int i = 0; i < z->n; ++i)
-        if (doubt[i] && cs_window_append(z, &k->tab, &k->prior, A, k->v, i, 0, 1))
+    for (int i = 0; i < n; ++i)
+        if (doubt[i] && cs_window_append(k->z, &k->tab, &k->prior, A, k->v, i, 0, 1))
             cs_window_told_apart(A);
 }
 

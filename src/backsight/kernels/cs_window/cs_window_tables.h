@@ -115,14 +115,21 @@ static cs_window_tables cs_window_prepare(const cs_window_sizes *z, const real *
         for (int q = 0; q < places; ++q)
             for (int k = 0; k < nx; ++k)
                 row[known + q * nx + k] = weight * arg[ARG_CROSS][of + (at[q] * nx + k) * z->m];
-        cs_window_product(row, -1, W, rows, L + i, m, rows, i);
+        /* forces of later steps do nothing to this output: theirs are zeros */
+        const int begun = nx + (of / z->ny + 1) * z->p, lower = begun < known ? begun : known;
+        cs_window_product(row, -1, W, rows, L + i, m, lower, i);
+        cs_window_product(row + known, -1, W + known, rows, L + i, m, rows - known, i);
         for (int k = 0; k < rows; ++k) row[k] *= L[i + i * m];
     }
-    for (int j = 0; j < rows; ++j) { /* of the states only what is of one of them */
+    for (int j = 0, from = 0; j < rows; ++j) { /* of the states only what is of one of them */
         const int end = j < known ? rows : known + ((j - known) / nx + 1) * nx;
         real *column = J + j * rows;
+        if (j >= nx && j < known) /* outputs before a force do not know of it */
+            while (from < m && counting->used[from] / z->ny < (j - nx) / z->p) ++from;
+        const int first = j < known ? from - from % 4 : 0; /* sums in fours round as whole ones do */
         for (int i = j; i < rows; ++i) column[i] = 0;
-        cs_window_product(column + j, 1, W + j, rows, W + j, rows, end - j, m);
+        cs_window_product(column + j, 1, W + j + first * rows, rows, W + j + first * rows, rows, end - j,
+                          m - first);
     }
     for (int j = 0; j < known; ++j)
         for (int i = 0; i < j; ++i) J[i + j * rows] = J[j + i * rows];

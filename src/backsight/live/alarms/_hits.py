@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from backsight.analysis.forces import HitWatch
 from backsight.errors import ProblemError
 from backsight.live.alarms._sighting import Condition, Quantities, Sighting
 from backsight.live.engine import LiveRows
@@ -53,6 +52,9 @@ class AnnouncedCondition(Condition):
         if not names:
             raise ProblemError(f"{where}: neither the model nor the estimator has a force")
         self._table, self._quantities, self._names, self._dt = table, quantities, names, dt
+        # Few alarms need it, and it takes a tenth of a second to import.
+        from backsight.analysis.forces import HitWatch
+
         self._watch = HitWatch(names, dt, per_hour=per_hour, gap=1, ghost=GHOST)
 
     def see(self, rows: LiveRows) -> Sighting:

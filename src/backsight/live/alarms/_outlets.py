@@ -4,7 +4,6 @@ import concurrent.futures
 import contextlib
 import json
 import subprocess
-import urllib.request
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -74,6 +73,8 @@ class Outlets:
             self._tell(f"alarm {name}: the broker does not answer; it is sent when it does")
 
     def _post(self, name: str, address: str, content: bytes) -> None:
+        import urllib.request
+
         request = urllib.request.Request(
             address, content, {"Content-Type": "application/json"}, method="POST"
         )

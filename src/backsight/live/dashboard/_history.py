@@ -49,9 +49,10 @@ class Level:
         """Take in values (n, m) and standard deviations at times (n,), in order."""
         numbers = np.floor(times / self.period).astype(np.int64)
         starts = np.flatnonzero(np.r_[True, numbers[1:] != numbers[:-1]])
-        with np.errstate(invalid="ignore"):
-            low = np.fmin.reduceat(values, starts, axis=0)
-            high = np.fmax.reduceat(values, starts, axis=0)
+        with np.errstate(invalid="ignore", over="ignore"):  # what is too large becomes infinite
+            low = np.fmin.reduceat(values, starts, axis=0).astype(np.float32)
+            high = np.fmax.reduceat(values, starts, axis=0).astype(np.float32)
+            lasts, spreads = values.astype(np.float32), spread.astype(np.float32)
         stops = np.r_[starts[1:], len(numbers)] - 1
         for j, number in enumerate(numbers[starts]):
             k = int(number % self._count)
@@ -63,9 +64,9 @@ class Level:
             else:
                 self._numbers[k], self._low[k], self._high[k] = number, low[j], high[j]
                 self._last[k] = self._std[k] = np.nan
-            last = values[stops[j]]
+            last = lasts[stops[j]]
             self._last[k] = np.where(np.isfinite(last), last, self._last[k])
-            self._std[k] = spread[stops[j]]
+            self._std[k] = spreads[stops[j]]
             self.newest = max(self.newest, int(number))
 
     def held(self) -> dict[str, np.ndarray]:

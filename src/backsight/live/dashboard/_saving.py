@@ -152,6 +152,8 @@ class Recent:
             saved.state = "done"
         except BacksightError as error:
             saved.state = str(error)
+        except Exception as error:  # whatever is wrong, who waits for the report is told
+            saved.state = f"{type(error).__name__}: {error}"
 
     def page(self, key: str) -> Path | None:
         """The report that belongs to a key."""

@@ -1,12 +1,12 @@
 """From the table of a source to the source."""
 
-from collections.abc import Callable
+from __future__ import annotations
 
-import xarray as xr
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from backsight.errors import ProblemError
 from backsight.live.sources._mqtt import MqttSource
-from backsight.live.sources._opcua import OpcuaSource
 from backsight.live.sources._streams import SerialSource, StdinSource, TcpSource
 from backsight.live.sources._udp import UdpSource
 from backsight.live.sources.base import LiveSource
@@ -21,6 +21,9 @@ from backsight.problem.reading.tables import (
     TcpFeed,
     UdpFeed,
 )
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def source_of(name: str, feed: FeedTable, recording: Callable[[], xr.Dataset]) -> LiveSource:
@@ -50,6 +53,8 @@ def source_of(name: str, feed: FeedTable, recording: Callable[[], xr.Dataset]) -
         case MqttFeed():
             return MqttSource(name, feed)
         case OpcuaFeed():
+            from backsight.live.sources._opcua import OpcuaSource
+
             return OpcuaSource(name, feed)
         case ReplayFeed():
             return ReplaySource(name, feed, recording)

@@ -1,13 +1,18 @@
 """A recording that is played as if it were measured now."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from backsight.live.sources.base import Batch, LiveSource
 from backsight.problem.reading.tables import ReplayFeed
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _AT_ONCE = 4096
 """Samples that are taken at once where it shall go as fast as possible."""

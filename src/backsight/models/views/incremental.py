@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from backsight.data.increments import PREFIX
 from backsight.description import checked
 from backsight.errors import ModelError
 from backsight.models.lti import lti, state_space
 from backsight.models.model import Model
 from backsight.models.signals import Signal
+from backsight.schema import CHANGE
 
 
 @checked(ModelError)
@@ -94,4 +94,4 @@ def incremental(model: Model) -> Model:
 
 
 def _increment(s: Signal) -> Signal:
-    return Signal(unit=s.unit, scale=s.scale, name=f"{PREFIX}{s.name}")
+    return Signal(unit=s.unit, scale=s.scale, name=f"{CHANGE}{s.name}")

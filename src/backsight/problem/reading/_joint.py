@@ -106,7 +106,7 @@ def _plain(table: ProblemTable, folder: Path) -> Model:
     if not isinstance(kind, str):
         raise ProblemError(f"model.kind: must be text in quotes, not {shown_value(kind)}")
     if kind not in ALL_KINDS:
-        raise ProblemError(f"model.kind: unknown kind '{kind}', {nearest(kind, ALL_KINDS)}")
+        raise ProblemError(f"model.kind: unknown kind '{kind}', {ALL_KINDS.hint(kind)}")
     with at("model.kind"):
         described = ALL_KINDS[kind]
     twice = [name for name in table.dummy if name in table.virtual]

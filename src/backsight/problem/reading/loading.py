@@ -11,6 +11,7 @@ from backsight.discrete.runge_kutta import Integrator
 from backsight.errors import ProblemError, nearest
 from backsight.estimators import ALL_ESTIMATORS
 from backsight.estimators.base import AbstractEstimator
+from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
 from backsight.problem.problem import Problem
 from backsight.problem.reading._joint import check_known, joint_model
@@ -18,7 +19,7 @@ from backsight.problem.reading._places import check_units, put_places
 from backsight.problem.reading._room import DEEPEST, MOST_BYTES, check_keys, check_tree
 from backsight.problem.reading.checking import at, validated
 from backsight.problem.reading.settings import built, fields_of
-from backsight.problem.reading.tables import EstimatorTable, ProblemTable
+from backsight.problem.reading.tables import EstimatorTable, PartsTable, ProblemTable
 from backsight.problem.reading.uncertain import noise, prior
 
 _GROUP = re.compile(r"[\w+-]+(?:[ .][\w+-]+)*")
@@ -98,14 +99,19 @@ def problem_of(given: dict[str, Any], text: str, file: Path) -> Problem:
     if table.tune.estimator is not None and table.tune.estimator not in table.estimators:
         hint = nearest(table.tune.estimator, table.estimators)
         raise ProblemError(f"tune.estimator: there is no '{table.tune.estimator}', {hint}")
+    estimators = {n: _estimator(n, e, table, model) for n, e in table.estimators.items()}
+    for name, entry in table.estimators.items():
+        _check_whole(f"estimators.{name}", entry, estimators[name], in_parts=table.recording.parts)
     return Problem(
         title=table.title or file.stem,
         path=file,
         text=text,
         recording=table.recording,
         model=model,
-        estimators={n: _estimator(n, e, table, model) for n, e in table.estimators.items()},
+        estimators=estimators,
         smoothed=frozenset(name for name, e in table.estimators.items() if e.smooth),
+        followed={n: e.follow for n, e in table.estimators.items() if e.follow is not None},
+        searched={n: e.search for n, e in table.estimators.items() if e.search is not None},
         reference=table.reference,
         tune=table.tune,
         report=table.output.report,
@@ -136,6 +142,33 @@ def text_of(file: Path) -> str:
         raise ProblemError(f"cannot read {str(file)!a}: {error}") from None
 
 
+def _check_whole(
+    where: str,
+    entry: EstimatorTable,
+    estimator: AbstractEstimator,
+    *,
+    in_parts: PartsTable | None,
+) -> None:
+    """Raise `ProblemError` if hits of a whole recording cannot be found with this estimator."""
+    keys = [key for key in ("follow", "search") if getattr(entry, key) is not None]
+    if not keys:
+        return
+    where = f"{where}.{keys[0]}"
+    if not isinstance(estimator, AbstractForceEstimator):
+        raise ProblemError(
+            f"{where}: {estimator.title} looks for no unknown forces; take kind = 'csmhe'"
+        )
+    if len(keys) > 1 or entry.smooth:
+        other = "search" if len(keys) > 1 else "smooth"
+        raise ProblemError(f"{where}: goes without {other}; give one of them")
+    if in_parts is not None:
+        raise ProblemError(f"{where}: needs the whole recording; leave out recording.parts")
+    for i, name in enumerate(entry.follow.beside if entry.follow else ()):
+        if name not in estimator.forces:
+            hint = nearest(name, estimator.forces)
+            raise ProblemError(f"{where}.beside[{i}]: there is no force '{name}', {hint}")
+
+
 def _estimator(
     name: str, entry: EstimatorTable, table: ProblemTable, model: Model
 ) -> AbstractEstimator:
@@ -143,7 +176,7 @@ def _estimator(
     if not _GROUP.fullmatch(name):
         raise ProblemError(f"{where}: use letters, digits, blanks and . + - _ in the name")
     if entry.kind not in ALL_ESTIMATORS:
-        hint = nearest(entry.kind, ALL_ESTIMATORS)
+        hint = ALL_ESTIMATORS.hint(entry.kind)
         raise ProblemError(f"{where}.kind: unknown kind '{entry.kind}', {hint}")
     with at(f"{where}.kind"):
         kind = ALL_ESTIMATORS[entry.kind]

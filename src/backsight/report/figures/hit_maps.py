@@ -39,8 +39,27 @@ def force_maps(rows: Sequence[Row], every: Sequence[Series]) -> list[Plot]:
 
 
 def hit_tables(rows: Sequence[Row], every: Sequence[Series]) -> str:
-    """Return the largest hits of every estimator that looks for forces, or why there are none."""
-    return "".join(_table(s, row, hits) for s, row, hits in _found(rows, every))
+    """Return the largest hits of every estimator that looks for forces, or why there are none.
+
+    Behind them those that were fitted as pulses.
+    """
+    found = _found(rows, every)
+    largest = "".join(_table(s, row, hits) for s, row, hits in found)
+    return largest + "".join(_fitted(s, row) for s, row, _ in found if row.fitted_hits)
+
+
+def _fitted(s: Series, row: Row) -> str:
+    numbers = row.fitted_hits[0].numbers
+    head = ["place"] + [f"{n} ± σ<small>{escape(v.unit)}</small>" for n, v in numbers.items()]
+    body = [
+        [
+            escape(hit.force or str(i)),
+            *(plus_minus(v.value, v.std or math.nan) for v in hit.numbers.values()),
+        ]
+        for i, hit in enumerate(row.fitted_hits, 1)
+    ]
+    caption = f"{swatch(s)}{escape(s.name)}: hits fitted as pulses, in the order of time"
+    return table("hits", head, body, caption=caption)
 
 
 def _found(rows: Sequence[Row], every: Sequence[Series]) -> list[tuple[Series, Row, FoundHits]]:

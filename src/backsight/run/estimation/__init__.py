@@ -1,40 +1,5 @@
 """An estimator over recordings, streams and windows."""
 
-from backsight.run.estimation._estimate import Task as Task
-from backsight.run.estimation._estimate import carry_out as carry_out
-from backsight.run.estimation._estimate import check_length as check_length
-from backsight.run.estimation._estimate import check_memory as check_memory
-from backsight.run.estimation._estimate import check_window as check_window
-from backsight.run.estimation._estimate import estimate as estimate
-from backsight.run.estimation._estimate import failure as failure
-from backsight.run.estimation._estimate import ready as ready
-from backsight.run.estimation._match import match as match
-from backsight.run.estimation._match import matched_inputs as matched_inputs
-from backsight.run.estimation._match import measured_outputs as measured_outputs
-from backsight.run.estimation._match import sensed_outputs as sensed_outputs
-from backsight.run.estimation._mhe_window import solve_window as solve_window
-from backsight.run.estimation._prepared import Prepared as Prepared
-from backsight.run.estimation._prepared import compile_once as compile_once
-from backsight.run.estimation._smooth import SmoothingTask as SmoothingTask
-from backsight.run.estimation._smooth import carry_out_smoothing as carry_out_smoothing
-from backsight.run.estimation._smooth import ready_to_smooth as ready_to_smooth
-from backsight.run.estimation._smooth import smooth as smooth
-from backsight.run.estimation._smooth import smoothed_between as smoothed_between
-from backsight.run.estimation._stream import stream as stream
-from backsight.run.estimation.carrying import Block as Block
-from backsight.run.estimation.carrying import Thinning as Thinning
-from backsight.run.estimation.carrying import run_on as run_on
-from backsight.run.estimation.many import estimate_many as estimate_many
-from backsight.run.estimation.many import tasks_of as tasks_of
-from backsight.run.estimation.results.outputs import ALL as ALL
-from backsight.run.estimation.results.outputs import Kept as Kept
-from backsight.run.estimation.results.outputs import Outputs as Outputs
-from backsight.run.estimation.results.outputs import as_outputs as as_outputs
-from backsight.run.estimation.results.result import Made as Made
-from backsight.run.estimation.results.result import as_result as as_result
-from backsight.run.estimation.results.result import result_of as result_of
-from backsight.run.estimation.results.values import ABSURD as ABSURD
-from backsight.run.estimation.results.values import HUGE as HUGE
-from backsight.run.estimation.results.values import Measured as Measured
-from backsight.run.estimation.results.values import looked_at as looked_at
-from backsight.run.estimation.results.values import named as named
+from backsight.doors import door as _door
+
+__getattr__, __dir__, __all__ = _door(__name__, __path__[0])

@@ -1,7 +1,10 @@
 """Pick the channels of a recording that a model needs, and weigh its samples."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
-import xarray as xr
 
 from backsight.errors import DataError, nearest
 from backsight.estimators.around.saturation import ends
@@ -11,6 +14,9 @@ from backsight.models.signals import Signal
 from backsight.schema import SIGMA_FACTOR, check_sigma_factor
 from backsight.types import Array
 from backsight.units import conversion, convertible, is_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def match(

@@ -4,19 +4,23 @@ Tracing, differentiating and looking for the integration step take many times as
 recording. All of it follows from estimator, model and sampling period alone.
 """
 
-import dataclasses
+from __future__ import annotations
 
-import xarray as xr
+import dataclasses
+import functools
+from typing import TYPE_CHECKING
 
 from backsight.description import Kept, content
 from backsight.discrete.runge_kutta import Integrator
 from backsight.engine.building import built_alone
-from backsight.engine.recursion import Recursion
+from backsight.engine.recursion import Channel, Recursion
 from backsight.estimators.around.misled import watched
 from backsight.estimators.base import AbstractEstimator
 from backsight.models.model import Model
 from backsight.run.estimation.results.outputs import JUDGED, Outputs, putting_out
-from backsight.run.estimation.results.result import coordinates
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 KEPT = 32
 """Number of recursions that are kept."""
@@ -32,13 +36,23 @@ class Prepared:
         Puts out what is kept of a result, see `putting_out`.
     integrator : Integrator, optional
         How the model is carried from sample to sample, see `AbstractEstimator.chosen`.
-    coordinates : xarray.Coordinates
-        Names and units along the dimensions of the result.
+    model : Model
+    kept : tuple of Channel
+        Of its outputs, those of a result.
     """
 
     recursion: Recursion
     integrator: Integrator | None
-    coordinates: xr.Coordinates
+    model: Model
+    kept: tuple[Channel, ...]
+
+    @functools.cached_property
+    def coordinates(self) -> xr.Coordinates:
+        """Names and units along the dimensions of the result."""
+        # What runs live has no result, and shall not wait for xarray.
+        from backsight.run.estimation.results.result import coordinates
+
+        return coordinates(self.model, self.kept)
 
 
 def compile_once(
@@ -66,11 +80,11 @@ def compile_once(
     def make() -> Prepared:
         recursion = watched(estimator.compile(model, dt), estimator, model)
         visible = putting_out(recursion.restarting() if restart else recursion, outputs, needed)
-        kept = [c for c in visible.channels if outputs.keeps(c.name)]
         return Prepared(
             recursion=visible,
             integrator=estimator.chosen(model, dt),
-            coordinates=coordinates(model, kept),
+            model=model,
+            kept=tuple(c for c in visible.channels if outputs.keeps(c.name)),
         )
 
     return _made.of(key, make)

@@ -66,6 +66,31 @@ class WindowFit:
 
 
 @dataclasses.dataclass(frozen=True)
+class WindowTrajectory:
+    """What a fit says of every sample of its window, scaled, forces in their own unit.
+
+    Parameters
+    ----------
+    x, spread : (n + 1, nx) arrays
+        States up to the one behind the window, and their variances.
+    P_end : (nx, nx) array
+        Covariance of the state behind the window.
+    e, S : (n, ny), (n, ny, ny) arrays
+        What the measurements leave, and how large that may be.
+    d, d_spread : (n, nf) arrays
+        Forces, and their variances.
+    """
+
+    x: Array
+    spread: Array
+    P_end: Array
+    e: Array
+    S: Array
+    d: Array
+    d_spread: Array
+
+
+@dataclasses.dataclass(frozen=True)
 class HitWindow:
     """Data of a window, and what is known before.
 
@@ -97,11 +122,6 @@ class HitWindow:
     def samples(self) -> int:
         """Length of the window."""
         return len(self.data.y)
-
-    @property
-    def measured(self) -> int:
-        """Number of measurements."""
-        return int(self.data.counts.sum())
 
     @cached_property
     def _rows(self) -> np.ndarray:
@@ -140,25 +160,40 @@ class HitWindow:
         known = np.hstack([self.information, np.zeros((len(self.information), many))])
         return np.vstack([rows, known])
 
-    def end_slope(self, x0: Array, hit: HitPulse | None) -> Array:
-        """Derivatives of the state behind the window by the same variables."""
-        return self._carried(x0, hit)[1]
-
     def _carried(self, x0: Array, hit: HitPulse | None) -> tuple[Array, Array]:
-        """Derivatives of all outputs, (n, ny, variables), and of the state behind them."""
+        """Derivatives of outputs (n, ny, variables) and states (n + 1, nx, variables)."""
         v = self.motion.inputs(self.data.u, self.forces(hit))
         m = self.motion.slopes_along(self.motion.states(x0, v)[:-1], v)
         changes = self._changes(hit)
         nx, many = len(x0), changes.shape[2]
         moves, seen = m.E @ changes, m.F @ changes
-        x = np.hstack([np.eye(nx), np.zeros((nx, many))])
-        shown = np.empty((self.samples, m.C.shape[1], nx + many))
+        x = np.empty((self.samples + 1, nx, nx + many))
+        x[0] = np.hstack([np.eye(nx), np.zeros((nx, many))])
         for k in range(self.samples):
-            shown[k] = m.C[k] @ x
-            x = m.A[k] @ x
-            x[:, nx:] += moves[k]
+            x[k + 1] = m.A[k] @ x[k]
+            x[k + 1, :, nx:] += moves[k]
+        shown = m.C @ x[:-1]
         shown[:, :, nx:] += seen
         return shown, x
+
+    def trajectory(self, fit: WindowFit, covariance: Array) -> "WindowTrajectory":
+        """The window as it was fitted, sample by sample, with a covariance of its variables."""
+        v = self.motion.inputs(self.data.u, self.forces(fit.hit))
+        x, nx = self.motion.states(fit.x0, v), len(fit.x0)
+        y = self.motion.outputs(x[:-1], v)
+        shown, moved = self._carried(fit.x0, fit.hit)
+        changes = self._changes(fit.hit)
+        return WindowTrajectory(
+            x=x,
+            spread=np.einsum("kia,ab,kib->ki", moved, covariance, moved, optimize=True),
+            P_end=moved[-1] @ covariance @ moved[-1].T,
+            e=self.data.y - y,
+            S=self.data.noise + shown @ covariance @ shown.transpose(0, 2, 1),
+            d=self.forces(fit.hit),
+            d_spread=np.einsum(
+                "kfa,ab,kfb->kf", changes, covariance[nx:, nx:], changes, optimize=True
+            ),
+        )
 
     def _changes(self, hit: HitPulse | None) -> Array:
         """Forces by sizes, beginning and width, (n, nf, variables)."""

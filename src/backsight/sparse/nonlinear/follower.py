@@ -7,12 +7,13 @@ was one, the filter goes on from the end of the window.
 
 import collections
 import dataclasses
+from collections.abc import Callable
 from typing import final
 
 import numpy as np
 
 from backsight.estimators.dictionaries import AbstractPulses
-from backsight.sparse.nonlinear._window import HitWindow, WindowFit
+from backsight.sparse.nonlinear._window import HitWindow, WindowFit, WindowTrajectory
 from backsight.sparse.nonlinear.motion import ForcedMotion, Readings
 from backsight.sparse.nonlinear.search import Offered, found_hits
 from backsight.types import Array
@@ -22,6 +23,9 @@ REACH = 4.0
 
 FREE = 15
 """Evaluations of a fit without a hit."""
+
+TOLD = 500
+"""Samples after which it is said how many are done."""
 
 EIGENVALUES = 1e-12
 """Share of the largest information below which a direction of a covariance is exactly known."""
@@ -35,6 +39,7 @@ class FoundHit:
     ----------
     begin : int
         First sample of the window.
+    window : HitWindow
     fit : WindowFit
     covariance : (variables, variables) array
         Of first state, sizes, beginning and width, for the noise that the window has left.
@@ -45,6 +50,7 @@ class FoundHit:
     """
 
     begin: int
+    window: HitWindow
     fit: WindowFit
     covariance: Array
     without: float
@@ -78,11 +84,55 @@ class Watch:
     gain: float
 
 
-def follower(motion: ForcedMotion, data: Readings, watch: Watch) -> list[FoundHit]:
-    """Follow a recording; the hits in it, in the order of time."""
+@dataclasses.dataclass(frozen=True)
+class FollowedMotion:
+    """A recording that was followed, scaled, forces in their own unit.
+
+    Between the hits it is what the filter says; over the window of a hit, what the window says.
+
+    Parameters
+    ----------
+    hits : list of FoundHit
+        In the order of time.
+    x, spread : (n, nx) arrays
+        States after their measurements, and their variances.
+    e, S : (n, ny), (n, ny, ny) arrays
+        Innovations and their covariances; over a window what the hit leaves.
+    d, d_spread : (n, nf) arrays
+        Forces of the hits, and their variances.
+    """
+
+    hits: list[FoundHit]
+    x: Array
+    spread: Array
+    e: Array
+    S: Array
+    d: Array
+    d_spread: Array
+
+    @classmethod
+    def of(cls, samples: int, *, nx: int, ny: int, nf: int) -> "FollowedMotion":
+        """Nothing yet."""
+        x, e, d = ((samples, m) for m in (nx, ny, nf))
+        S = np.zeros((*e, ny))
+        return cls([], np.zeros(x), np.zeros(x), np.zeros(e), S, np.zeros(d), np.zeros(d))
+
+    def add(self, hit: FoundHit, path: WindowTrajectory) -> None:
+        """Take in a hit with its window."""
+        self.hits.append(hit)
+        part = slice(hit.begin, hit.begin + len(path.e))
+        self.x[part], self.spread[part] = path.x[:-1], path.spread[:-1]
+        self.e[part], self.S[part] = path.e, path.S
+        self.d[part], self.d_spread[part] = path.d, path.d_spread
+
+
+def follower(
+    motion: ForcedMotion, data: Readings, watch: Watch, *, progress: Callable[[int], None]
+) -> FollowedMotion:
+    """Follow a recording; `progress` is told the number of samples done."""
     work = _Follower(motion, data, watch)
-    work.run()
-    return work.hits
+    work.run(progress)
+    return work.found
 
 
 @final
@@ -91,8 +141,8 @@ class _Follower:
 
     def __init__(self, motion: ForcedMotion, data: Readings, watch: Watch) -> None:
         self.motion, self.data, self.watch = motion, data, watch
-        self.hits: list[FoundHit] = []
-        s = motion.forced.system.s
+        s, forces = motion.forced.system.s, len(motion.forced.names)
+        self.found = FollowedMotion.of(len(data.y), nx=len(s.x0), ny=data.y.shape[1], nf=forces)
         self.restart(0, s.x0, s.P0)
 
     def restart(self, at: int, x: Array, P: Array) -> None:
@@ -105,10 +155,12 @@ class _Follower:
         self.surprise: collections.deque[tuple[float, int]] = collections.deque(maxlen=longest)
         self.quiet = at + self.watch.before
 
-    def run(self) -> None:
+    def run(self, progress: Callable[[int], None]) -> None:
         """To the end of the recording."""
         n = len(self.data.y)
         while self.at < n:
+            if self.at % TOLD == 0:
+                progress(self.at)
             self.past.append((self.x, self.P))
             self.sample()
             if self.at < self.quiet or self.level() < self.watch.alarm:
@@ -117,8 +169,10 @@ class _Follower:
             if hit is None:
                 self.quiet = self.at + self.watch.after
                 continue
-            self.hits.append(hit)
-            self.restart(*self.behind(hit))
+            path = hit.window.trajectory(hit.fit, hit.covariance)
+            self.found.add(hit, path)
+            self.restart(hit.begin + len(path.e), path.x[-1], path.P_end)
+        progress(n)
 
     def level(self) -> float:
         """Mean of the squared white innovations lately."""
@@ -127,23 +181,27 @@ class _Follower:
 
     def sample(self) -> None:
         """One step of the filter, from prediction to prediction."""
-        forced, k = self.motion.forced, self.at
-        s, white = forced.system.s, self.data.root[k]
+        forced, k, found = self.motion.forced, self.at, self.found
+        white, noise = self.data.root[k], self.data.noise[k]
         v = self.motion.inputs(self.data.u[k : k + 1], np.zeros((1, len(forced.names))))
         m = self.motion.slopes_along(self.x[None], v)
         A, E = m.A[0], m.E[0] * forced.sigma
-        P = A @ self.P @ A.T + s.Q + E @ E.T
-        x = np.array(self.motion.ahead(self.x, v[0])).ravel()
+        C, F = m.C[0], m.F[0] * forced.sigma
+        x = self.motion.next(self.x[None], v)[0]
+        P = A @ self.P @ A.T + forced.system.s.Q + E @ E.T
+        e = self.data.y[k] - self.motion.outputs(self.x[None], v)[0]
+        S = C @ self.P @ C.T + F @ F.T + noise
+        found.x[k], found.spread[k], found.e[k], found.S[k] = self.x, np.diag(self.P), e, S
         seen = np.flatnonzero(np.diag(white))
         if len(seen):
             white = white[np.ix_(seen, seen)]
-            C, F = white @ m.C[0][seen], white @ m.F[0][seen] * forced.sigma
-            left = self.data.y[k] - np.array(self.motion.seen(self.x, v[0])).ravel()
-            S = C @ self.P @ C.T + F @ F.T + np.eye(len(seen))
-            e, root = white @ left[seen], np.linalg.cholesky(S)
-            e = np.linalg.solve(root, e)
-            gain = np.linalg.solve(root, C @ self.P @ A.T + F @ E.T).T
-            x, P = x + gain @ e, P - gain @ gain.T
+            root = np.linalg.cholesky(white @ S[np.ix_(seen, seen)] @ white.T)
+            e = np.linalg.solve(root, white @ e[seen])
+            CP, FE = white @ C[seen] @ self.P, white @ F[seen] @ E.T
+            now, gain = np.linalg.solve(root, CP), np.linalg.solve(root, CP @ A.T + FE)
+            found.x[k] += e @ now
+            found.spread[k] -= (now**2).sum(axis=0)
+            x, P = x + e @ gain, P - gain.T @ gain
             self.surprise.append((float(e @ e), len(seen)))
         else:
             self.surprise.append((0.0, 0))
@@ -168,23 +226,7 @@ class _Follower:
         rows, variables = best.slope.shape
         spread = max(best.cost / max(rows - variables, 1), 1.0)
         rival = others[0].cost if others else without.cost
-        return FoundHit(begin, best, spread * _inverse(best.slope), without.cost, rival)
-
-    def behind(self, hit: FoundHit) -> tuple[int, Array, Array]:
-        """The sample behind the window of a hit, and the prediction of its state."""
-        begin = hit.begin
-        end = min(self.at + self.watch.after, len(self.data.y))
-        window = HitWindow(
-            self.motion,
-            self.data.between(begin, end),
-            hit.fit.x0,
-            np.eye(len(hit.fit.x0)),
-            self.watch.course,
-            self.watch.beside,
-        )
-        v = self.motion.inputs(window.data.u, window.forces(hit.fit.hit))
-        x, slope = self.motion.states(hit.fit.x0, v), window.end_slope(hit.fit.x0, hit.fit.hit)
-        return end, x[-1], slope @ hit.covariance @ slope.T
+        return FoundHit(begin, window, best, spread * _inverse(best.slope), without.cost, rival)
 
 
 def _root(P: Array) -> Array:

@@ -93,20 +93,19 @@ def _costs(window: HitWindow, x0: Array, tried: list[HitPulse], offered: Offered
     longest = window.course.lasts * max(window.course.lengths)
     last = min(window.samples, int(offered.last + AHEAD * longest) + 1)
     v = motion.inputs(data.u, np.zeros((window.samples, nf)))
-    x = np.tile(motion.states(x0, v[:first])[-1][:, None] if first else x0[:, None], len(tried))
+    x = np.tile(motion.states(x0, v[:first])[-1] if first else x0, (len(tried), 1))
     courses = {(p.start, p.width): window.pulse(p.start, p.width) for p in tried}
     acting = np.array([courses[p.start, p.width] * p.sizes[0] for p in tried]).T
     rows = nu + np.array([p.force for p in tried])
     unit = motion.forced.system.s.su[rows]
-    ahead, seen = motion.ahead.map(len(tried)), motion.seen.map(len(tried))
     counts, cost = data.counts, np.zeros(len(tried))
     for k in range(first, last):
-        given = np.tile(v[k][:, None], len(tried))
-        given[rows, np.arange(len(tried))] += acting[k] / unit
+        given = np.tile(v[k], (len(tried), 1))
+        given[np.arange(len(tried)), rows] += acting[k] / unit
         if counts[k]:
-            left = data.root[k] @ (data.y[k][:, None] - np.array(seen(x, given)))
-            cost += np.einsum("ij,ij->j", left, left)
-        x = np.array(ahead(x, given))
+            left = (data.y[k] - motion.outputs(x, given)) @ data.root[k].T
+            cost += np.einsum("ij,ij->i", left, left)
+        x = motion.next(x, given)
     return np.where(np.isfinite(cost), cost, np.inf)
 
 

@@ -102,7 +102,10 @@ def _hit(
     starts = np.arange(first, min(last, first + 2 * AROUND) + 1e-9, 1 / FINE)
     widths = np.array(course.lengths, float)
     pulses = grid((places, starts, widths))
+    # What was selected may be far from the place: atoms that nearly cancel act like one elsewhere.
+    begin, end = drawn.line.ends
     reach = Reach(
-        np.array([low, first - AROUND, widths.min()]), np.array([high, last + AROUND, widths.max()])
+        np.array([begin, first - AROUND, widths.min()]),
+        np.array([end, last + AROUND, widths.max()]),
     )
     return PulseOffer(pulses, drawn.columns(pulses), reach)

@@ -14,6 +14,13 @@ const GROUPS = [
 ];
 const SIGMAS = 2; // of the bands
 const PAPER = 640; // pixels between the margins of A4 and of letter
+// By the distance of marks [s]: what each says, and what is said below it where the year, the month, the day, ... is another.
+const MARKS = [
+  [31536000, "{YYYY}", null, null, null, null, null, null, 1],
+  [86400, "{MM}-{DD}", "\n{YYYY}", null, null, null, null, null, 1],
+  [60, "{HH}:{mm}", "\n{YYYY}-{MM}-{DD}", null, "\n{MM}-{DD}", null, null, null, 1],
+  [1e-3, "{HH}:{mm}:{ss}", "\n{YYYY}-{MM}-{DD}", null, "\n{MM}-{DD}", null, null, null, 1],
+];
 let known, history = null, span = 60, charts = [], reload = 0, onPaper = false;
 
 function element(tag, text = "", name = "") {
@@ -67,9 +74,9 @@ function options(c) {
   const axis = { stroke: style("--muted"), grid: { stroke: style("--grid"), width: 1 }, ticks: { show: false }, font: "11px system-ui" };
   const dated = history.t.length > 0 && history.t[history.t.length - 1] > 1e8;
   return {
-    width: onPaper ? PAPER : Math.max(200, c.place.clientWidth), height: 150, legend: { show: false }, cursor: { drag: { x: false, y: false } },
+    width: onPaper ? PAPER : Math.max(200, c.place.clientWidth), height: dated ? 166 : 150, legend: { show: false }, cursor: { drag: { x: false, y: false } },
     scales: { x: { time: dated } },
-    axes: [{ ...axis, size: 28 }, { ...axis, size: 58, values: (_, ticks) => ticks.map((v) => digits(v, 6)) }],
+    axes: [dated ? { ...axis, size: 44, space: 66, values: MARKS } : { ...axis, size: 28 }, { ...axis, size: 58, values: (_, ticks) => ticks.map((v) => digits(v, 6)) }],
     series: [
       {}, { width: 0, stroke: "transparent", points: { show: false } }, { width: 0, stroke: "transparent", points: { show: false } },
       { width: 1.5, stroke: style("--line"), points: { show: false } },

@@ -7,6 +7,8 @@ from backsight.problem.reading.tables._alarms import NisAlarm as NisAlarm
 from backsight.problem.reading.tables._alarms import RangeAlarm as RangeAlarm
 from backsight.problem.reading.tables._alarms import SilentAlarm as SilentAlarm
 from backsight.problem.reading.tables._alarms import StatusAlarm as StatusAlarm
+from backsight.problem.reading.tables._hits import FollowTable as FollowTable
+from backsight.problem.reading.tables._hits import SearchTable as SearchTable
 from backsight.problem.reading.tables._live import FEEDS as FEEDS
 from backsight.problem.reading.tables._live import DashboardTable as DashboardTable
 from backsight.problem.reading.tables._live import FeedTable as FeedTable
@@ -23,6 +25,7 @@ from backsight.problem.reading.tables._live import UdpFeed as UdpFeed
 from backsight.problem.reading.tables._recorded import ColumnTable as ColumnTable
 from backsight.problem.reading.tables._recorded import CommandColumnTable as CommandColumnTable
 from backsight.problem.reading.tables._recorded import FileTable as FileTable
+from backsight.problem.reading.tables._recorded import PartsTable as PartsTable
 from backsight.problem.reading.tables._recorded import ReadingsTable as ReadingsTable
 from backsight.problem.reading.tables._recorded import RecordingTable as RecordingTable
 from backsight.problem.reading.tables._recorded import SensorColumnTable as SensorColumnTable

@@ -73,7 +73,7 @@ class ForceTable(StrictTable):
     Parameters
     ----------
     kind : str
-        Class of the process in `backsight.forces`: Matern, GaussMarkov, Periodic, ...
+        The process: matern, gauss_markov, periodic and others of `backsight.forces`.
     acts_on : str
         State to whose rate it is added.
     mean : float

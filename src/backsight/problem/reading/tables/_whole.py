@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import pydantic
 
+from backsight.problem.reading.tables._hits import FollowTable, SearchTable
 from backsight.problem.reading.tables._live import DashboardTable, LiveTable, StoreTable
 from backsight.problem.reading.tables._recorded import ReadingsTable, RecordingTable
 from backsight.problem.reading.tables._strict import ShortTable, StrictTable
@@ -49,6 +50,10 @@ class EstimatorTable(StrictTable):
         The method, see `backsight methods`.
     smooth : bool
         Smooth: every estimate knows the whole recording.
+    follow : table
+        Of estimators of unknown forces: find hits one by one in the whole recording.
+    search : table
+        Of the same: find forces by the whole recording at once; with `locate`, between the places.
     noise, prior : table
         In place of those of the file.
     """
@@ -57,6 +62,8 @@ class EstimatorTable(StrictTable):
 
     kind: str
     smooth: bool = False
+    follow: FollowTable | None = None
+    search: SearchTable | None = None
     noise: NoiseTable | None = None
     prior: PriorTable | None = None
 

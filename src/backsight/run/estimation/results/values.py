@@ -112,4 +112,5 @@ def _worthless(values: Mapping[str, Array], measured: Measured) -> NDArray[np.bo
         told = values["e_std"] if "e_std" in values else deviation(values["S"])
         doubt = np.maximum(np.where(sound[:, None], told, 0.0), doubt)
     off = np.abs(np.where(sound[:, None], values["y_hat"], 0.0) - measured.y)
-    return ~sound | (off > ABSURD * doubt).any(axis=1)
+    with np.errstate(over="ignore"):  # of what is measured; nothing is larger than infinity
+        return ~sound | (off > ABSURD * doubt).any(axis=1)

@@ -5,9 +5,7 @@ import xarray as xr
 
 from backsight.description import checked
 from backsight.errors import DataError
-
-PREFIX = "d_"
-"""In front of the name of a signal whose change from sample to sample is meant."""
+from backsight.schema import CHANGE
 
 
 @checked(DataError)
@@ -18,4 +16,4 @@ def increments(recording: xr.Dataset) -> xr.Dataset:
     """
     u = recording["u"].to_numpy()
     changes = recording.assign(u=(("time", "input"), np.diff(u, axis=0, prepend=u[:1])))
-    return changes.assign_coords(input=[f"{PREFIX}{n}" for n in recording["input"].values])
+    return changes.assign_coords(input=[f"{CHANGE}{n}" for n in recording["input"].values])

@@ -1,21 +1,11 @@
 """Hits in a recording of a nonlinear model, such as one whose sensors come to their limits."""
 
-import itertools
-from collections.abc import Sequence
-
-import numpy as np
 import xarray as xr
 
 from backsight.description import Count, Positive, Share, checked
-from backsight.errors import TuningError, nearest
-from backsight.estimators.dictionaries import AbstractPulses
 from backsight.estimators.force_estimator import AbstractForceEstimator
 from backsight.models.model import Model
-from backsight.run.estimation import match
-from backsight.sparse.nonlinear import ForcedMotion, FoundHit, Offered, Watch, follower, readings_of
-
-LADDER = 2.0
-"""Factor from one size that is tried to the next."""
+from backsight.run.following._task import ready_to_follow
 
 
 @checked()
@@ -112,94 +102,15 @@ def follow_hits(
     >>> round(float(hits["impulse"][0]), 2)  # [N s]
     0.4
     """
-    course = estimator.dictionary
-    if not isinstance(course, AbstractPulses):
-        raise TuningError(
-            f"follow_hits needs a dictionary of pulses, such as HalfSines, not {course!r}"
-        )
-    data = match(model, recording, estimator=estimator)
-    forced = estimator.linearised(model, float(recording.attrs["dt"]))
-    moved, places = _parted(estimator.forces, beside)
-    sign = {i: side for i, side in enumerate(_signs(estimator)) if side}
-    low, high = min(sizes), max(sizes)
-    ladder = np.geomspace(low, high, 1 + int(np.ceil(np.log(high / low) / np.log(LADDER))))
-    watch = Watch(
-        Offered(places, ladder, sign, first=0.0, last=0.0),
-        course,
-        moved,
+    task = ready_to_follow(
+        estimator,
+        model,
+        recording,
+        sizes=sizes,
         before=before,
         after=after,
+        beside=beside,
         alarm=alarm,
         gain=gain,
     )
-    found = follower(ForcedMotion.of(forced), readings_of(forced, data), watch)
-    begin, dt = float(recording["time"].values[0]), float(recording.attrs["dt"])
-    return _table(found, course, estimator.forces, beside, begin=begin, dt=dt)
-
-
-def _parted(
-    forces: Sequence[str], beside: Sequence[str]
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Numbers of the forces beside a hit, and of those at which it may be."""
-    for name in beside:
-        if name not in forces:
-            raise TuningError(f"beside: '{name}' is none of the forces: {nearest(name, forces)}")
-    places = tuple(i for i, name in enumerate(forces) if name not in beside)
-    if not places:
-        raise TuningError("beside: all forces are beside the hit; leave one out")
-    return tuple(forces.index(name) for name in beside), places
-
-
-def _signs(estimator: AbstractForceEstimator) -> list[float]:
-    """1, -1 or 0 of every force."""
-    side, belongs = estimator.sides(), estimator.dictionary.force_of(len(estimator.forces))
-    return [float(side[belongs.index(i)]) for i in range(len(estimator.forces))]
-
-
-def _table(
-    found: list[FoundHit],
-    course: AbstractPulses,
-    forces: Sequence[str],
-    beside: Sequence[str],
-    *,
-    begin: float,
-    dt: float,
-) -> xr.Dataset:
-    """What `follow_hits` returns."""
-    numbers = ("time", "start", "size", "impulse", "width")
-    names = [*itertools.chain(*((n, f"{n}_std") for n in numbers)), "explained", "rival"]
-    columns: dict[str, list[float]] = {name: [] for name in names}
-    for hit in found:
-        for name, value in _row(hit, course, begin, dt).items():
-            columns[name].append(value)
-    pulses = [hit.fit.hit for hit in found if hit.fit.hit is not None]
-    table = xr.Dataset({name: ("hit", np.array(values)) for name, values in columns.items()})
-    table["force"] = "hit", np.array([forces[p.force] for p in pulses], dtype=object)
-    sizes = np.array([p.sizes[1:] for p in pulses]).reshape(len(pulses), len(beside))
-    table["beside"] = ("hit", "moved"), sizes
-    return table.assign_coords(moved=list(beside))
-
-
-def _row(hit: FoundHit, course: AbstractPulses, begin: float, dt: float) -> dict[str, float]:
-    pulse = hit.fit.hit
-    assert pulse is not None
-    area = float(course.impulse(np.array(float(course.lasts))))
-    size, width = pulse.sizes[0], pulse.width
-    first = hit.begin + pulse.start
-    middle = course.middle(start=0.0, width=1.0)
-    nx = len(hit.fit.x0)
-    which = [nx, -2, -1]
-    spread = hit.covariance[np.ix_(which, which)]  # size, start, width
-    shown = {
-        "time": (begin + dt * (first + middle * width), (0.0, dt, dt * middle)),
-        "start": (begin + dt * first, (0.0, dt, 0.0)),
-        "size": (size, (1.0, 0.0, 0.0)),
-        "impulse": (size * area * width * dt, (area * width * dt, 0.0, area * size * dt)),
-        "width": (width * dt, (0.0, 0.0, dt)),
-    }
-    row = {name: value for name, (value, _) in shown.items()}
-    for name, (_, by) in shown.items():
-        row[f"{name}_std"] = float(np.sqrt(max(np.array(by) @ spread @ np.array(by), 0.0)))
-    row["explained"] = 1 - hit.fit.cost / hit.without
-    row["rival"] = hit.rival / hit.fit.cost
-    return row
+    return task.table(task.follow(lambda _: None).hits)

@@ -1,0 +1,19 @@
+"""Read, check, align and merge recordings."""
+
+from backsight.data.columns import Column as Column
+from backsight.data.derived import convert_units as convert_units
+from backsight.data.derived import remove_delays as remove_delays
+from backsight.data.differences import increments as increments
+from backsight.data.finite_elements import Matrix as Matrix
+from backsight.data.finite_elements import ModeShapes as ModeShapes
+from backsight.data.finite_elements import SensorList as SensorList
+from backsight.data.finite_elements import read_forces as read_forces
+from backsight.data.finite_elements import read_matrix as read_matrix
+from backsight.data.finite_elements import read_modes as read_modes
+from backsight.data.finite_elements import read_sensors as read_sensors
+from backsight.data.listing import list_columns as list_columns
+from backsight.data.merging import merge as merge
+from backsight.data.reader import read as read
+from backsight.data.recording import from_arrays as from_arrays
+from backsight.data.resampling import resample as resample
+from backsight.data.resampling import to_grid as to_grid
