@@ -2,6 +2,7 @@
 
 import collections.abc
 import dataclasses
+import functools
 import numbers
 import types
 import typing
@@ -43,8 +44,20 @@ def fault(hint: Any, value: object, name: str) -> str | None:
     name : str
         Of the field or argument, for the message.
     """
+    if type(value) in PLAIN and _sound(hint, value):
+        return None
     found = _fault(hint, value, Called(name), None)
     return found.say() if found else None
+
+
+PLAIN = (types.NoneType, bool, int, float, str)
+"""Kinds of values whose answers are kept: a model of hundreds of states has thousands of fields."""
+
+
+@functools.lru_cache(maxsize=4096, typed=True)
+def _sound(hint: Any, value: object) -> bool:
+    """Whether a value fits."""
+    return _fault(hint, value, Called(""), None) is None
 
 
 def _fault(hint: Any, value: object, called: Called, within: Range | None) -> Fault | None:

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from backsight.discrete._falling_apart import parts_of
 from backsight.errors import ModelError
 from backsight.types import Array
 
@@ -43,11 +44,15 @@ def zoh(A: ArrayLike, B: ArrayLike, *, dt: float) -> tuple[Array, Array]:
     23(3), 395-404, doi:10.1109/TAC.1978.1101743.
     """
     a, b = _checked(A, B, dt)
-    nx, nu = b.shape
-    block = np.zeros((nx + nu, nx + nu))
-    block[:nx] = np.hstack([a, b]) * dt
-    top = np.asarray(scipy.linalg.expm(block), float)[:nx]
-    return top[:, :nx], top[:, nx:]
+    Ad, Bd = np.zeros_like(a), np.zeros_like(b)
+    nu = b.shape[1]
+    for part in parts_of(a):
+        nx, at = len(part), np.ix_(part, part)
+        block = np.zeros((nx + nu, nx + nu))
+        block[:nx] = np.hstack([a[at], b[part]]) * dt
+        top = np.asarray(scipy.linalg.expm(block), float)[:nx]
+        Ad[at], Bd[part] = top[:, :nx], top[:, nx:]
+    return Ad, Bd
 
 
 def foh(A: ArrayLike, B: ArrayLike, *, dt: float) -> tuple[Array, Array, Array]:
@@ -85,13 +90,16 @@ def foh(A: ArrayLike, B: ArrayLike, *, dt: float) -> tuple[Array, Array, Array]:
     to both (Van Loan 1978, doi:10.1109/TAC.1978.1101743).
     """
     a, b = _checked(A, B, dt)
-    nx, nu = b.shape
-    block = np.zeros((nx + 2 * nu, nx + 2 * nu))
-    block[:nx, : nx + nu] = np.hstack([a, b]) * dt
-    block[nx : nx + nu, nx + nu :] = np.eye(nu)
-    top = np.asarray(scipy.linalg.expm(block), float)[:nx]
-    held, ramp = top[:, nx : nx + nu], top[:, nx + nu :]
-    return top[:, :nx], held - ramp, ramp
+    Ad, held, ramp = np.zeros_like(a), np.zeros_like(b), np.zeros_like(b)
+    nu = b.shape[1]
+    for part in parts_of(a):
+        nx, at = len(part), np.ix_(part, part)
+        block = np.zeros((nx + 2 * nu, nx + 2 * nu))
+        block[:nx, : nx + nu] = np.hstack([a[at], b[part]]) * dt
+        block[nx : nx + nu, nx + nu :] = np.eye(nu)
+        top = np.asarray(scipy.linalg.expm(block), float)[:nx]
+        Ad[at], held[part], ramp[part] = top[:, :nx], top[:, nx : nx + nu], top[:, nx + nu :]
+    return Ad, held - ramp, ramp
 
 
 def _checked(A: ArrayLike, B: ArrayLike, dt: float) -> tuple[Array, Array]:

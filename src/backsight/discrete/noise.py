@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from backsight.discrete._falling_apart import parts_of
 from backsight.errors import ModelError, TuningError
 from backsight.types import Array
 
@@ -60,6 +61,14 @@ def discretise_noise(A: ArrayLike, Qc: ArrayLike, *, dt: float) -> tuple[Array, 
 
 def integrated_noise(a: Array, q: Array, *, dt: float) -> tuple[Array, Array]:
     """See `discretise_noise`; a part of a density, which need not be positive, is taken, too."""
+    phi, total = np.zeros_like(a), np.zeros_like(q)
+    for part in parts_of(a, q):
+        at = np.ix_(part, part)
+        phi[at], total[at] = _integrated(a[at], q[at], dt)
+    return phi, total
+
+
+def _integrated(a: Array, q: Array, dt: float) -> tuple[Array, Array]:
     with np.errstate(invalid="ignore"):  # SciPy makes indices of large scales, too, and drops them
         _, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
     a, q = a * scale / scale[:, None], q / np.outer(scale, scale)

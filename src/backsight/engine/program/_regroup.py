@@ -3,6 +3,7 @@
 import itertools
 
 import casadi as ca
+import numpy as np
 
 from backsight.engine.program._glue import positions
 from backsight.engine.program._scope import Scope
@@ -43,17 +44,17 @@ def _taken(places: list[int], value: Slice, scope: Scope, most: int) -> Regroupe
     """Numbers at some places: as pieces, or in a loop."""
     if not places or min(places) < 0:
         return None
-    runs = [[places[0], 0]]
-    for place in places:
-        if place != sum(runs[-1]):
-            runs.append([place, 0])
-        runs[-1][1] += 1
-    if len(runs) <= most:
+    at = np.asarray(places)
+    begins = np.concatenate([[0], np.flatnonzero(np.diff(at) != 1) + 1])
+    firsts, sizes = at[begins], np.diff(np.append(begins, len(at)))
+    if len(begins) <= most:
+        runs = zip(firsts.tolist(), sizes.tolist(), strict=True)
         return [], [[value.part(first, size) for first, size in runs]]
-    sizes = {size for _, size in runs}
-    strides = {b[0] - a[0] for a, b in itertools.pairwise(runs)}
-    if len(sizes) == 1 and len(strides) == 1 and (stride := strides.pop()) >= 1:
-        return _copied(value.part(places[0], sizes.pop()), stride, len(runs), scope)
+    strides = np.diff(firsts)
+    even = strides.size and (sizes == sizes[0]).all() and (strides == strides[0]).all()
+    if even and strides[0] >= 1:
+        first = value.part(places[0], int(sizes[0]))
+        return _copied(first, int(strides[0]), len(begins), scope)
     if value.size < MANY:
         return None
     return _copied(value.part(0, 1), scope.table("taken_from", tuple(places)), len(places), scope)

@@ -14,17 +14,26 @@ from numpy.typing import NDArray
 from backsight.algebra.update import measured, noise_of
 from backsight.description import Printed, Sound
 from backsight.discrete.runge_kutta import Hold
+from backsight.engine.dense import UNROLL, all_entries, applied, few_entries, transpose
 from backsight.engine.recursion import Recursion
 from backsight.errors import TuningError
 from backsight.estimators.base import ESTIMATE_CHANNELS, AbstractEstimator
+from backsight.estimators.kalman._placed_poles import placed_gain
 from backsight.estimators.kalman.kf import fixed_gain_halves
-from backsight.estimators.parts.covariance import packed
+from backsight.estimators.parts.covariance import (
+    Covariance,
+    congruence,
+    innovation_covariance,
+    noise_of_many,
+    times_transposed,
+)
 from backsight.estimators.parts.filtering import assemble, data_inputs, physical
+from backsight.estimators.parts.fixed_gain import looked_of_many
 from backsight.estimators.parts.flags import Flags
-from backsight.estimators.parts.leaf import Results, leaf, notation
+from backsight.estimators.parts.leaf import Results, half, leaf, notation
 from backsight.estimators.parts.linear import Linear, linear, require_observable
 from backsight.estimators.parts.memory import Memory
-from backsight.estimators.parts.substeps import within_bounds
+from backsight.estimators.parts.substeps import settled, within_bounds
 from backsight.estimators.uncertainty import Noise, Prior
 from backsight.models.model import Model
 from backsight.types import Array
@@ -98,7 +107,8 @@ class Luenberger(AbstractEstimator):
     ----------
     Luenberger, "An introduction to observers", 1971, doi:10.1109/TAC.1971.1099826.
     Tits, Yang, "Globally convergent algorithms for robust pole assignment by state feedback", 1996,
-    doi:10.1109/9.539425: the gain, if there are several outputs.
+    doi:10.1109/9.539425: the gain, if there are several outputs; of more than a dozen states
+    it comes from a Sylvester equation, see `backsight.estimators.kalman._placed_poles`.
 
     Examples
     --------
@@ -180,6 +190,8 @@ class Luenberger(AbstractEstimator):
                 "zero; use form = 'prediction'"
             )
         seen = system.C @ system.A if self.form == "filtering" else system.C
+        if nx > UNROLL:
+            return placed_gain(system.A, seen, self.poles)
         with warnings.catch_warnings():
             # Only how robust the choice among the possible gains is stays below its optimum.
             warnings.filterwarnings("ignore", message="Convergence was not reached")
@@ -197,9 +209,26 @@ def _error(system: Linear, gain: Array, form: str) -> Array:
 def _predicting(name: str, system: Linear, L: Array) -> Recursion:
     """Recursion of the prediction form; the memory lacks the part of an interpolated input."""
     s = system.s
+    kept = Covariance(s.model.nx)
     data = data_inputs(s)
     u, y, mask = s.enter()(*data)
-    m = Memory(z=s.x0, P=packed(s.P0), started=0)
+    m = Memory(z=s.x0, P=kept.kept(s.P0), started=0)
+    observe = _observe_many(system, L) if kept.whole else _observe(system, L)
+    x, e, S, flags, z, P = observe(m.z, m.P, m.started, u, y, mask)
+    (spread,) = kept.triangle().call([m.P], kept.whole, False)
+    return m.recursion(
+        name,
+        data,
+        next={"z": z, "P": P, "started": 1},
+        outputs=physical(s, x=x, P=spread, u=u, e=e, S=S, flags=flags),
+        channels=ESTIMATE_CHANNELS,
+        dt=s.dt,
+    )
+
+
+def _observe(system: Linear, L: Array) -> ca.Function:
+    """One sample: ``(z, P, started, u, y, mask) -> (x, e, S, flags, z_next, P_next)``."""
+    s = system.s
     A, B, B_next, C = (ca.sparsify(ca.DM(k)) for k in (system.A, system.B, system.B_next, system.C))
 
     def formula(z: ca.SX, P: ca.SX, started: ca.SX, u: ca.SX, y: ca.SX, mask: ca.SX) -> Results:
@@ -218,16 +247,33 @@ def _predicting(name: str, system: Linear, L: Array) -> Recursion:
             "P_next": ca.densify(error @ P @ error.T + gain @ R @ gain.T + ca.SX(s.Q)),
         }
 
-    sizes = {**notation(s), "z": s.model.nx, "started": 1}
-    x, e, S, flags, z, P = leaf("observe", sizes, formula)(m.z, m.P, m.started, u, y, mask)
-    return m.recursion(
-        name,
-        data,
-        next={"z": z, "P": P, "started": 1},
-        outputs=physical(s, x=x, P=m.P, u=u, e=e, S=S, flags=flags),
-        channels=ESTIMATE_CHANNELS,
-        dt=s.dt,
-    )
+    return leaf("observe", {**notation(s), "z": s.model.nx, "started": 1}, formula)
+
+
+def _observe_many(system: Linear, L: Array) -> ca.Function:
+    """`_observe` of many states."""
+    s = system.s
+    A, B, B_next, C = (ca.MX(few_entries(k)) for k in (system.A, system.B, system.B_next, system.C))
+
+    def formula(
+        z: ca.MX, P: ca.MX, started: ca.MX, u: ca.MX, y: ca.MX, mask: ca.MX
+    ) -> dict[str, ca.MX]:
+        free = z + started * applied(B_next, u)
+        x, flags = settled(s)(free, ca.MX.ones(s.model.nx), ca.MX.ones(s.model.ny))
+        e, gain = looked_of_many(system, L, (x, u, y, mask))
+        noise = noise_of_many(ca.MX(ca.DM(s.R)), mask)
+        error = all_entries(A) - times_transposed(gain, transpose(all_entries(C)))
+        added = ca.MX(ca.DM(s.Q)) + congruence(gain, noise, 0 * s.Q)
+        return {
+            "x": x,
+            "e": e,
+            "S": innovation_covariance(P, C, s.R, mask),
+            "flags": flags,
+            "z_next": applied(A, x) + applied(B, u) + applied(ca.DM(L), e),
+            "P_next": congruence(error, P, added),
+        }
+
+    return half("observe", s, formula, {"z": s.model.nx, "started": 1})
 
 
 def _shown(pole: complex) -> str:

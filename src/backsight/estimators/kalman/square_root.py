@@ -77,7 +77,7 @@ def width_of_prior(s: Setting, linearised: tuple[Array, Array] | None = None) ->
     H, sigma = H[sigma > 0], sigma[sigma > 0]
     for _ in range(min(s.model.nx, 10)):
         with np.errstate(over="ignore", invalid="ignore"):
-            seen, spread = np.linalg.norm(H @ spread, axis=1), F @ spread
+            seen, H = np.linalg.norm(H @ spread, axis=1), H @ F
         if not np.isfinite(seen).all():
             return 0.0
         largest = max(largest, float((seen / sigma).max(initial=0.0)))

@@ -164,10 +164,15 @@ def innovation_covariance(P: ca.MX, H: ca.MX, R: Array | ca.MX, mask: ca.MX) -> 
     """H P H' and the noise of the sample, of many states; see `weighted_gain`."""
     PHt = times_transposed(P, H)
     HPHt = times_transposed(transpose(PHt), H)
-    m = ca.SX.sym("mask", H.shape[0])
+    noise = R if isinstance(R, ca.MX) else ca.MX(ca.densify(ca.DM(R)))
+    return symmetrise(HPHt) + noise_of_many(noise, mask)
+
+
+def noise_of_many(R: ca.MX, mask: ca.MX) -> ca.MX:
+    """`backsight.algebra.update.noise_of` of many outputs."""
+    m = ca.SX.sym("mask", R.shape[0])
     weights = ca.Function("weights", [m], [ca.if_else(update.measured(m), m, 1)])(mask)
-    by = dense.product_of(weights, weights, turned=(False, True))
-    return symmetrise(HPHt) + (R if isinstance(R, ca.MX) else ca.MX(ca.densify(ca.DM(R)))) / by
+    return R / dense.product_of(weights, weights, turned=(False, True))
 
 
 @dataclasses.dataclass(frozen=True)
