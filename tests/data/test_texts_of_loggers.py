@@ -47,6 +47,8 @@ LAYOUTS = {
     "a preamble": "Logger 3000\nserial;17\nRate 10 Hz\nt,y\n" + POINTS,
     "a preamble and units": "Run\nof today\n\nt,y\ns,mm\n" + POINTS,
     "a footer": "t,y\n" + POINTS + "\nOverflows none\nEnd\n",
+    "statistics behind a blank line": "t,y\n" + POINTS + "\n\nMean,0.5\n",
+    "statistics": "t,y\n" + POINTS + "\nMin,-2.75\nMax,1.5\n\nEnd\n",
     "percent comments": "% made by\n% t,y\n" + POINTS,
     "names in a middle comment": "! Comment\n! t y\n! Comment\n" + POINTS.replace(",", " "),
     "names and units in comments": "# t y\n# s m\n" + POINTS.replace(",", " "),
@@ -85,6 +87,8 @@ def test_units_in_the_file_are_those_of_the_signals(values, layout, unit):
     ("layout", "words"),
     [
         ("a footer", "the end left off: 'Overflows none'"),
+        ("statistics behind a blank line", "the end left off: 'Mean,0.5'"),
+        ("statistics", "the end left off: 'Min,-2.75'"),
         ("a preamble", "3 lines before the names left off"),
         ("decimal commas", "decimal sign ','"),
         ("thousands, quoted", "thousands ','"),
@@ -96,6 +100,11 @@ def test_what_was_understood_is_said(values, layout, words):
 
 def test_a_plain_text_needs_no_words(values):
     assert "understood" not in values("t,y\n" + POINTS)[2].attrs
+
+
+def test_a_word_in_the_last_row_alone_is_no_footer(values):
+    with pytest.raises(DataError, match="'ERR' is not a number"):
+        values("t,y\n" + POINTS + "\nERR,8\n")
 
 
 @pytest.mark.parametrize(

@@ -258,19 +258,35 @@ def _footer(
     numeric: Sequence[int],
     comment: str,
 ) -> tuple[int, str]:
-    """Where the numbers end, and the first line after them: lines without any number in a cell."""
+    """Where the numbers end, and the first line after them.
+
+    Lines without any number in a cell; statistics, too, which have a word where all rows have a
+    value: several of them, or behind a blank line. A single one may be a code for "not measured".
+    """
     if begin is None or not numeric:
         return len(content), ""
     start = max(begin.start, len(content) - _SPOT)
     last = [*lines(content, start=start)]
     last = last if start == begin.start else last[1:]
     stop, first = len(content), ""
+    words: dict[str, tuple[int, str]] = {}
     for line in reversed(last):
-        if is_blank(line.text) or _is_comment(line, comment):
+        if is_blank(line.text):
+            stop, first = next(reversed(words.values()), (stop, first))
+            words = {}
+            continue
+        if _is_comment(line, comment):
             continue
         cells = cells_of(line.text, delimiter)
         known = [cell for cell in cells if cell]
-        if "\0" in line.text or not known or any(map(_is_value, known)):
+        if "\0" in line.text or not known:
             break
-        stop, first = line.start, line.text.strip()[:60]
-    return stop, first
+        here = line.start, line.text.strip()[:60]
+        if any(map(_is_value, known)):
+            word = cells[numeric[0]] if numeric[0] < len(cells) else ""
+            if not word[:1].isalpha() or _is_value(word) or word in MISSING or word in words:
+                break
+            words[word] = here
+        else:
+            (stop, first), words = here, {}
+    return next(reversed(words.values())) if len(words) > 1 else (stop, first)
