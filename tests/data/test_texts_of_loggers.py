@@ -47,8 +47,10 @@ LAYOUTS = {
     "a preamble": "Logger 3000\nserial;17\nRate 10 Hz\nt,y\n" + POINTS,
     "a preamble and units": "Run\nof today\n\nt,y\ns,mm\n" + POINTS,
     "a footer": "t,y\n" + POINTS + "\nOverflows none\nEnd\n",
-    "statistics": "t,y\n" + POINTS + "\nStatistics\nMean,0.123\nMax,1.5\n",
+    "statistics with a title": "t,y\n" + POINTS + "\nStatistics\nMean,0.123\nMax,1.5\n",
     "statistics, apart": "t,y\n" + POINTS + "\n\nMean,0.123\nMax,1.5\n",
+    "statistics behind a blank line": "t,y\n" + POINTS + "\n\nMean,0.5\n",
+    "statistics": "t,y\n" + POINTS + "\nMin,-2.75\nMax,1.5\n\nEnd\n",
     "percent comments": "% made by\n% t,y\n" + POINTS,
     "names in a middle comment": "! Comment\n! t y\n! Comment\n" + POINTS.replace(",", " "),
     "names and units in comments": "# t y\n# s m\n" + POINTS.replace(",", " "),
@@ -87,7 +89,9 @@ def test_units_in_the_file_are_those_of_the_signals(values, layout, unit):
     ("layout", "words"),
     [
         ("a footer", "the end left off: 'Overflows none'"),
-        ("statistics", "the end left off: 'Statistics'"),
+        ("statistics with a title", "the end left off: 'Statistics'"),
+        ("statistics behind a blank line", "the end left off: 'Mean,0.5'"),
+        ("statistics", "the end left off: 'Min,-2.75'"),
         ("a preamble", "3 lines before the names left off"),
         ("decimal commas", "decimal sign ','"),
         ("thousands, quoted", "thousands ','"),
@@ -99,6 +103,11 @@ def test_what_was_understood_is_said(values, layout, words):
 
 def test_a_plain_text_needs_no_words(values):
     assert "understood" not in values("t,y\n" + POINTS)[2].attrs
+
+
+def test_a_word_in_the_last_row_alone_is_no_footer(values):
+    with pytest.raises(DataError, match="'ERR' is not a number"):
+        values("t,y\n" + POINTS + "\nERR,8\n")
 
 
 @pytest.mark.parametrize(

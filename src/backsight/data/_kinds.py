@@ -127,7 +127,8 @@ def _in_archive(path: Path) -> str | None:
         return ".npz"
     if "[Content_Types].xml" in names:
         return ".xlsx"
-    return TEXT[0] if len(names) == 1 else None
+    # Of several, the reader of texts says that one is wanted.
+    return TEXT[0] if names else None
 
 
 def _is_text(head: bytes) -> bool:

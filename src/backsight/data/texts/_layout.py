@@ -260,8 +260,8 @@ def _footer(
 ) -> tuple[int, str]:
     """Where the numbers end, and the first line after them.
 
-    Lines without any number in a cell, and behind such a line or a blank one those that begin with
-    a word where the others have a number, as a mean of the columns does.
+    Lines without any number in a cell; statistics, too, which have a word where all rows have a
+    value: several of them, or behind a blank line. A single one may be a code for "not measured".
     """
     if begin is None or not numeric:
         return len(content), ""
@@ -269,21 +269,24 @@ def _footer(
     last = [*lines(content, start=start)]
     last = last if start == begin.start else last[1:]
     stop, first = len(content), ""
-    apart: tuple[int, str] | None = None  # begun with a word, if such a line is before them
+    words: dict[str, tuple[int, str]] = {}
     for line in reversed(last):
         if is_blank(line.text):
-            (stop, first), apart = apart or (stop, first), None
-        if is_blank(line.text) or _is_comment(line, comment):
+            stop, first = next(reversed(words.values()), (stop, first))
+            words = {}
+            continue
+        if _is_comment(line, comment):
             continue
         cells = cells_of(line.text, delimiter)
         known = [cell for cell in cells if cell]
         if "\0" in line.text or not known:
             break
         here = line.start, line.text.strip()[:60]
-        if not any(map(_is_value, known)):
-            (stop, first), apart = here, None
-        elif 0 in numeric and cells[0] and not _is_value(cells[0]):
-            apart = here
+        if any(map(_is_value, known)):
+            word = cells[numeric[0]] if numeric[0] < len(cells) else ""
+            if not word[:1].isalpha() or _is_value(word) or word in MISSING or word in words:
+                break
+            words[word] = here
         else:
-            break
-    return stop, first
+            (stop, first), words = here, {}
+    return next(reversed(words.values())) if len(words) > 1 else (stop, first)
