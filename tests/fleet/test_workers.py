@@ -14,6 +14,7 @@ from tests.fleet.springs import write_fleet
 
 from backsight.errors import WorkerError
 from backsight.fleet import _workers, load_fleet, run_fleet
+from backsight.fleet.items import done
 from backsight.fleet.rows.store import ROWS
 
 distributed = pytest.importorskip("distributed")
@@ -122,7 +123,7 @@ def test_work_that_kills_is_cut_down_to_the_recording_that_does_it(tmp_path, mon
         def finished(self):
             work = self._waiting.popleft()
             deadly = any("r1" in piece.listed.name for piece in work.pieces)
-            yield work, "the worker died of it" if deadly else _workers.done(work)
+            yield work, "the worker died of it" if deadly else done(work)
 
     monkeypatch.setattr(_workers, "ThisProcess", Mortal)
     path = write_fleet(tmp_path)

@@ -26,6 +26,11 @@ def written(folder, samples):
         file["place"] = 1e-3 * np.random.default_rng(3).standard_normal(samples)
 
 
+def collected(done, count):
+    """Let garbage go between parts; when it goes by itself is chance."""
+    gc.collect()
+
+
 def in_parts(folder, samples):
     parts = read_parts(
         folder / f"{samples}.h5",
@@ -40,7 +45,7 @@ def in_parts(folder, samples):
         parts,
         folder / str(samples),
         outputs=KEPT,
-        progress=lambda *_: gc.collect(),  # when it happens by itself is chance
+        progress=collected,
     )
 
 
