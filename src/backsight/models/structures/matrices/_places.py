@@ -100,8 +100,8 @@ def _refuse_formula(given: object, what: str) -> None:
     """Raise `ModelError` if what should be a place or a weight is a formula."""
     if isinstance(given, str) and _FORMULA.search(given):
         raise ModelError(
-            f"{what} is given the formula '{given}'; here stands where it acts, and how large it is "
-            "is unknown as a whole. A force by a formula with unknown parameters belongs to the "
+            f"{what} is given the formula '{given}'; here stands where it acts, and its size is "
+            "unknown as a whole. A force by a formula with unknown parameters belongs to the "
             "equations of motion (kind = 'equations', from_equations)"
         )
 
