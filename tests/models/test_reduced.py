@@ -177,6 +177,9 @@ def test_kinds_of_damping():
         ({"damping": None}, "give either damping"),
         ({"sensors": {"y": ("pace", 0)}}, "sensor 'y' is a 'pace'"),
         ({"inputs": {"F": {0: "x"}}}, "input 'F' has the weight 'x'"),
+        ({"forces": {"F": "c*sin(t)"}}, r"force 'F' is given the formula 'c\*sin\(t\)'"),
+        ({"forces": {"F": {0: "c*u"}}}, r"formula 'c\*u'; .* from_equations"),
+        ({"forces": {"F": {"at": 0, "expression": "-k*q1"}}}, r"formula '-k\*q1'"),
         ({"ground": {"a": "UX"}}, "ground 'a' moves 'UX': the coordinates have no names"),
     ],
 )

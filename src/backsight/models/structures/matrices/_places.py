@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import re
 from collections import Counter
 from collections.abc import Mapping
 from typing import TypeAlias
@@ -15,6 +16,9 @@ from backsight.types import Array, Sparse
 
 Place: TypeAlias = int | str | Mapping[int | str, float] | ArrayLike
 """A coordinate by its number, from 0 on, or its name; coordinates to weights; or all weights."""
+
+_FORMULA = re.compile(r"[*^=]|\w\s*[-+]\s*[A-Za-z(]")
+"""Signs of a formula, which a place has none of."""
 
 CANCELLED = 1e-9
 """A weighted sum of deflections below this share of its terms is the rounding of zero."""
@@ -58,6 +62,7 @@ class Places:
         if isinstance(place, str):
             found = self._numbers.get(place)
             if found is None:
+                _refuse_formula(place, what)
                 hint = nearest(place, self.names) if self.names else "they have no names"
                 raise ModelError(f"{what} is at the coordinate '{place}': {hint}")
             return found
@@ -73,6 +78,7 @@ class Places:
             single: int | str = place if isinstance(place, str) else int(place)
             place = {single: 1.0}
         if isinstance(place, Mapping):
+            _refuse_formula(place.get("expression"), what)
             rows = [self.number(at, what) for at in place]
             values = np.array([_weight(value, what) for value in place.values()])
             entries = (values, (rows, np.zeros(len(rows), int)))
@@ -90,7 +96,18 @@ class Places:
         return scipy.sparse.csc_array(values[:, None])
 
 
+def _refuse_formula(given: object, what: str) -> None:
+    """Raise `ModelError` if what should be a place or a weight is a formula."""
+    if isinstance(given, str) and _FORMULA.search(given):
+        raise ModelError(
+            f"{what} is given the formula '{given}'; here stands where it acts, and its size is "
+            "unknown as a whole. A force by a formula with unknown parameters belongs to the "
+            "equations of motion (kind = 'equations', from_equations)"
+        )
+
+
 def _weight(given: object, what: str) -> float:
+    _refuse_formula(given, what)
     if not isinstance(given, int | float | np.number) or not np.isfinite(given):
         raise ModelError(f"{what} has the weight {given!r}; it must be a finite number")
     return float(given)
