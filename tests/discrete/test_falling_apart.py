@@ -36,7 +36,7 @@ def test_as_all_together(monkeypatch, shared):
     def all_of_it():
         return *zoh(A, B, dt=0.05), *foh(A, B, dt=0.05), *discretise_noise(A, density, dt=0.05)
 
-    parts = [sorted(part) for part in _falling_apart.parts_of(A, density)]
+    parts = [sorted(part) for part in _falling_apart.independent_parts(A, density)]
     assert len(parts) == 20 - shared
     assert sorted(itertools.chain(*parts)) == list(range(40))
     apart = all_of_it()

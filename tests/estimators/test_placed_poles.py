@@ -7,6 +7,7 @@ import backsight as bs
 from backsight.errors import TuningError
 from backsight.estimators.kalman import _placed_poles
 from backsight.estimators.kalman._placed_poles import placed_gain
+from backsight.estimators.parts.linear import linear
 from relations.linear import Run
 
 NX, NY = 16, 5
@@ -35,8 +36,8 @@ def test_the_slope_is_that_of_the_cost():
     poles = np.concatenate([poles, [0.3 + 0.2j, 0.1 + 0.4j]])
     n = 10
     values, V = np.linalg.eig(STABLE[:n, :n].T)
-    B = np.linalg.solve(V, SEEN[:, :n].T.astype(complex))
-    equation = _placed_poles._Equation(V, B, 1 / (values[:, None] - poles), 6)
+    B, weights = np.linalg.solve(V, SEEN[:, :n].T), 1 / (values[:, None] - poles)
+    equation = _placed_poles._Equation(V, B.astype(complex), weights.astype(complex), 6)
     G, to = (RNG.standard_normal((NY, n)) for _ in range(2))
     ahead, behind = (equation.cost(G + h * to)[0] for h in (1e-6, -1e-6))
     assert (ahead - behind) / 2e-6 == pytest.approx(to.ravel() @ equation.cost(G)[1], rel=1e-5)
@@ -82,7 +83,7 @@ def test_recursion_of_many_states(form):
     y[rng.random(y.shape) < 0.3] = np.nan
     result = Run(observer, plant, dt)(u, y)
     gain = observer.observer(plant, dt).gain
-    kf = bs.KalmanFilter(noise, prior)._system(plant, dt)
+    kf = linear(plant, dt, noise=noise, prior=prior, hold="zoh")
     s = kf.s
     A, B, C, Q, P = (
         s.sx[:, None] * kf.A / s.sx, s.sx[:, None] * kf.B / s.su, s.sy[:, None] * kf.C / s.sx,

@@ -11,7 +11,7 @@ LARGE = 32
 """With fewer states all together takes no longer than part by part."""
 
 
-def parts_of(*matrices: Array) -> Iterator[list[int]]:
+def independent_parts(*matrices: Array) -> Iterator[list[int]]:
     """States that move together, by the entries of matrices (n, n) that are not zero."""
     n = len(matrices[0])
     if n < LARGE:

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from backsight.discrete._falling_apart import parts_of
+from backsight.discrete._falling_apart import independent_parts
 from backsight.errors import ModelError
 from backsight.types import Array
 
@@ -46,7 +46,7 @@ def zoh(A: ArrayLike, B: ArrayLike, *, dt: float) -> tuple[Array, Array]:
     a, b = _checked(A, B, dt)
     Ad, Bd = np.zeros_like(a), np.zeros_like(b)
     nu = b.shape[1]
-    for part in parts_of(a):
+    for part in independent_parts(a):
         nx, at = len(part), np.ix_(part, part)
         block = np.zeros((nx + nu, nx + nu))
         block[:nx] = np.hstack([a[at], b[part]]) * dt
@@ -92,7 +92,7 @@ def foh(A: ArrayLike, B: ArrayLike, *, dt: float) -> tuple[Array, Array, Array]:
     a, b = _checked(A, B, dt)
     Ad, held, ramp = np.zeros_like(a), np.zeros_like(b), np.zeros_like(b)
     nu = b.shape[1]
-    for part in parts_of(a):
+    for part in independent_parts(a):
         nx, at = len(part), np.ix_(part, part)
         block = np.zeros((nx + 2 * nu, nx + 2 * nu))
         block[:nx, : nx + nu] = np.hstack([a[at], b[part]]) * dt

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from backsight.discrete._falling_apart import parts_of
+from backsight.discrete._falling_apart import independent_parts
 from backsight.errors import ModelError, TuningError
 from backsight.types import Array
 
@@ -62,7 +62,7 @@ def discretise_noise(A: ArrayLike, Qc: ArrayLike, *, dt: float) -> tuple[Array, 
 def integrated_noise(a: Array, q: Array, *, dt: float) -> tuple[Array, Array]:
     """See `discretise_noise`; a part of a density, which need not be positive, is taken, too."""
     phi, total = np.zeros_like(a), np.zeros_like(q)
-    for part in parts_of(a, q):
+    for part in independent_parts(a, q):
         at = np.ix_(part, part)
         phi[at], total[at] = _integrated(a[at], q[at], dt)
     return phi, total

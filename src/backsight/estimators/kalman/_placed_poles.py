@@ -56,7 +56,8 @@ def placed_gain(A: Array, C: Array, poles: Sequence[complex]) -> Array:
         If the arithmetic does not suffice: the poles that come out are not those that were asked
         for.
     """
-    upper = np.array(sorted((p for p in poles if p.imag >= 0), key=lambda p: (p.imag > 0, p.real)))
+    half = sorted((p for p in poles if p.imag >= 0), key=lambda p: (p.imag > 0, p.real))
+    upper: NDArray[np.complex128] = np.array(half, complex)
     # Outputs as orthogonal directions, so that no unit of one makes it heavier than another.
     turned, size, _ = np.linalg.svd(C.T, full_matrices=False)
     seen = size > size[0] * len(A) * np.finfo(float).eps
@@ -70,9 +71,9 @@ def placed_gain(A: Array, C: Array, poles: Sequence[complex]) -> Array:
         values, vectors = np.linalg.eig(F - B @ before)
     equation = _Equation(
         vectors,
-        np.linalg.solve(vectors, B.astype(vectors.dtype)),
-        1 / (values[:, None] - upper),
-        int(np.sum(upper.imag == 0)),
+        np.linalg.solve(vectors, B.astype(complex)).astype(complex),
+        (1 / (values[:, None] - upper)).astype(complex),
+        sum(p.imag == 0 for p in half),
     )
     start = rng.standard_normal((B.shape[1], len(A)))
     best = scipy.optimize.minimize(
@@ -144,7 +145,8 @@ class _Equation:
     def _whole(self, parts: Array) -> NDArray[np.complex128]:
         """Complex columns of their real and imaginary parts."""
         pairs = parts[:, self.real :]
-        return np.hstack([parts[:, : self.real], pairs[:, ::2] + 1j * pairs[:, 1::2]])
+        alone = parts[:, : self.real].astype(complex)
+        return np.hstack([alone, pairs[:, ::2] + 1j * pairs[:, 1::2]])
 
     def _parts(self, columns: NDArray[np.complex128]) -> Array:
         """The contrary of `_whole`."""
