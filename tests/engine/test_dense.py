@@ -9,6 +9,7 @@ import scipy
 
 from backsight.algebra.update import masked, noise_of
 from backsight.engine import dense
+from backsight.estimators.parts.covariance import plus_known
 from backsight.kernels import library
 
 N, M, K = 14, 5, 9
@@ -165,3 +166,10 @@ def test_products_with_a_matrix_of_some_entries(share, inner, turned):
     np.testing.assert_allclose(across.ravel(), F @ y, rtol=1e-13, atol=1e-13)
     np.testing.assert_allclose(along.ravel(), F.T @ x, rtol=1e-13, atol=1e-13)
     np.testing.assert_array_equal(values(dense.all_entries(given))[0], F.T if turned else F)
+
+
+@pytest.mark.parametrize("Q", [np.diag(np.arange(N) % 3 - 1.0), P], ids=["diagonal", "full"])
+def test_a_known_matrix_is_added(Q):
+    A = ca.MX.sym("A", N, N)
+    added = ca.Function("added", [A], [plus_known(A, ca.sparsify(ca.DM(Q)))])
+    np.testing.assert_array_equal(np.array(added(P)), P + Q)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backsight.engine.foreign import Kernel
-from backsight.engine.loops import iterate
+from backsight.engine.loops import iterate, scan
 from backsight.engine.program import Buffer, Call, Copy, Foreign, Loop, Program, flat, walk
 from backsight.engine.program._coalesce import without_copies
 from backsight.engine.program._moves import in_order
@@ -178,3 +178,16 @@ def test_a_call_with_the_same_arguments_is_made_once():
         expected = [np.asarray(v).ravel() for v in step(start, number)]
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-14)
+
+
+def test_once_is_no_loop():
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    body = ca.Function("body", [x, u], [x * u, ca.sum1(x) + u])
+    carry, data = ca.MX.sym("carry", 2), ca.MX.sym("data")
+    (after,), (seen,) = scan(body, 1, carry=[carry], xs=[data])
+    step = ca.Function("step", [carry, data], [after, seen])
+    program = walk(step)
+    assert not any(isinstance(s, Loop) for s in flat(program.body))
+    found = run(program, np.array([1.0, -2.0]), [np.array([3.0])])
+    for one, other in zip(found, ([3.0, -6.0], [2.0]), strict=True):
+        np.testing.assert_array_equal(one, other)

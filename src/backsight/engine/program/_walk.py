@@ -245,6 +245,8 @@ def _loop(
 ) -> Walked:
     body, n = loop.body, loop.n_carry
     _check_dense(body, scope.recursion)
+    if loop.length == 1 and loop.kind != "iterate":
+        return _function(body, arguments, scope)  # once is no loop, and its memory no copy
     counter = scope.name("k")
     carry = [scope.buffer(f"{body.name()}_carry", a.size).whole() for a in arguments[:n]]
     start = [Copy(a, c) for a, c in zip(arguments, carry, strict=False) if a.size]

@@ -14,6 +14,7 @@ from backsight.estimators.parts.covariance import (
     Covariance,
     Term,
     congruence,
+    plus_known,
     times_transposed,
     transposed,
 )
@@ -137,7 +138,7 @@ def transition(s: Setting, integrator: Integrator) -> ca.Function:
     def formula(x: Term, P: Term, ua: Term, ub: Term) -> Results:
         x_next, Phi = moved(x, ua, ub)
         first, last = noise(ua)
-        start = P + first if integrator.scheme != "exact" else P
+        start = plus_known(P, first) if integrator.scheme != "exact" else P
         return {"x_next": x_next, "P_next": congruence(Phi, start, last)}
 
     return half("transition", s, formula)

@@ -82,6 +82,20 @@ def packed(P: Array) -> Array:
     return P.T[np.triu_indices(len(P))]
 
 
+def plus_known(P: Term, Q: Array | ca.DM | Term) -> Term:
+    """P + Q; of a constant Q that is diagonal only its diagonal counts."""
+    if not isinstance(P, ca.MX) or isinstance(Q, ca.MX):
+        return P + Q
+    known = ca.DM(Q).full()
+    if np.count_nonzero(known - np.diag(np.diag(known))):
+        return P + Q
+    n = len(known)
+    places = ca.Sparsity.triplet(n * n, n, [i * (n + 1) for i in range(n)], list(range(n)))
+    row = ca.reshape(P, 1, n * n)
+    added = add_product(row, ca.MX.ones(1, n), ca.MX(ca.DM(places, np.diag(known))))
+    return ca.reshape(added, n, n)
+
+
 def times_transposed(A: Term, F: Term) -> Term:
     """A F' of a dense A and a sparse F."""
     if isinstance(A, ca.MX):
