@@ -104,11 +104,8 @@ static int cs_window_append(const cs_window_sizes *z, const cs_window_tables *ta
     const real *values = cs_window_values(z, prior, A, s);
     const int start = nx + A->start[s], length = cs_window_length(z, A, s, z->d);
     real *effect = A->effect + s * tab->rows, *row = A->row, *L = A->L;
-    for (int i = 0; i < tab->rows; ++i) effect[i] = 0;
-    cs_window_product(effect, 1, tab->J + start * tab->rows, tab->rows, values, 1, tab->rows,
-                      length);
-    for (int i = 0; i < nx; ++i) row[i] = 0;
-    cs_window_product(row, 1, A->X, nx, effect, 1, nx, nx);
+    cs_window_applied(effect, tab->J + start * tab->rows, tab->rows, values, tab->rows, length);
+    cs_window_applied(row, A->X, nx, effect, nx, nx);
     for (int k = 0; k < s; ++k)
         row[nx + k] = cs_window_dot(cs_window_values(z, prior, A, k), effect + nx + A->start[k],
                                     cs_window_length(z, A, k, z->d));

@@ -50,6 +50,26 @@ static void cs_window_product(real *restrict y, real factor, const real *restric
     if (n == 1) cs_window_add(y, factor * x[0], A, rows);
 }
 
+/* y = A x, columns `stride` apart: what `cs_window_product` adds to zeros, which are not written. */
+static void cs_window_applied(real *restrict y, const real *restrict A, int stride,
+                              const real *restrict x, int rows, int n)
+{
+    if (n >= 4) {
+        const real *a = A, *b = a + stride, *c = b + stride, *d = c + stride;
+        for (int i = 0; i < rows; ++i)
+            y[i] = (x[0] * a[i] + x[1] * b[i]) + (x[2] * c[i] + x[3] * d[i]);
+        if (n > 4) cs_window_product(y, 1, d + stride, stride, x + 4, 1, rows, n - 4);
+    } else if (n == 3) {
+        const real *a = A, *b = a + stride, *c = b + stride;
+        for (int i = 0; i < rows; ++i) y[i] = x[0] * a[i] + (x[1] * b[i] + x[2] * c[i]);
+    } else if (n == 2) {
+        const real *a = A, *b = a + stride;
+        for (int i = 0; i < rows; ++i) y[i] = x[0] * a[i] + x[1] * b[i];
+    } else {
+        for (int i = 0; i < rows; ++i) y[i] = n == 1 ? x[0] * A[i] : 0;
+    }
+}
+
 /* Lower factor of a positive semidefinite matrix in place, of which only the lower triangle is
    used; directions without variance are 0. */
 static void cs_window_factor(real *A, int n)

@@ -64,14 +64,12 @@ static void cs_window_look(cs_window_problem *k)
     k->unobserved = unknown;
     for (int i = 0; i < count && !every; ++i) k->given[i] = k->r[k->counting.used[i]];
     if (!k->tab.whole) cs_window_forward(k->tab.L, count, k->given, 0, count);
-    for (int i = 0; i < rows; ++i) k->v[i] = 0;
-    cs_window_product(k->v, 1, k->tab.W, rows, every ? k->r : k->given, 1, rows, count);
+    cs_window_applied(k->v, k->tab.W, rows, every ? k->r : k->given, rows, count);
     for (int i = 0; i < z->columns && z->bounded; ++i)
         if (k->held[i]) cs_window_hold(k, i, k->at_limit[i], k->v);
     k->A.X = k->X;
     k->A.count = 0;
-    for (int i = 0; i < nx; ++i) k->A.right[i] = 0;
-    cs_window_product(k->A.right, 1, k->X, nx, k->v, 1, nx, nx);
+    cs_window_applied(k->A.right, k->X, nx, k->v, nx, nx);
 }
 
 /* Gradients where no atom is active. */

@@ -30,11 +30,9 @@ static void cs_window_gradients(const cs_window_sizes *z, const cs_window_prior 
                                 const real *modal, real *g)
 {
     const int atoms = z->atoms, whole = z->width * z->p;
-    for (int i = 0; i < z->n; ++i) g[i] = 0;
     for (int j = 0; j < z->steps; ++j) {
         const int left = z->d - j * z->p, length = left < whole ? left : whole;
-        cs_window_product(g + j * atoms, 1, prior->across, atoms, modal + j * z->p, 1, atoms,
-                          length);
+        cs_window_applied(g + j * atoms, prior->across, atoms, modal + j * z->p, atoms, length);
     }
 }
 
