@@ -41,6 +41,12 @@ SENSORS = {"s1": 0.245, "s2": 0.325, "s3": 0.405}
 NODES = tuple(round(FIRST + 0.04 * i, 3) for i in range(8))
 """Places at which a force may act [m]."""
 
+FORCES = tuple(f"F{i}" for i in range(len(NODES)))
+"""Names of the forces at these places."""
+
+DAMPING = (0.030, 0.037, 0.119)
+"""Of the modes, as shares of the critical one."""
+
 THICKNESS = {0.0: 3.0e-3, -3.3: 2.9e-3, -6.7: 2.8e-3, -10.0: 2.7e-3}
 """Mismatch of the frequencies in percent to the thickness that a model assumes [m]."""
 
@@ -87,7 +93,7 @@ def model(mismatch: float, places: Sequence[float] = NODES) -> Model:
         thickness=THICKNESS[mismatch],
         youngs_modulus=65.9e9,
         density=7502.0,
-        damping=(0.030, 0.037, 0.119),
+        damping=DAMPING,
         sensors={name: ("displacement", x) for name, x in SENSORS.items()},
         forces={f"F{i}": x for i, x in enumerate(places)},
         name="cantilever",

@@ -1,8 +1,8 @@
 """Windows with sparse forces by what follows the l1 norm, of a linear and of a nonlinear model.
 
-``python -m benchmarks.sparse_windows`` prints microseconds per window: of the cantilever of
-`benchmarks.cantilever`'s kind with six states, and of the same with its three frequencies among the
-states. Every figure is the smallest of some runs, since others may use the machine, too.
+``python -m benchmarks.sparse_windows`` prints microseconds per window: of `benchmarks.cantilever`
+with six states, and of the same with its three frequencies among the states. Every figure is the
+smallest of some runs, since others may use the machine, too.
 """
 
 import argparse
@@ -17,11 +17,11 @@ import backsight as bs
 from backsight.models.lti import state_space
 from backsight.models.signals import Named
 from backsight.types import Array
+from benchmarks import cantilever
+from benchmarks.cantilever import DAMPING, DT, FORCES, SENSORS
 
-DT, SIGMA = 2.5e-3, 1e-5
-PLACES = {f"F{i}": 0.125 + 0.04 * i for i in range(8)}
-SENSORS = {"s1": 0.245, "s2": 0.325, "s3": 0.405}
-DAMPING = (0.030, 0.037, 0.119)
+SIGMA = 1e-5
+"""Of the sensors [m]."""
 
 REFINEMENTS = {
     "the l1 norm": None,
@@ -33,27 +33,13 @@ SIZES = {"q": 1e-5, "v": 1e-3, "r": 0.02}
 """Prior of displacements and rates of modes, and of the shares by which frequencies are off."""
 
 
-def cantilever() -> bs.Model:
-    """The beam that is struck."""
-    return bs.beam(
-        0.405,
-        width=0.025,
-        thickness=0.003,
-        youngs_modulus=65.9e9,
-        density=7502.0,
-        damping=DAMPING,
-        sensors={name: ("displacement", x) for name, x in SENSORS.items()},
-        forces=PLACES,
-    )
-
-
 def unsure() -> bs.Model:
     """The same in discrete time, each mode exactly, with frequencies as states."""
-    A, B, C, _ = state_space(bs.forces.forces_as_inputs(cantilever(), list(PLACES)))
+    A, B, C, _ = state_space(bs.forces.forces_as_inputs(cantilever.model(0.0), FORCES))
     omega = np.sqrt(-np.diag(A[3:, :3]))
 
     def f(x: Named, _: Named, p: Named) -> list[ca.SX]:
-        pushed = ca.DM(B[3:]) @ ca.vertcat(*(p[name] for name in PLACES))
+        pushed = ca.DM(B[3:]) @ ca.vertcat(*(p[name] for name in FORCES))
         places, rates = [], []
         for i, z in enumerate(DAMPING):
             w = omega[i] * (1 + x[f"r{i}"])
@@ -73,7 +59,7 @@ def unsure() -> bs.Model:
         states=dict.fromkeys((f"{s}{i}" for s in SIZES for i in range(3)), ""),
         inputs={},
         outputs=dict.fromkeys(SENSORS, "m"),
-        parameters=dict.fromkeys(PLACES, (0.0, "N")),
+        parameters=dict.fromkeys(FORCES, (0.0, "N")),
         dt=DT,
     )
 
@@ -81,26 +67,26 @@ def unsure() -> bs.Model:
 def struck(samples: int) -> xr.Dataset:
     """A recording with a hit of 3 to 12 N every dozen samples."""
     rng = np.random.default_rng(0)
-    d: Array = np.zeros((samples, len(PLACES)))
+    d: Array = np.zeros((samples, len(FORCES)))
     at = np.arange(8, samples - 5, 12)
     sizes = rng.choice([-1.0, 1.0], len(at)) * rng.uniform(3.0, 12.0, len(at))
-    d[at, rng.integers(0, len(PLACES), len(at))] = sizes
-    model = bs.forces.forces_as_inputs(cantilever(), list(PLACES))
+    d[at, rng.integers(0, len(FORCES), len(at))] = sizes
+    model = bs.forces.forces_as_inputs(cantilever.model(0.0), FORCES)
     return bs.simulate(model, d, dt=DT, sigma_y=SIGMA, seed=1)
 
 
 def times(samples: int, runs: int) -> dict[str, dict[str, float]]:
     """Microseconds per window, by model and refinement."""
-    recording, forces = struck(samples), tuple(PLACES)
+    recording = struck(samples)
     shares = bs.Prior(sigma_x0={f"{s}{i}": v for s, v in SIZES.items() for i in range(3)})
     plain = bs.CompressiveSensingMHE(
-        bs.Noise(sigma_y=SIGMA), bs.Prior(sigma_x0=1e-3), forces=forces, lam=17.0, N=10,
+        bs.Noise(sigma_y=SIGMA), bs.Prior(sigma_x0=1e-3), forces=FORCES, lam=17.0, N=10,
         sigma_force=0.02,
     )  # fmt: skip
     along = dataclasses.replace(plain, prior=shares, lam=20.0, sigma_force=0.005, threshold=1.0)
     found: dict[str, dict[str, float]] = {}
     for name, model, base in (
-        ("linear, 6 states", cantilever(), plain),
+        ("linear, 6 states", cantilever.model(0.0), plain),
         ("nonlinear, 9 states", unsure(), along),
     ):
         found[name] = {}

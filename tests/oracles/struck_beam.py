@@ -15,6 +15,33 @@ NODES = 0.125 + 0.04 * np.arange(8)
 FORCES = tuple(f"F{i}" for i in range(8))
 HITS = {(12, 7): -10.0, (24, 6): -5.0, (36, 4): 5.0, (48, 1): 10.0}
 
+PROBLEM = f"""
+[recording]
+path = "beam.csv"
+dt = {DT}
+outputs = {{ s1 = "s1", s2 = "s2", s3 = "s3" }}
+
+[model]
+kind = "beam"
+length = 0.405
+width = 0.025
+thickness = 0.003
+youngs_modulus = 65.9e9
+density = 7502
+damping = [0.030, 0.037, 0.119]
+sensors.s1 = {{ kind = "displacement", at = 0.245 }}
+sensors.s2 = {{ kind = "displacement", at = 0.325 }}
+sensors.s3 = {{ kind = "displacement", at = 0.405 }}
+forces = {{ {", ".join(f"{name} = {x:.3f}" for name, x in zip(FORCES, NODES, strict=True))} }}
+
+[prior]
+sigma_x0 = {{ q1 = 1e-5, q2 = 1e-5, q3 = 1e-5, q1_dot = 1e-3, q2_dot = 1e-3, q3_dot = 1e-3 }}
+
+[noise]
+sigma_y = {{ s1 = 1e-5, s2 = 1e-5, s3 = 1e-5 }}
+"""
+"""The beam of 3 mm as a problem file, to which estimators are added."""
+
 
 def model(thickness: float) -> Model:
     places = (0.245, 0.325, 0.405)

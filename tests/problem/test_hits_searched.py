@@ -11,34 +11,10 @@ from backsight.errors import BacksightError, ProblemError
 from backsight.problem import load, run_problem
 from oracles import struck_beam
 
-DT, AT, SIZE = 0.0025, 12, 6.0
+AT, SIZE = 12, 6.0
 PLACES = dict(zip(struck_beam.FORCES, map(float, struck_beam.NODES), strict=True))
 NODES = ", ".join(f"{x:.3f}" for x in PLACES.values())
-PROBLEM = f"""
-[recording]
-path = "beam.csv"
-dt = {DT}
-outputs = {{ s1 = "s1", s2 = "s2", s3 = "s3" }}
-
-[model]
-kind = "beam"
-length = 0.405
-width = 0.025
-thickness = 0.003
-youngs_modulus = 65.9e9
-density = 7502
-damping = [0.030, 0.037, 0.119]
-sensors.s1 = {{ kind = "displacement", at = 0.245 }}
-sensors.s2 = {{ kind = "displacement", at = 0.325 }}
-sensors.s3 = {{ kind = "displacement", at = 0.405 }}
-forces = {{ {", ".join(f"{name} = {x:.3f}" for name, x in PLACES.items())} }}
-
-[prior]
-sigma_x0 = {{ q1 = 1e-5, q2 = 1e-5, q3 = 1e-5, q1_dot = 1e-3, q2_dot = 1e-3, q3_dot = 1e-3 }}
-
-[noise]
-sigma_y = {{ s1 = 1e-5, s2 = 1e-5, s3 = 1e-5 }}
-
+PROBLEM = f"""{struck_beam.PROBLEM}
 [estimators.CS]
 kind = "csmhe"
 forces = [{", ".join(f'"{name}"' for name in PLACES)}]
@@ -60,7 +36,7 @@ def problem(tmp_path):
     d = np.zeros((40, len(PLACES)))
     d[AT, 4] = SIZE
     model = bs.forces.forces_as_inputs(read(PROBLEM).model, list(PLACES))
-    made = bs.simulate(model, d, dt=DT, sigma_y=1e-5, seed=1)
+    made = bs.simulate(model, d, dt=struck_beam.DT, sigma_y=1e-5, seed=1)
     path = tmp_path / "beam.csv"
     np.savetxt(path, made["y"], delimiter=",", header="s1,s2,s3", comments="")
     return read
@@ -72,7 +48,7 @@ def test_forces_and_hits_of_the_whole_recording(problem, tmp_path):
     with xr.open_dataset(tmp_path / "out" / "estimates.nc", group="CS") as result:
         assert np.argwhere(result["d_hat"].values).tolist() == [[AT, 4]]
         assert result.sizes["hit"] == 1
-        true = {"place": PLACES["F4"], "start": DT * AT, "size": SIZE}
+        true = {"place": PLACES["F4"], "start": struck_beam.DT * AT, "size": SIZE}
         for name, value in true.items():
             off, std = abs(result[f"hit_{name}"][0] - value), result[f"hit_{name}_std"][0]
             assert off < 4 * std < 0.1 * value

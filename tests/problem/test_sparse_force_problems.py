@@ -10,32 +10,7 @@ from backsight.settings import NoArrival, SmoothedArrival
 from oracles import struck_beam
 
 FORCES = ", ".join(f'"{name}"' for name in struck_beam.FORCES)
-PLACES = ", ".join(f"F{i} = {x:.3f}" for i, x in enumerate(struck_beam.NODES))
-PROBLEM = f"""
-[recording]
-path = "beam.csv"
-dt = 0.0025
-outputs = {{ s1 = "s1", s2 = "s2", s3 = "s3" }}
-
-[model]
-kind = "beam"
-length = 0.405
-width = 0.025
-thickness = 0.003
-youngs_modulus = 65.9e9
-density = 7502
-damping = [0.030, 0.037, 0.119]
-sensors.s1 = {{ kind = "displacement", at = 0.245 }}
-sensors.s2 = {{ kind = "displacement", at = 0.325 }}
-sensors.s3 = {{ kind = "displacement", at = 0.405 }}
-forces = {{ {PLACES} }}
-
-[prior]
-sigma_x0 = {{ q1 = 1e-5, q2 = 1e-5, q3 = 1e-5, q1_dot = 1e-3, q2_dot = 1e-3, q3_dot = 1e-3 }}
-
-[noise]
-sigma_y = {{ s1 = 1e-5, s2 = 1e-5, s3 = 1e-5 }}
-
+PROBLEM = f"""{struck_beam.PROBLEM}
 [estimators.CS]
 kind = "csmhe"
 forces = [{FORCES}]
